@@ -1,0 +1,214 @@
+"""A cell host as a process: the agents of some patches, period by period.
+
+In each period of 4 ms every cell samples once, at its own phase, between the stimulus frames at the
+period's two ends. What it has to say enters the network at that instant; what reaches a gateway before the
+period ends is published, and the patch's frame closes the period.
+"""
+
+import logging
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.encoding import Emission, Encoder
+from cells.packets import PacketKind
+from cells.publisher import PatchPublisher
+from cells.skin_network import Delivered, SkinNetwork
+from cells.transducers import Transducers, noise_keys, phases_ns
+from cells.wiring import wire
+from skinnet.channels import Keys, Role
+from skinnet.deployment import Deployment
+from skinnet.errors import ProtocolError
+from skinnet.loop import Put
+from skinnet.messages import READING_NAMES, Command, Config, Stimulus, decode, unpack
+from skinnet.part import Part
+from skinnet.skin.placement import place
+from skinnet.upstream import Upstream
+
+__all__ = ["HostNode", "build"]
+
+log = logging.getLogger(__name__)
+
+_N_COLUMNS = len(READING_NAMES)
+
+
+class HostNode:
+    """The cells of some patches.
+
+    Cells are numbered through the host's patches. Nothing that a cell does depends on which other
+    patches its host has.
+    """
+
+    role = Role.CELLS.value
+    paced = False
+
+    def __init__(self, deployment: Deployment, name: str) -> None:
+        self.name = name
+        mine = deployment.host_patches()[name]
+        patches = {patch.name: place(patch, deployment.cells) for patch in deployment.patches}
+        self._patches = tuple(patches[patch] for patch in mine)
+        self._index = {patch: i for i, patch in enumerate(mine)}
+        keys = Keys(deployment.robot)
+        configs = [keys.of("config", patch, "*") for patch in mine]
+        self.subscriptions = (keys.of("stimulus", name), keys.of("command"), *configs)
+        self._body = Upstream("body", "body", covered_ns=-1)
+        self._controller = Upstream("controller", "controller", deployment.controller.command_delay_ns)
+        self.upstreams = {"body": self._body, "controller": self._controller}
+        self.peers = frozenset({"body", "controller", *deployment.host_patches()})
+        self.tolerated = frozenset(deployment.run.may_be_lost)
+        self.counters: Counter[str] = Counter()
+        self._period_ns = deployment.cells.period_ns
+        self._end_ns = deployment.max_ns
+        self._frame = 0
+        self._stimuli: dict[int, NDArray[np.float32]] = {}
+        self._configs: list[tuple[int, int, Config]] = []
+        self._wiring = wire(self._patches, deployment.network)
+        n_cells = self._wiring.n_cells
+        seed = deployment.seed
+        self._transducers = Transducers(
+            deployment.cells,
+            np.concatenate([noise_keys(seed, p.name, p.n_cells) for p in self._patches]),
+            np.concatenate([phases_ns(seed, p.name, p.n_cells, self._period_ns) for p in self._patches]),
+        )
+        self._encoder = Encoder(deployment.cells, n_cells)
+        self._readings = np.zeros((n_cells, _N_COLUMNS), dtype=np.float32)
+        self._network = SkinNetwork(self._wiring, deployment.cells, deployment.network, seed)
+        self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
+
+    def start(self, put: Put) -> None:
+        """The network begins to form as soon as there is power."""
+        self._network.start(0)
+
+    def needs(self) -> dict[str, int] | None:
+        """The stimulus at both ends of the next period, and the configurations that begin in it."""
+        end_ns = (self._frame + 1) * self._period_ns
+        if end_ns > self._end_ns:
+            return None
+        return {"body": end_ns, "controller": end_ns}
+
+    def due_ns(self) -> int:
+        """End of the next period."""
+        return (self._frame + 1) * self._period_ns
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        """Takes in a stimulus frame, a configuration or the controller's frame."""
+        match channel:
+            case "stimulus":
+                self._accept_stimulus(decode(payload, Stimulus))
+            case "config":
+                self._accept_config(fields, decode(payload, Config))
+            case "command":
+                command = decode(payload, Command)
+                counts = [command.configs.get(patch.name, 0) for patch in self._patches]
+                self._controller.close(command.covered_ns, sum(counts))
+                if command.end_ns is not None:
+                    self._end_ns = min(self._end_ns, command.end_ns)
+            case _:
+                raise ProtocolError(f"a cell host does not read {channel}")
+
+    def _accept_stimulus(self, stimulus: Stimulus) -> None:
+        values = unpack(stimulus.values, "<f4", _N_COLUMNS)
+        if len(values) != self._wiring.n_cells:
+            raise ProtocolError(f"stimulus of {len(values)} cells; this host has {self._wiring.n_cells}")
+        self._stimuli[stimulus.t_ns] = values
+        self._body.close(stimulus.covered_ns)
+
+    def _accept_config(self, fields: tuple[str, ...], config: Config) -> None:
+        patch = self._index.get(config.patch)
+        if patch is None or fields != (config.patch, str(config.cell)):
+            raise ProtocolError(f"config of {config.patch}/{config.cell} under the key of {'/'.join(fields)}")
+        if not 0 <= config.cell < self._patches[patch].n_cells:
+            n_cells = self._patches[patch].n_cells
+            raise ProtocolError(f"config of cell {config.cell}: {config.patch} has cells 0 to {n_cells - 1}")
+        cell = int(self._wiring.first_cell[patch]) + config.cell
+        if config.t_ns:
+            self._controller.arrive()
+        else:
+            self.counters["configs_from_outside"] += 1
+        self._configs.append((config.t_ns, cell, config))
+
+    def lose(self, upstream: Upstream) -> None:
+        """Without a controller, cells go on as they are set; without the body there is nothing to feel."""
+
+    def step(self, put: Put) -> None:
+        """Computes one period."""
+        start_ns = self._frame * self._period_ns
+        end_ns = start_ns + self._period_ns
+        self._send_configs(start_ns, end_ns)
+        self._sample()
+        data, configs = self._network.advance(end_ns)
+        for cell, config in configs:
+            self._configure(cell, config)
+        self._publish(put, data, start_ns, end_ns)
+        self._frame += 1
+
+    def _send_configs(self, start_ns: int, end_ns: int) -> None:
+        """The interfaces send the configurations that are due in this period."""
+        if not self._configs:
+            return
+        due = [entry for entry in self._configs if entry[0] < end_ns]
+        self._configs = [entry for entry in self._configs if entry[0] >= end_ns]
+        for t_ns, cell, config in sorted(due, key=lambda entry: entry[:2]):
+            self._network.send_config(max(t_ns, start_ns), cell, config)
+
+    def _sample(self) -> None:
+        """Every cell samples; those that the network has reached send what they have to say."""
+        before = self._stimuli.pop(self._frame * self._period_ns)
+        after = self._stimuli[(self._frame + 1) * self._period_ns]
+        self._transducers.sample(self._frame, before, after, self._readings)
+        reached = self._network.reached
+        if not reached.all():
+            self._readings[~reached] = 0.0
+        emission = self._encoder.encode(self._readings)
+        if not reached.all():
+            emission = _only(emission, reached)
+        if len(emission.cell) or len(emission.full):
+            times_ns = self._transducers.sample_times_ns(self._frame)
+            self._network.send_data(times_ns, emission, self._readings)
+
+    def _configure(self, cell: int, config: Config) -> None:
+        """A cell has received new settings; it refuses what does not hold, and keeps what it has."""
+        try:
+            self._encoder.configure(cell, config)
+        except ProtocolError as error:
+            self.counters["refused_configs"] += 1
+            if self.counters["refused_configs"] == 1:
+                log.warning("%s/%d refused a configuration: %s", config.patch, config.cell, error)
+
+    def _publish(self, put: Put, data: list[Delivered], start_ns: int, end_ns: int) -> None:
+        for patch, kind, rows, gateway, t_ns in data:
+            rows["cell"] -= self._wiring.first_cell[patch]
+            publisher = self._publishers[patch]
+            say = publisher.events if kind == PacketKind.EVENT else publisher.stream
+            say(put, rows, gateway, t_ns)
+        for patch, publisher in enumerate(self._publishers):
+            formed_ns = self._network.formed_ns[patch]
+            if formed_ns is not None and publisher.version == 0:
+                publisher.topology(put, self._network.topology(patch, formed_ns))
+            publisher.frame(put, start_ns, end_ns, flush=patch == len(self._publishers) - 1)
+
+    def result(self) -> Part:
+        """Counters of the network and its latencies."""
+        facts = {
+            "logs": {publisher.patch: publisher.log_sha256 for publisher in self._publishers},
+            "network": self._network.counters(),
+            "formation_packets": self._network.formation.sent,
+            "formed_ns": dict(zip(self._index, self._network.formed_ns, strict=True)),
+            "unreached": int((~self._network.reached).sum()),
+            "latency_max_ns": self._network.latency_max_ns,
+        }
+        return Part(self.name, self.role, facts, {"latency_us": self._network.latency_us})
+
+
+def _only(emission: Emission, reached: NDArray[np.bool_]) -> Emission:
+    """What cells of the network say; those that it has not reached are not heard."""
+    heard = reached[emission.cell]
+    columns = [column[heard] for column in emission[:-1]]
+    return Emission._make([*columns, emission.full[reached[emission.full]]])
+
+
+def build(deployment: Deployment, name: str, base: Path) -> HostNode:
+    """The cell host `name` of `deployment`."""
+    return HostNode(deployment, name)

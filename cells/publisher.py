@@ -1,0 +1,110 @@
+"""What one patch says: events, stream and the frame that closes each period, in the order of delivery."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.channels import Keys
+from skinnet.loop import Put
+from skinnet.messages import STREAM_ROW, Events, SkinFrame, Stream, Topology, encode
+
+__all__ = ["PatchPublisher"]
+
+
+class PatchPublisher:
+    """Publishes what the gateways of a patch received.
+
+    Everything that it sends goes into the patch's log, so that two runs can be compared bit by bit.
+    """
+
+    def __init__(self, patch: str, keys: Keys, bundle: bool) -> None:
+        self.patch = patch
+        self.version = 0
+        self._bundle = bundle
+        self._keys = keys
+        self._stream_key = keys.of("stream", patch)
+        self._frame_key = keys.of("frame", patch)
+        self._log = hashlib.sha256()
+        self._seq = 0
+        self._events = 0
+        self._rows = 0
+
+    @property
+    def log_sha256(self) -> str:
+        """Hash of all that was sent so far."""
+        return self._log.hexdigest()
+
+    def topology(self, put: Put, topology: Topology) -> None:
+        """Tells the network that was formed; it belongs to the period that the next frame closes."""
+        self.version = topology.version
+        self._events += 1
+        self._send(put, self._keys.of("topology", self.patch), encode(topology))
+
+    def events(
+        self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
+    ) -> None:
+        """Sends events: rows of `PAYLOAD` with cells of this patch, in the order of delivery."""
+        seq = self._next_seq(len(rows))
+        self._events += len(rows)
+        split, key_of = (gateway, self._bundle_key) if self._bundle else (rows["cell"], self._cell_key)
+        for value in np.unique(split):
+            chosen = np.flatnonzero(split == value)
+            key, port = key_of(int(value)), int(gateway[chosen[0]])
+            some = rows[chosen]
+            message = Events(
+                patch=self.patch,
+                gateway=port,
+                cell=some["cell"].tolist(),
+                t_sampled_ns=some["t_sampled_ns"].tolist(),
+                t_delivered_ns=t_ns[chosen].tolist(),
+                seq=seq[chosen].tolist(),
+                modality=some["modality"].tolist(),
+                channel=some["channel"].tolist(),
+                kind=some["event_kind"].tolist(),
+                level=some["level"].tolist(),
+                value=some["value"].astype(np.float64).tolist(),
+            )
+            self._send(put, key, encode(message))
+
+    def stream(
+        self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
+    ) -> None:
+        """Sends full readings: rows of `PAYLOAD` with cells of this patch, in the order of delivery."""
+        self._rows += len(rows)
+        out = np.empty(len(rows), dtype=STREAM_ROW)
+        out["t_sampled_ns"] = rows["t_sampled_ns"]
+        out["t_delivered_ns"] = t_ns
+        out["seq"] = self._next_seq(len(rows))
+        out["values"] = rows["values"]
+        out["cell"] = rows["cell"]
+        out["gateway"] = gateway
+        self._send(put, self._stream_key, encode(Stream(patch=self.patch, rows=out.tobytes())))
+
+    def frame(self, put: Put, t_ns: int, covered_ns: int, *, flush: bool) -> None:
+        """Closes the period from `t_ns` to `covered_ns`; `flush` if nothing follows."""
+        frame = SkinFrame(
+            patch=self.patch,
+            t_ns=t_ns,
+            covered_ns=covered_ns,
+            events=self._events,
+            rows=self._rows,
+            topology=self.version,
+        )
+        self._events = self._rows = 0
+        self._send(put, self._frame_key, encode(frame), flush=flush)
+
+    def _bundle_key(self, _gateway: int) -> str:
+        return self._keys.of("bundle", self.patch)
+
+    def _cell_key(self, cell: int) -> str:
+        return self._keys.of("events", self.patch, cell)
+
+    def _next_seq(self, n: int) -> NDArray[np.int64]:
+        self._seq += n
+        return np.arange(self._seq - n, self._seq, dtype=np.int64)
+
+    def _send(self, put: Put, key: str, payload: bytes, *, flush: bool = False) -> None:
+        self._log.update(payload)
+        put(key, payload, flush=flush)

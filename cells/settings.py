@@ -1,0 +1,69 @@
+"""What a cell's settings may be: thresholds of levels, hysteresis and deltas by modality.
+
+A cell's level channels are force and proximity; deltas exist for every modality.
+"""
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+
+from skinnet.messages import Modality
+
+__all__ = ["DELTAS", "LEVELS", "MAX_LEVELS", "checked_deltas", "checked_hysteresis", "checked_levels"]
+
+MAX_LEVELS = 4
+"""As many as Table I [M14] has."""
+DELTAS = tuple(modality.name.lower() for modality in Modality)
+"""Modalities that have a delta, in the order of `Modality`."""
+LEVELS = DELTAS[:2]
+"""Modalities that have levels."""
+
+
+def checked_levels(levels: dict[str, list[float]]) -> dict[str, list[float]]:
+    """Ascending thresholds by modality, each list filled up to `MAX_LEVELS` with inf.
+
+    Raises:
+        ValueError: a modality without levels, too many thresholds, or thresholds that do not ascend.
+    """
+    _check_names("levels", levels, LEVELS)
+    for name, thresholds in levels.items():
+        rising = all(low < high for low, high in pairwise(thresholds))
+        if not (rising and len(thresholds) <= MAX_LEVELS and all(map(math.isfinite, thresholds))):
+            raise ValueError(
+                f"levels.{name} = {thresholds}: needs at most {MAX_LEVELS} finite thresholds that ascend"
+            )
+    return {
+        name: thresholds + [math.inf] * (MAX_LEVELS - len(thresholds)) for name, thresholds in levels.items()
+    }
+
+
+def checked_hysteresis(hysteresis: dict[str, float]) -> dict[str, float]:
+    """How far below a threshold a reading must fall to leave its level, by modality.
+
+    Raises:
+        ValueError: a modality without levels, or a value that is negative or not finite.
+    """
+    _check_names("hysteresis", hysteresis, LEVELS)
+    for name, margin in hysteresis.items():
+        if not (math.isfinite(margin) and margin >= 0.0):
+            raise ValueError(f"hysteresis.{name} = {margin}: needs a finite value of zero or more")
+    return hysteresis
+
+
+def checked_deltas(deltas: dict[str, float]) -> dict[str, float]:
+    """How far a reading moves before it is sent, by modality.
+
+    Raises:
+        ValueError: an unknown modality, or a value that is not positive and finite.
+    """
+    _check_names("deltas", deltas, DELTAS)
+    for name, delta in deltas.items():
+        if not (math.isfinite(delta) and delta > 0.0):
+            raise ValueError(f"deltas.{name} = {delta}: needs a finite value above zero")
+    return deltas
+
+
+def _check_names(setting: str, names: Iterable[str], allowed: tuple[str, ...]) -> None:
+    for name in names:
+        if name not in allowed:
+            raise ValueError(f"{setting}.{name}: no such modality; use one of {allowed}")

@@ -1,0 +1,210 @@
+"""From stimulus to readings: the transducers of all cells of a patch, as arrays.
+
+Each cell samples once a period at a phase of its own. Noise depends on the cell's key and on the number of
+the sample only, so the readings are the same however cells are grouped or spread over processes.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.compiled import compiled
+from skinnet.deployment.schema import CellSpec
+from skinnet.errors import DeploymentError
+from skinnet.messages import FORCE_CHANNELS, READING_NAMES, STIMULUS_NAMES
+from skinnet.seeding import gaussian, key_of, uniform
+
+__all__ = ["STANDARD_GRAVITY_M_S2", "Transducers", "noise_keys", "phases_ns"]
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+"""By definition (CGPM, 1901)."""
+_N = len(READING_NAMES)
+_PROXIMITY = STIMULUS_NAMES.index("distance_m")
+_TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
+
+
+def noise_keys(seed: int, patch: str, n: int) -> NDArray[np.uint64]:
+    """Keys (n,) of the noise of the cells of `patch`, one stream per name of a cell."""
+    return np.array([key_of(seed, patch, cell, "noise") for cell in range(n)], dtype=np.uint64)
+
+
+def phases_ns(seed: int, patch: str, n: int, period_ns: int) -> NDArray[np.int64]:
+    """When in [0, period_ns) each cell of `patch` samples [ns], (n,): cells run on clocks of their own."""
+    shares = [uniform(key_of(seed, patch, cell, "phase"), np.uint64(0)) for cell in range(n)]
+    return np.array([int(share * period_ns) for share in shares], dtype=np.int64)
+
+
+class Transducers:
+    """The transducers of the cells of a patch.
+
+    Force cells follow a piecewise linear calibration [M14], proximity the law (d0 / (d0 + d))² (assumed),
+    the accelerometer reads ±8 g in steps of 4 mg [T11], temperature lags by 2.6 s [T11]. All add Gaussian
+    noise, then round to the nearest step within the range.
+    """
+
+    def __init__(self, spec: CellSpec, cell_keys: NDArray[np.uint64], phases_ns: NDArray[np.int64]) -> None:
+        """Sets up `n` cells with keys (n,) of their noise and phases (n,) [ns] in [0, period).
+
+        Raises:
+            DeploymentError: the calibration or a range of `spec` does not hold.
+        """
+        force, proximity = spec.force, spec.proximity
+        acceleration, temperature = spec.accelerometer, spec.temperature
+        self._calibration = _calibration(force.calibration_n, force.calibration_reading)
+        if not proximity.reading_at_reach < 1.0:
+            raise DeploymentError(
+                f"cells.proximity.reading_at_reach = {proximity.reading_at_reach}: must be below 1"
+            )
+        root = math.sqrt(proximity.reading_at_reach)
+        self._distance0_m = proximity.reach_m * root / (1.0 - root)
+        steps = (
+            (force.noise, force.lsb, 0.0, 1.0, FORCE_CHANNELS),
+            (proximity.noise, proximity.lsb, 0.0, 1.0, 1),
+            (acceleration.noise_g, acceleration.lsb_g, -acceleration.range_g, acceleration.range_g, 3),
+            (temperature.noise_c, temperature.lsb_c, temperature.min_c, temperature.max_c, 1),
+        )
+        self._noise, self._lsb, self._lowest, self._highest = _steps(steps)
+        self._period_ns = spec.period_ns
+        self._rate = spec.period_ns * 1e-9 / temperature.time_constant_s
+        self._keys = np.array(cell_keys, dtype=np.uint64)
+        self._phases_ns = np.array(phases_ns, dtype=np.int64)
+        self._share = self._phases_ns / spec.period_ns
+        n = len(self._keys)
+        self._warmth_c = np.full(n, math.nan)
+        self._before, self._after = np.empty((n, _N)), np.empty((n, _N))
+        self._frame = -1
+
+    def sample_times_ns(self, frame_index: int) -> NDArray[np.int64]:
+        """When the cells sample in frame `frame_index` [ns], (n,)."""
+        return frame_index * self._period_ns + self._phases_ns
+
+    def sample(
+        self,
+        frame_index: int,
+        before: NDArray[np.floating],
+        after: NDArray[np.floating],
+        out: NDArray[np.float32],
+    ) -> None:
+        """Writes the readings of frame `frame_index` into `out`.
+
+        Args:
+            frame_index: Number of the frame, which spans [frame_index, frame_index + 1) periods; it rises
+                from call to call, and may skip.
+            before: Stimulus (n, 8) in `STIMULUS_NAMES` order at the start of the frame.
+            after: Stimulus (n, 8) at its end. In between, forces, accelerations and temperatures are linear
+                in time, and so is the *reading* of proximity (a distance may be inf).
+            out: Readings (n, 8) float32 in `READING_NAMES` order.
+        """
+        assert frame_index > self._frame, f"frame {frame_index} after frame {self._frame}"
+        assert before.shape == after.shape == out.shape == self._before.shape
+        # the copies make one compiled signature of any dtype and of read-only frames
+        np.copyto(self._before, before)
+        np.copyto(self._after, after)
+        warming = -math.expm1(-self._rate * (frame_index - self._frame))
+        self._frame = frame_index
+        _sample(
+            self._before,
+            self._after,
+            self._share,
+            self._keys,
+            frame_index,
+            self._warmth_c,
+            warming,
+            self._calibration,
+            self._distance0_m,
+            self._noise,
+            self._lsb,
+            self._lowest,
+            self._highest,
+            out,
+        )
+
+
+def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDArray[np.float64]:
+    """(2, k) table of forces [N] and readings."""
+    table = [list(force_n), list(reading)]
+    if (
+        len(force_n) != len(reading)
+        or len(force_n) < 2
+        or not np.isfinite(table).all()
+        or np.any(np.diff(table[0]) <= 0.0)
+        or np.any(np.diff(table[1]) < 0.0)
+    ):
+        raise DeploymentError(
+            f"cells.force.calibration_n = {table[0]}, calibration_reading = {table[1]}: needs two or more "
+            "points, forces that rise and readings that do not fall"
+        )
+    return np.array(table)
+
+
+def _steps(
+    channels: tuple[tuple[float, float, float, float, int], ...],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Noise, step, lowest and highest number of steps per channel from (noise, step, min, max, count)."""
+    noise, lsb, low, high = np.repeat([c[:4] for c in channels], [c[4] for c in channels], axis=0).T
+    if np.any(low >= high):
+        raise DeploymentError(f"cells: each sensor's range must rise; got {low.tolist()} to {high.tolist()}")
+    # the tolerance keeps an end that is a whole number of steps; + 0.0 makes a zero of a minus zero
+    return noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9)
+
+
+@compiled
+def _force_reading(force_n: float, calibration: NDArray[np.float64]) -> float:
+    """Reading of a force [N] on the piecewise line, its last segment prolonged, within [0, 1]."""
+    last = calibration.shape[1] - 2
+    segment = 0
+    while segment < last and force_n >= calibration[0, segment + 1]:
+        segment += 1
+    width_n = calibration[0, segment + 1] - calibration[0, segment]
+    slope = (calibration[1, segment + 1] - calibration[1, segment]) / width_n
+    reading: float = calibration[1, segment] + slope * (force_n - calibration[0, segment])
+    return min(max(reading, 0.0), 1.0)
+
+
+@compiled
+def _proximity_reading(distance_m: float, distance0_m: float) -> float:
+    """Reading at a distance [m]: 1 at contact, 0 at infinity."""
+    share = distance0_m / (distance0_m + max(distance_m, 0.0))
+    return share * share
+
+
+@compiled
+def _sample(
+    before: NDArray[np.float64],
+    after: NDArray[np.float64],
+    share: NDArray[np.float64],
+    keys: NDArray[np.uint64],
+    frame_index: int,
+    warmth_c: NDArray[np.float64],
+    warming: float,
+    calibration: NDArray[np.float64],
+    distance0_m: float,
+    noise: NDArray[np.float64],
+    lsb: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+    out: NDArray[np.float32],
+) -> None:
+    for cell in range(out.shape[0]):
+        for channel in range(_N):
+            start, end = before[cell, channel], after[cell, channel]
+            if channel == _PROXIMITY:
+                start = _proximity_reading(start, distance0_m)
+                end = _proximity_reading(end, distance0_m)
+            value = start + share[cell] * (end - start)
+            if channel < _PROXIMITY:
+                value = _force_reading(value, calibration)
+            elif channel == _TEMPERATURE:
+                if math.isnan(warmth_c[cell]):
+                    warmth_c[cell] = value  # a cell that is switched on has the temperature around it
+                warmth_c[cell] += warming * (value - warmth_c[cell])
+                value = warmth_c[cell]
+            elif channel > _PROXIMITY:
+                value /= STANDARD_GRAVITY_M_S2
+            if noise[channel] > 0.0:
+                value += noise[channel] * gaussian(keys[cell], np.uint64(frame_index * _N + channel))
+            steps = np.floor(value / lsb[channel] + 0.5)
+            if not steps > lowest[channel]:  # also for a stimulus that is no number
+                steps = lowest[channel]
+            out[cell, channel] = lsb[channel] * min(steps, highest[channel])

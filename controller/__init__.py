@@ -1,0 +1,1 @@
+"""The brain: self-organisation, touch reactions and their safety, without ground truth."""

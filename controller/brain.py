@@ -1,0 +1,177 @@
+"""The brain: ticks through its program of stages, tick by tick from the skin to a velocity. No I/O.
+
+At a tick: take in what was delivered, let the stage compute, clamp. Cells are asked for their full stream
+only while a stage needs it: all of them to explore, those in contact to react.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.knowledge import Knowledge, Onset
+from controller.skin_input import SkinInput, SkinRows
+from controller.stages import Stage, make_stage
+from controller.touch.fusion import COLUMNS, TactilePicture
+from controller.touch.safety import SafetyClamp, SafetyLimits
+from skinnet.deployment.schema import ControllerSpec
+from skinnet.messages import Modality
+
+__all__ = ["Brain", "Tick"]
+
+_TOUCH_CHANNELS = 4
+_EVENT_FIELDS = ("t_sampled_ns", "modality", "channel", "kind", "level", "value")
+_FIRST_COLUMN = np.array([COLUMNS[modality].start for modality in Modality])
+
+
+class Tick(NamedTuple):
+    """What a tick decides: velocities (D,) [rad/s], and the cells whose stream is switched."""
+
+    velocity_rad_s: NDArray[np.float64]
+    streams_on: NDArray[np.int64]
+    streams_off: NDArray[np.int64]
+
+
+class Brain:
+    """The controller without its wires.
+
+    Args:
+        control: What to do, and how.
+        skin: Where the skin's words come in.
+        n_cells: S, over all patches.
+    """
+
+    def __init__(self, control: ControllerSpec, skin: SkinInput, n_cells: int) -> None:
+        self.skin = skin
+        self.knowledge = Knowledge(cut=control.map.cut)
+        self.picture = TactilePicture(n_cells)
+        self.stage_log: list[tuple[str, int]] = []
+        self._control = control
+        self._n_cells = n_cells
+        self._clamp: SafetyClamp | None = None
+        self._home_rad = np.zeros(0)
+        self._program = list(control.program)
+        self._name = ""
+        self._stage: Stage | None = None
+        self._streaming = np.zeros(n_cells, dtype=np.bool_)
+        self._driving = np.zeros((n_cells, _TOUCH_CHANNELS), dtype=np.bool_)
+        self._t_sampled_ns = np.zeros((n_cells, _TOUCH_CHANNELS), dtype=np.int64)
+        self._t_delivered_ns = np.zeros((n_cells, _TOUCH_CHANNELS), dtype=np.int64)
+
+    @property
+    def done(self) -> bool:
+        """The program is through."""
+        return not self._program and self._stage is None
+
+    @property
+    def stage(self) -> str:
+        """Name of the present stage."""
+        return self._name
+
+    @property
+    def progress(self) -> float:
+        """Share of the present stage that is done, 0 to 1."""
+        return self._stage.progress if self._stage is not None else float(self.done)
+
+    @property
+    def safety(self) -> SafetyClamp | None:
+        """The clamp; None before the first tick."""
+        return self._clamp
+
+    def tick(
+        self, t_ns: int, position_rad: NDArray[np.float64], t_joints_ns: int, t_skin_ns: int, *, ready: bool
+    ) -> tuple[Tick, SkinRows, SkinRows]:
+        """One control period.
+
+        Args:
+            t_ns: now.
+            position_rad: (D,) measured positions.
+            t_joints_ns: when they were measured.
+            t_skin_ns: up to when the patch that is most behind has told everything.
+            ready: the skin's network is formed, the program may begin.
+
+        Returns:
+            What to do, and what was taken in, in the order of delivery.
+        """
+        if self._clamp is None:
+            self._home_rad = position_rad.copy()
+            self._clamp = SafetyClamp(_limits(self._control), len(position_rad), self._control.period_ns)
+        events, stream = self.skin.take(t_ns)
+        self._feel(events, stream)
+        if ready:
+            self._turn_page(t_ns)
+        wanted = np.zeros(len(position_rad))
+        if ready and self._stage is not None:
+            wanted = self._stage.step(t_ns, position_rad, self.picture)
+            self._note_onsets(t_ns)
+        velocity = self._clamp.clamp(t_ns, wanted, position_rad, t_joints_ns, t_skin_ns)
+        return Tick(velocity, *self._switch_streams(t_ns)), events, stream
+
+    def _feel(self, events: SkinRows, stream: SkinRows) -> None:
+        cell, rows = events
+        if len(cell):
+            self.picture.apply_events(cell, *(rows[name] for name in _EVENT_FIELDS))
+            column = _FIRST_COLUMN[rows["modality"]] + rows["channel"]
+            touch = column < _TOUCH_CHANNELS
+            self._t_sampled_ns[cell[touch], column[touch]] = rows["t_sampled_ns"][touch]
+            self._t_delivered_ns[cell[touch], column[touch]] = rows["t_delivered_ns"][touch]
+        cell, rows = stream
+        if len(cell):
+            self.picture.apply_stream(cell, rows["t_sampled_ns"], rows["values"])
+            self._t_sampled_ns[cell] = rows["t_sampled_ns"][:, None]
+            self._t_delivered_ns[cell] = rows["t_delivered_ns"][:, None]
+            if self._stage is not None:
+                self._stage.take(stream)
+
+    def _turn_page(self, t_ns: int) -> None:
+        """Ends the present stage when it is done, and begins the next."""
+        if self._stage is not None and self._stage.done:
+            self._stage.finish(t_ns)
+            self._stage = None
+            self._driving[:] = False
+        if self._stage is None and self._program:
+            self._name = self._program.pop(0)
+            self.stage_log.append((self._name, t_ns))
+            self._stage = make_stage(
+                self._control.stages[self._name],
+                self._control,
+                self.knowledge,
+                t_ns=t_ns,
+                n_cells=self._n_cells,
+                home_rad=self._home_rad,
+            )
+
+    def _note_onsets(self, t_ns: int) -> None:
+        """Remembers which channels began to drive a reaction, for the latency figures."""
+        assert self._stage is not None
+        driving = self._stage.driving
+        if driving is None:
+            return
+        for cell, channel in np.argwhere(driving & ~self._driving).tolist():
+            sampled = int(self._t_sampled_ns[cell, channel])
+            delivered = int(self._t_delivered_ns[cell, channel])
+            self.knowledge.onsets.append(Onset(self._name, cell, channel, sampled, delivered, t_ns))
+        self._driving = driving
+
+    def _switch_streams(self, t_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        stage = self._stage
+        wanted = np.zeros(self._n_cells, dtype=np.bool_)
+        if stage is not None and stage.wants_stream:
+            wanted[:] = True
+        elif stage is not None and stage.gains is not None:
+            wanted = self.picture.streams_wanted(t_ns, stage.gains)
+        wanted &= self.picture.found
+        on, off = wanted & ~self._streaming, self._streaming & ~wanted
+        self._streaming = wanted
+        return np.flatnonzero(on), np.flatnonzero(off)
+
+
+def _limits(control: ControllerSpec) -> SafetyLimits:
+    safety = control.safety
+    stale_ns = round(safety.stale_ms * 1e6)
+    return SafetyLimits(
+        speed_rad_s=safety.joint_speed_rad_s,
+        joints_max_age_ns=stale_ns,
+        skin_max_age_ns=stale_ns,
+        ramp_ns=round(safety.ramp_ms * 1e6),
+    )

@@ -1,0 +1,248 @@
+"""The controller as a process: the brain with its wires."""
+
+import hashlib
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.brain import Brain, Tick
+from controller.skin_input import SkinInput, SkinRows
+from skinnet.channels import Keys, Role
+from skinnet.deployment import Deployment
+from skinnet.errors import ProtocolError
+from skinnet.loop import Put
+from skinnet.messages import (
+    FOREVER_NS,
+    Command,
+    Config,
+    ControllerState,
+    Events,
+    Joints,
+    SkinFrame,
+    Stream,
+    Topology,
+    decode,
+    encode,
+)
+from skinnet.part import Part
+from skinnet.upstream import Upstream
+
+__all__ = ["ControllerNode", "build"]
+
+_STATE_EVERY_S = 0.1
+
+
+class ControllerNode:
+    """Ticks with the joint feedback, on what the skin had delivered by then."""
+
+    role = Role.CONTROLLER.value
+    paced = False
+
+    def __init__(self, deployment: Deployment, name: str, sizes: dict[str, int]) -> None:
+        self.name = name
+        keys = Keys(deployment.robot)
+        self.subscriptions = (
+            keys.of("joints"),
+            *(keys.of(channel, "*") for channel in ("frame", "stream", "topology", "bundle")),
+            keys.of("events", "*", "*"),
+        )
+        hosts = deployment.host_patches()
+        host_of = {patch: host for host, patches in hosts.items() for patch in patches}
+        self._body = Upstream("body", "body", covered_ns=-1)
+        self._patches = {patch: Upstream(patch, host_of[patch]) for patch in sizes}
+        self.upstreams = {"body": self._body, **self._patches}
+        self.peers = frozenset({"body", name, *hosts})
+        self.tolerated = frozenset(deployment.run.may_be_lost)
+        if "cells" in self.tolerated:
+            self.tolerated |= frozenset(hosts)
+        self.counters: Counter[str] = Counter()
+        self._keys = keys
+        self._command_key = keys.of("command")
+        self._period_ns = deployment.controller.period_ns
+        self._delay_ns = deployment.controller.command_delay_ns
+        self._frame_ns = deployment.frame_ns
+        self._max_ns = deployment.max_ns
+        self._patch_of_cell = [(patch, cell) for patch, n in sizes.items() for cell in range(n)]
+        self._topology: dict[str, Topology] = {}
+        self._brain = Brain(deployment.controller, SkinInput(sizes), len(self._patch_of_cell))
+        self._t_ns = 0
+        self._finished = False
+        self._joints: dict[int, NDArray[np.float64]] = {}
+        self._state_s = -1e9
+        self._log = hashlib.sha256()
+        self._trace = _Trace()
+
+    def start(self, put: Put) -> None:
+        """The first tick is at time zero."""
+
+    def needs(self) -> dict[str, int] | None:
+        """Joint feedback of this tick, and from every patch all that was delivered before it."""
+        if self._finished or self._t_ns >= self._max_ns:
+            return None
+        return {"body": self._t_ns} | dict.fromkeys(self._patches, self._t_ns)
+
+    def due_ns(self) -> int:
+        """The next tick."""
+        return self._t_ns
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        """Takes in joint feedback, or what a patch has to say."""
+        if channel == "joints":
+            joints = decode(payload, Joints)
+            position = np.array(joints.position_rad, dtype=np.float64)
+            if not np.isfinite(position).all() or not len(position):
+                raise ProtocolError("joint positions that are not finite, or none")
+            self._joints[joints.t_ns] = position
+            self._body.close(joints.covered_ns)
+            return
+        patch = self._patches.get(fields[0]) if fields else None
+        if patch is None:
+            raise ProtocolError(
+                f"{channel} of patch {fields[0] if fields else '?'}, which is not in this run"
+            )
+        match channel:
+            case "events" | "bundle":
+                patch.arrive(self._brain.skin.add_events(patch.name, decode(payload, Events)))
+            case "stream":
+                patch.arrive(self._brain.skin.add_stream(patch.name, decode(payload, Stream)))
+            case "frame":
+                frame = decode(payload, SkinFrame)
+                patch.close(frame.covered_ns, frame.events + frame.rows)
+            case "topology":
+                self._topology[patch.name] = decode(payload, Topology)
+                patch.arrive()
+            case _:
+                raise ProtocolError(f"the controller does not read {channel}")
+
+    def lose(self, upstream: Upstream) -> None:
+        """Cells of a lost patch feel nothing any more; the rest goes on."""
+        self._brain.picture.set_found(self._brain.skin.cells(upstream.name), False)
+
+    def step(self, put: Put) -> None:
+        """One tick."""
+        t_ns = self._t_ns
+        position = self._joints.pop(t_ns)
+        alive = [patch for patch in self._patches.values() if not patch.lost]
+        ready = all(patch.name in self._topology for patch in alive)
+        t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
+        tick, events, stream = self._brain.tick(t_ns, position, t_ns, t_skin_ns, ready=ready)
+        self._finished = self._brain.done
+        effect_ns = t_ns + self._delay_ns
+        end_ns = -(-effect_ns // self._frame_ns) * self._frame_ns
+        configs = self._send_configs(put, tick, effect_ns)
+        command = Command(
+            t_ns=t_ns,
+            effect_ns=effect_ns,
+            covered_ns=FOREVER_NS if self._finished else effect_ns + self._period_ns,
+            velocity_rad_s=tick.velocity_rad_s.tolist(),
+            stage=self._brain.stage,
+            configs=configs,
+            end_ns=end_ns if self._finished else None,
+        )
+        payload = encode(command)
+        put(self._command_key, payload, flush=True)
+        self._note(position, events, stream, payload)
+        self._trace.add(t_ns, tick.velocity_rad_s, self._brain.picture.touch(t_ns))
+        self._tell(put)
+        self._t_ns += self._period_ns
+
+    def _send_configs(self, put: Put, tick: Tick, effect_ns: int) -> dict[str, int]:
+        counts: Counter[str] = Counter()
+        for cells, stream in ((tick.streams_on, True), (tick.streams_off, False)):
+            for index in cells.tolist():
+                patch, cell = self._patch_of_cell[index]
+                config = Config(patch=patch, cell=cell, t_ns=effect_ns, stream=stream)
+                put(self._keys.of("config", patch, cell), encode(config))
+                counts[patch] += 1
+        return dict(counts)
+
+    def _note(
+        self, position: NDArray[np.float64], events: SkinRows, stream: SkinRows, command: bytes
+    ) -> None:
+        """Writes the tick into the log: what came in, in its order, and what went out."""
+        log = self._log
+        log.update(position.tobytes())
+        for column in (*events, *stream):
+            log.update(column.tobytes())
+        log.update(command)
+
+    def _tell(self, put: Put) -> None:
+        """Tells watchers now and then what goes on; by the wall clock, and never part of the log."""
+        now_s = time.monotonic()
+        if now_s - self._state_s < _STATE_EVERY_S and not self._finished:
+            return
+        self._state_s = now_s
+        brain = self._brain
+        state = ControllerState(t_ns=self._t_ns, stage=brain.stage or "forming", progress=brain.progress)
+        put(self._keys.of("state"), encode(state))
+
+    def result(self) -> Part:
+        """What was found out, and the traces of what was felt and commanded."""
+        brain, knowledge = self._brain, self._brain.knowledge
+        facts: dict[str, Any] = {
+            "logs": {"controller": self._log.hexdigest()},
+            "done": brain.done,
+            "stages": brain.stage_log,
+            "end_ns": self._t_ns,
+            "onsets": [
+                (o.stage, o.cell, o.channel, o.t_sampled_ns, o.t_delivered_ns, o.t_ns)
+                for o in knowledge.onsets
+            ],
+            "rejected": brain.picture.rejected,
+            "cells": self._patch_of_cell,
+            "command_delay_ns": self._delay_ns,
+            "map_problems": knowledge.map_problems,
+        }
+        arrays = self._trace.arrays()
+        if knowledge.structure is not None:
+            structure = knowledge.structure
+            facts["structure"] = {
+                "parts": structure.parts,
+                "joints": structure.joints,
+                "parent_part": structure.parent_part,
+                "parent_joint": structure.parent_joint,
+                "problems": structure.problems,
+            }
+            arrays["activity"] = structure.activity
+        if len(knowledge.map):
+            arrays["map_pose_rad"] = knowledge.map.poses_rad
+            arrays["map"] = knowledge.map.weights
+        if brain.safety is not None:
+            counters = brain.safety.counters
+            facts["safety"] = {
+                "clamped": counters.clamped,
+                "stale_ticks": counters.stale_ticks,
+                "rejected": counters.rejected,
+            }
+        return Part(self.name, self.role, facts, arrays)
+
+
+class _Trace:
+    """Commands of every tick, and the touch of the ticks in which something is felt or moves."""
+
+    def __init__(self) -> None:
+        self._t_ns: list[int] = []
+        self._velocity: list[NDArray[np.float32]] = []
+        self._touch: list[NDArray[np.float16]] = []
+
+    def add(self, t_ns: int, velocity: NDArray[np.float64], touch: NDArray[np.float64]) -> None:
+        self._t_ns.append(t_ns)
+        self._velocity.append(velocity.astype(np.float32))
+        self._touch.append(touch.astype(np.float16))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        return {
+            "t_ns": np.array(self._t_ns, dtype=np.int64),
+            "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
+            "touch": np.array(self._touch, dtype=np.float16),
+        }
+
+
+def build(deployment: Deployment, name: str, base: Path) -> ControllerNode:
+    """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
+    sizes = {patch.name: patch.n_cells for patch in deployment.patches}
+    return ControllerNode(deployment, name, sizes)

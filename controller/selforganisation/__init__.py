@@ -1,0 +1,1 @@
+"""What the robot finds out about itself: structure and sensory-motor map."""

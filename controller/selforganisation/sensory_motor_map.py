@@ -1,0 +1,122 @@
+"""The sensory-motor map: which DoFs take a cell away from what touches it, like an inverted Jacobian.
+
+Equations (2) and (3) of [M14, III.B]. Sign: a positive weight says that a positive velocity of the DoF moves
+the cell inwards, along its negative normal, so that reaction (4) with a positive gain evades.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Agreement", "SensoryMotorMap", "agreement", "fuse", "normal_weights"]
+
+
+def normal_weights(deflection_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights along the surface normal: equation (2) of [M14].
+
+    Args:
+        deflection_m: (S, D, 3) signed deflections of the axes x, y, z (the outward normal) of every cell per
+            acceleration of every DoF; all zero where nothing was measured.
+
+    Returns:
+        (S, D) weights in −1…1, the share of the normal in the deflections; zero where nothing was measured.
+    """
+    total = np.abs(deflection_m).sum(axis=2)
+    weights: NDArray[np.float64] = np.divide(
+        -deflection_m[:, :, 2], total, out=np.zeros(total.shape), where=total > 0
+    )
+    return weights
+
+
+def fuse(
+    activity: NDArray[np.bool_], weights: NDArray[np.float64], least_norm: float = 0.1
+) -> NDArray[np.float64]:
+    """Activity matrix and weights in one, with unit rows: equation (3) of [M14] and what follows it there.
+
+    Args:
+        activity: (S, D) from the structural exploration.
+        weights: (S, D) from `normal_weights`.
+        least_norm: cells whose vector is shorter cannot move along their normal without locomotion; their
+            rows become zero. [M14] gives no number: an assumption.
+
+    Returns:
+        (S, D) map with rows of norm one or zero.
+    """
+    fused = np.where(activity, weights, 0.0)
+    norm = np.linalg.norm(fused, axis=1, keepdims=True)
+    result: NDArray[np.float64] = np.divide(fused, norm, out=np.zeros_like(fused), where=norm > least_norm)
+    return result
+
+
+class SensoryMotorMap:
+    """Maps W (S, D) by the pose (D,) in which each was explored and around which it holds."""
+
+    def __init__(self) -> None:
+        """Starts without any."""
+        self._poses_rad: list[NDArray[np.float64]] = []
+        self._weights: list[NDArray[np.float64]] = []
+
+    def __len__(self) -> int:
+        return len(self._poses_rad)
+
+    @property
+    def poses_rad(self) -> NDArray[np.float64]:
+        """(P, D): the explored poses, oldest first."""
+        return np.array(self._poses_rad)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(P, S, D): their maps."""
+        return np.array(self._weights)
+
+    def add(self, pose_rad: NDArray[np.float64], weights: NDArray[np.float64]) -> None:
+        """Adds the map of a pose.
+
+        Raises:
+            ValueError: the shapes differ from one another or from the maps before.
+        """
+        if pose_rad.shape != weights.shape[1:] or (self._weights and weights.shape != self._weights[0].shape):
+            raise ValueError(
+                f"pose {pose_rad.shape} and weights {weights.shape} do not fit; (D,) and (S, D) are due"
+            )
+        self._poses_rad.append(pose_rad.astype(np.float64))
+        self._weights.append(weights.astype(np.float64))
+
+    def closest(self, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map (S, D) of the explored pose next to `position_rad` in joint space, the oldest of equals.
+
+        Raises:
+            LookupError: nothing was explored.
+        """
+        if not self._poses_rad:
+            raise LookupError("the sensory-motor map is empty; explore a pose first")
+        distance = np.linalg.norm(self.poses_rad - position_rad, axis=1)
+        return self._weights[int(np.argmin(distance))]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well a map meets a true one."""
+
+    sign: float
+    """Share of equal signs among the entries whose true size is above the cut; NaN if there are none."""
+    correlation: float
+    """Pearson's correlation over all entries; NaN if one of the maps is constant."""
+    entries: int
+    """Number of entries above the cut."""
+
+
+def agreement(weights: NDArray[np.float64], true_weights: NDArray[np.float64], cut: float = 0.1) -> Agreement:
+    """Compares two maps (S, D): signs where the true weight is larger than `cut`, correlation everywhere."""
+    large = np.abs(true_weights) > cut
+    entries = int(np.count_nonzero(large))
+    same = np.sign(weights[large]) == np.sign(true_weights[large])
+    a, b = weights.ravel() - weights.mean(), true_weights.ravel() - true_weights.mean()
+    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return Agreement(
+        sign=float(same.mean()) if entries else math.nan,
+        correlation=float(a @ b) / scale if scale > 0 else math.nan,
+        entries=entries,
+    )

@@ -1,0 +1,162 @@
+"""Structural self-exploration: from changes of gravity to the tree of body parts and joints.
+
+Equation (1) of [M14] (Mittendorfer et al., A general tactile approach for grasping unknown objects, 2014)
+gives the activity matrix: which DoF moves which cell. Cells with equal rows are a body part, DoFs with equal
+columns are a joint, and two parts whose rows differ by one joint hang together by it. The tree of a robot has
+such a matrix; a disturbed measurement mostly has not, and `Structure.problems` says what is wrong.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Structure", "activity_matrix", "find_structure", "named", "wrong_entries"]
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Kinematic tree as the skin sees it; to be relied on only if `problems` is empty.
+
+    Parts are ordered by their depth, then by their first cell; joints by their first DoF.
+    """
+
+    activity: NDArray[np.bool_]
+    """(S, D): DoF d moves cell s; the row of an unmeasured cell is false."""
+    parts: tuple[tuple[int, ...], ...]
+    """Cells of each body part."""
+    joints: tuple[tuple[int, ...], ...]
+    """DoFs of each joint; a DoF that moves no cell is in none."""
+    part_activity: NDArray[np.bool_]
+    """(parts, joints): the reduced activity matrix."""
+    parent_part: tuple[int, ...]
+    """Parent of each part, towards the root; −1 for the root and where there is no single one."""
+    parent_joint: tuple[int, ...]
+    """Joint between each part and its parent; −1 where there is no parent."""
+    unmeasured: tuple[int, ...]
+    """Cells with an entry that could not be measured; they are in no part."""
+    problems: tuple[str, ...]
+    """What is missing for a tree with one stationary root, one line each."""
+
+
+def activity_matrix(
+    before_g: NDArray[np.float64], after_g: NDArray[np.float64], threshold_g: float = 0.01
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which DoF turns which cell against gravity: equation (1) of [M14], runs combined by 'or'.
+
+    Args:
+        before_g: (P, D, S, 3) mean acceleration of cell s before DoF d moved in run p [g, cell frame];
+            NaN where it was not measured.
+        after_g: the same after the move.
+        threshold_g: least distance of the two normalised vectors; 0.01 [M14].
+
+    Returns:
+        (S, D) active entries, and (S, D) unknown ones: not active, with a run that was not measured.
+    """
+    change = np.linalg.norm(_direction(before_g) - _direction(after_g), axis=-1)
+    active = (change > threshold_g).any(axis=0)
+    unknown = ~active & np.isnan(change).any(axis=0)
+    return active.T.copy(), unknown.T.copy()
+
+
+def find_structure(
+    activity: NDArray[np.bool_],
+    unknown: NDArray[np.bool_] | None = None,
+    problems: Sequence[str] = (),
+) -> Structure:
+    """Body parts, joints and their tree from an activity matrix.
+
+    Args:
+        activity: (S, D) from `activity_matrix`.
+        unknown: (S, D) entries that were not measured; their cells belong to no part.
+        problems: what is known to have gone wrong before; comes first in the structure's problems.
+    """
+    unknown = np.zeros_like(activity) if unknown is None else unknown
+    unmeasured = np.logical_or.reduce(unknown, axis=1)
+    activity = activity & ~unmeasured[:, None]
+    parts, part_dofs = _classes(activity, np.flatnonzero(~unmeasured))
+    joints, joint_parts = _classes(part_dofs.T, np.flatnonzero(part_dofs.any(axis=0)))
+    order = np.argsort(joint_parts.sum(axis=0), kind="stable")
+    parts = tuple(parts[p] for p in order)
+    part_activity = joint_parts.T[order]
+    parent_part, parent_joint, broken = _tree(part_activity, parts, joints)
+
+    found = list(problems)
+    if unmeasured.any():
+        found.append(f"{named('cell', np.flatnonzero(unmeasured))} measured with too few samples")
+    idle = np.flatnonzero(~part_dofs.any(axis=0))
+    if len(idle):
+        found.append(f"{named('DoF', idle)} moves no cell: no skin beyond, or an axis along gravity")
+    return Structure(
+        activity=activity,
+        parts=parts,
+        joints=joints,
+        part_activity=part_activity,
+        parent_part=parent_part,
+        parent_joint=parent_joint,
+        unmeasured=tuple(np.flatnonzero(unmeasured).tolist()),
+        problems=(*found, *broken),
+    )
+
+
+def wrong_entries(structure: Structure, truth: NDArray[np.bool_]) -> int:
+    """Number of entries in which the activity matrix differs from the true one, (S, D)."""
+    return int(np.count_nonzero(structure.activity != truth))
+
+
+def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors along the last axis; NaN where there is no direction."""
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    result: NDArray[np.float64] = np.divide(
+        vector, length, out=np.full_like(vector, np.nan), where=length > 0
+    )
+    return result
+
+
+def _classes(
+    matrix: NDArray[np.bool_], members: NDArray[np.int64]
+) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.bool_]]:
+    """Members with equal rows of `matrix`, in the order of their first member, and the row of each class."""
+    groups: dict[bytes, list[int]] = {}
+    for member in members.tolist():
+        groups.setdefault(matrix[member].tobytes(), []).append(member)
+    classes = tuple(tuple(group) for group in groups.values())
+    return classes, matrix[[group[0] for group in classes]].reshape(len(classes), matrix.shape[1])
+
+
+def _tree(
+    part_activity: NDArray[np.bool_], parts: tuple[tuple[int, ...], ...], joints: tuple[tuple[int, ...], ...]
+) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
+    """Parent and joint of each part, and why it is no tree.
+
+    A tree needs one part without activity, one parent for every other part, and a joint of its own for each.
+    Then the row of a part is the set of joints on its way to the root, whatever the noise has done.
+    """
+    parent_part, parent_joint = [-1] * len(parts), [-1] * len(parts)
+    problems = []
+    if not len(parts) or part_activity[0].any():
+        problems.append("no stationary part: every cell moves, so nothing is the root of the tree")
+    for part, row in enumerate(part_activity):
+        if not row.any():
+            continue
+        missing = row & ~part_activity
+        candidates = np.flatnonzero((missing.sum(axis=1) == 1) & ~(part_activity & ~row).any(axis=1))
+        if len(candidates) == 1:
+            parent_part[part] = int(candidates[0])
+            parent_joint[part] = int(np.flatnonzero(missing[candidates[0]])[0])
+        else:
+            which = "has no parent" if not len(candidates) else f"has {len(candidates)} possible parents"
+            problems.append(f"the part of {named('cell', parts[part])} {which}")
+    for joint, dofs in enumerate(joints):
+        children = parent_joint.count(joint)
+        if children > 1:
+            problems.append(f"the joint of {named('DoF', dofs)} leads to {children} parts")
+    return tuple(parent_part), tuple(parent_joint), problems
+
+
+def named(what: str, numbers: Sequence[int] | NDArray[np.int64], most: int = 8) -> str:
+    """'cells 3, 4, 5, … (20)': enough to find them, short enough to read."""
+    plural = f"{what}s" if len(numbers) > 1 else what
+    more = f", … ({len(numbers)})" if len(numbers) > most else ""
+    return f"{plural} {', '.join(str(n) for n in numbers[:most])}{more}"

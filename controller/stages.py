@@ -1,0 +1,253 @@
+"""What the controller can be busy with: the stages of its program, each a small state machine without I/O."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.knowledge import Knowledge
+from controller.selforganisation.exploration import Exploration, Hold
+from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
+from controller.selforganisation.sensory_motor_map import fuse, normal_weights
+from controller.selforganisation.structural_exploration import (
+    StructuralExploration,
+    StructuralExplorationConfig,
+)
+from controller.skin_input import SkinRows
+from controller.touch.fusion import TactilePicture
+from controller.touch.posture import PoseTarget, Posture
+from controller.touch.reactions import TactileReaction
+from skinnet.deployment.schema import ControllerSpec, MapSpec, StageSpec, StructureSpec
+from skinnet.messages import Modality
+
+__all__ = ["Explore", "Guide", "Stage", "TakePosture", "make_stage"]
+
+_ACCELERATION = slice(4, 7)
+
+
+class Stage(Protocol):
+    """One stage: ticks until it is done."""
+
+    @property
+    def done(self) -> bool:
+        """The next stage may begin."""
+
+    @property
+    def progress(self) -> float:
+        """Share that is done, 0 to 1."""
+
+    @property
+    def wants_stream(self) -> bool:
+        """The full readings of all cells are needed."""
+
+    @property
+    def gains(self) -> NDArray[np.float64] | None:
+        """(S, 4) gains of the reactions, whose cells should stream in contact; None without reactions."""
+
+    @property
+    def driving(self) -> NDArray[np.bool_] | None:
+        """(S, 4) channels that drove the reaction of the last tick; None without reactions."""
+
+    def take(self, stream: SkinRows) -> None:
+        """Takes in full readings."""
+
+    def step(
+        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+    ) -> NDArray[np.float64]:
+        """Joint velocities (D,) [rad/s] at `t_ns`."""
+
+    def finish(self, t_ns: int) -> None:
+        """Leaves what was found in the controller's knowledge."""
+
+
+class Explore:
+    """A motion program of self-organisation: structure or map."""
+
+    gains = None
+    driving = None
+
+    def __init__(self, program: StructuralExploration | MapExploration, knowledge: Knowledge) -> None:
+        self._program: Exploration = program
+        self._own = program
+        self._knowledge = knowledge
+
+    @property
+    def done(self) -> bool:
+        """The motion program is through."""
+        return self._program.done
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion program."""
+        return self._program.progress
+
+    @property
+    def wants_stream(self) -> bool:
+        """Accelerations are what it measures."""
+        return self._program.wants_stream
+
+    def take(self, stream: SkinRows) -> None:
+        """Accelerations for the averages and lock-ins."""
+        acceleration_g = stream.rows["values"][:, _ACCELERATION].astype(np.float64)
+        self._program.add_samples(stream.cell, stream.rows["t_sampled_ns"], acceleration_g)
+
+    def step(
+        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+    ) -> NDArray[np.float64]:
+        """The motion program's velocities."""
+        if isinstance(self._own, MapExploration):
+            self._own.add_positions(t_ns, position_rad)
+        return self._program.step(t_ns, position_rad)
+
+    def finish(self, t_ns: int) -> None:
+        """Structure, or a map fused with the activity of the structure."""
+        knowledge = self._knowledge
+        if isinstance(self._own, StructuralExploration):
+            knowledge.structure = self._own.result
+            return
+        found = self._own.result
+        weights = normal_weights(found.deflection_m)
+        activity = np.ones(weights.shape, dtype=np.bool_)
+        if knowledge.structure is not None:
+            activity = knowledge.structure.activity
+        knowledge.map_problems += found.problems
+        knowledge.map.add(found.pose_rad, fuse(activity, weights, knowledge.cut))
+
+
+class TakePosture:
+    """Goes to a pose: equation (5)."""
+
+    gains = None
+    driving = None
+    wants_stream = False
+
+    def __init__(self, target: PoseTarget) -> None:
+        self._posture = Posture()
+        self._posture.go(target)
+        self._target = target
+        self._way_rad = 0.0
+        self._left_rad = np.inf
+        self.done = False
+
+    @property
+    def progress(self) -> float:
+        """Share of the longest way."""
+        if self.done:
+            return 1.0
+        return max(0.0, 1.0 - self._left_rad / self._way_rad) if self._way_rad > 0.0 else 0.0
+
+    def take(self, stream: SkinRows) -> None:
+        """Postures do not feel."""
+
+    def step(
+        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+    ) -> NDArray[np.float64]:
+        """Velocities towards the pose; done when the completion event comes."""
+        velocity, event = self._posture.step(t_ns, position_rad)
+        self._left_rad = float(np.abs(self._target.position_rad - position_rad).max())
+        self._way_rad = max(self._way_rad, self._left_rad)
+        self.done = self.done or event is not None
+        return velocity
+
+    def finish(self, t_ns: int) -> None:
+        """Nothing is learnt."""
+
+
+class Guide:
+    """Tactile guidance: the robot evades touch, and follows whoever pushes it: equation (4)."""
+
+    wants_stream = False
+
+    def __init__(
+        self, spec: StageSpec, control: ControllerSpec, knowledge: Knowledge, n_cells: int, start_ns: int
+    ) -> None:
+        assert spec.duration_s is not None
+        self._start_ns = start_ns
+        self._duration_ns = round(spec.duration_s * 1e9)
+        self._t_ns = start_ns
+        self._max_age_ns = round(control.safety.stale_ms * 1e6)
+        self._knowledge = knowledge
+        self._reaction = TactileReaction(n_cells)
+        self.driving: NDArray[np.bool_] | None = None
+        if control.reactions.enabled:
+            self.tune(Modality.FORCE, spec.force_threshold, spec.force_gain)
+            self.tune(Modality.PROXIMITY, spec.proximity_threshold, spec.proximity_gain)
+
+    def tune(self, modality: Modality, threshold: float, gain: float) -> None:
+        """Sets threshold and gain of a modality, of all cells."""
+        self._reaction.tune(modality, threshold=threshold, gain=gain)
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """(S, 4) gains."""
+        return self._reaction.gains
+
+    @property
+    def done(self) -> bool:
+        """The time of the stage is over."""
+        return self._t_ns - self._start_ns >= self._duration_ns
+
+    @property
+    def progress(self) -> float:
+        """Share of the stage's time."""
+        return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
+
+    def take(self, stream: SkinRows) -> None:
+        """The picture has taken them in already."""
+
+    def step(
+        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+    ) -> NDArray[np.float64]:
+        """The superposition of all cells' reactions by the closest map."""
+        self._t_ns = t_ns
+        touch = picture.touch(t_ns, self._max_age_ns)  # cells in contact stream: an old reading is a lost one
+        velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
+        self.driving = self._reaction.driving(touch)
+        return velocity
+
+    def finish(self, t_ns: int) -> None:
+        """Nothing is learnt."""
+
+
+def make_stage(
+    spec: StageSpec,
+    control: ControllerSpec,
+    knowledge: Knowledge,
+    *,
+    t_ns: int,
+    n_cells: int,
+    home_rad: NDArray[np.float64],
+) -> Stage:
+    """The stage that `spec` describes, beginning at `t_ns`; `home_rad` (D,) is where the robot woke up."""
+    n_dofs = len(home_rad)
+    match spec.kind:
+        case "structure":
+            config = _structure_config(control.structure)
+            return Explore(StructuralExploration(config, n_dofs, n_cells, t_ns), knowledge)
+        case "map":
+            return Explore(MapExploration(_map_config(control.map), n_dofs, n_cells, t_ns), knowledge)
+        case "posture":
+            pose = home_rad if spec.pose == "home" else np.array(control.poses_rad[spec.pose])
+            return TakePosture(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.accuracy_rad))
+        case "guide":
+            return Guide(spec, control, knowledge, n_cells, t_ns)
+
+
+def _structure_config(spec: StructureSpec) -> StructuralExplorationConfig:
+    return StructuralExplorationConfig(
+        step_rad=spec.step_rad,
+        average_ns=round(spec.average_s * 1e9),
+        settle_ns=round(spec.settle_s * 1e9),
+        threshold_g=spec.threshold_g,
+        hold=Hold(speed_rad_s=spec.speed_rad_s),
+        min_samples=max(1, round(25 * spec.average_s)),
+    )
+
+
+def _map_config(spec: MapSpec) -> MapExplorationConfig:
+    return MapExplorationConfig(
+        amplitude_rad_s=spec.amplitude_rad_s,
+        frequency_hz=spec.frequency_hz,
+        periods=spec.periods,
+        settle_ns=round(spec.settle_s * 1e9),
+    )

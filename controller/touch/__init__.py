@@ -1,0 +1,1 @@
+"""Touch: fusion of events, reactions, posture and the safety clamp."""

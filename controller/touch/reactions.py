@@ -1,0 +1,88 @@
+"""Tactile reactions: what the cells feel becomes joint velocities, equation (4) of [M14, V.A]."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.touch.fusion import COLUMNS, TOUCH_COLUMNS
+from skinnet.messages import Modality
+
+__all__ = ["TactileReaction"]
+
+
+class TactileReaction:
+    """Proportional controllers of all cells and touch channels, superimposed by the sensory-motor map.
+
+    Thresholds and gains hold for a cell and a modality and may change at any tick; gain zero inhibits.
+    """
+
+    def __init__(self, n_cells: int) -> None:
+        """Starts inhibited."""
+        channels = TOUCH_COLUMNS.stop - TOUCH_COLUMNS.start
+        self._thresholds = np.zeros((n_cells, channels))
+        self._gains = np.zeros((n_cells, channels))
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """(S, 4) gains of `TOUCH_COLUMNS` [rad/s per reading], a copy."""
+        return self._gains.copy()
+
+    def tune(
+        self,
+        modality: Modality,
+        *,
+        threshold: float,
+        gain: float,
+        cells: Sequence[int] | NDArray[np.int64] | None = None,
+    ) -> None:
+        """Sets threshold and gain of a modality, of all cells or of an area.
+
+        Args:
+            modality: force or proximity.
+            threshold: reading above which there is a reaction, not negative.
+            gain: [rad/s per reading above the threshold] for a map vector of norm one; positive evades, zero
+                inhibits.
+            cells: rows of the area; all if None.
+
+        Raises:
+            ValueError: a modality that does not touch, a negative threshold, or a number that is not finite.
+        """
+        if modality not in (Modality.FORCE, Modality.PROXIMITY):
+            raise ValueError(f"no reaction to {modality.name}; tune FORCE or PROXIMITY")
+        if not (0.0 <= threshold < np.inf and np.isfinite(gain)):
+            raise ValueError(
+                f"threshold {threshold} and gain {gain} must be finite, the threshold not negative"
+            )
+        rows: Any = slice(None) if cells is None else np.asarray(cells, dtype=np.int64)
+        self._thresholds[rows, COLUMNS[modality]] = threshold
+        self._gains[rows, COLUMNS[modality]] = gain
+
+    def inhibit(self) -> None:
+        """Sets all gains to zero."""
+        self._gains[:] = 0.0
+
+    def driving(self, touch: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(S, 4) channels that are above their threshold and not inhibited, for readings (S, 4)."""
+        driving: NDArray[np.bool_] = (touch > self._thresholds) & (self._gains != 0.0)
+        return driving
+
+    def activation(self, touch: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(S,) sum over the channels of (ρ > t)·(ρ − t)·P, for readings (S, 4)."""
+        drive = np.where(self.driving(touch), (touch - self._thresholds) * self._gains, 0.0)
+        total: NDArray[np.float64] = drive.sum(axis=1)
+        return total
+
+    def velocity(self, touch: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joint velocities (D,) [rad/s] of all cells together: equation (4) of [M14].
+
+        Args:
+            touch: (S, 4) readings of `TOUCH_COLUMNS`.
+            weights: (S, D) sensory-motor map of the closest pose.
+        """
+        activation = self.activation(touch)
+        # only what is touched costs; and a plain sum, as the order of a BLAS product may depend on threads
+        touched = np.flatnonzero(activation)
+        total: NDArray[np.float64] = (activation[touched, None] * weights[touched]).sum(axis=0)
+        return total

@@ -1,0 +1,160 @@
+"""The last clamp between the brain and the joints: whatever comes in, what goes out is within the limits."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SafetyClamp", "SafetyCounters", "SafetyLimits"]
+
+
+@dataclass(frozen=True, eq=False)
+class SafetyLimits:
+    """What the joints may do; all numbers are assumptions, to be set for a robot."""
+
+    speed_rad_s: float = 1.0
+    """Of every joint."""
+    acceleration_rad_s2: float | None = None
+    """Of every joint, between two ticks; None: as fast as commanded."""
+    position_rad: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    """Lowest and highest positions (D,), if known; ±inf for a joint without."""
+    slow_zone_rad: float = 0.1
+    """Distance to a position limit within which the speed towards it falls linearly to zero."""
+    joints_max_age_ns: int = 50_000_000
+    """Older position feedback is stale: ten control periods."""
+    skin_max_age_ns: int = 50_000_000
+    """An older newest skin frame is stale."""
+    ramp_ns: int = 100_000_000
+    """Duration of the way from full speed to rest when an input is stale, and back when it is fresh again."""
+
+
+@dataclass(frozen=True)
+class SafetyCounters:
+    """What the clamp has done so far, in ticks."""
+
+    ticks: int = 0
+    clamped: int = 0
+    """Less went out than came in because of speed, acceleration or position."""
+    stale_ticks: int = 0
+    rejected: int = 0
+    """A command or a position that is not finite."""
+
+
+class SafetyClamp:
+    """Clamps the sum of all velocity commands, tick by tick.
+
+    In this order: what is not finite becomes zero; the speed limit scales all joints alike, so that the
+    direction stays; stale input ramps to rest and holds; the acceleration limit scales the change; position
+    limits slow each joint by itself, and win over smoothness.
+    """
+
+    def __init__(self, limits: SafetyLimits, n_dofs: int, period_ns: int) -> None:
+        """Starts at rest; `period_ns` is the time between two ticks.
+
+        Raises:
+            ValueError: a limit is not positive, or the position limits are not (D,), lowest below highest.
+        """
+        numbers = [limits.speed_rad_s, limits.slow_zone_rad, limits.ramp_ns, period_ns]
+        if limits.acceleration_rad_s2 is not None:
+            numbers.append(limits.acceleration_rad_s2)
+        if not all(0.0 < number < np.inf for number in numbers):
+            raise ValueError(f"safety limits must be positive and finite: {limits}, period {period_ns} ns")
+        if limits.position_rad is not None:
+            lowest, highest = limits.position_rad
+            if not (lowest.shape == highest.shape == (n_dofs,) and (lowest < highest).all()):
+                raise ValueError(
+                    f"position limits must be two rows of {n_dofs}, the lowest below the highest"
+                )
+        self._limits, self._n_dofs, self._period_ns = limits, n_dofs, period_ns
+        self._last_rad_s = np.zeros(n_dofs)
+        self._share = 1.0
+        self.stale = False
+        """The last tick's input was too old."""
+        self.counters = SafetyCounters()
+
+    def clamp(
+        self,
+        t_ns: int,
+        velocity_rad_s: NDArray[np.float64],
+        position_rad: NDArray[np.float64],
+        t_joints_ns: int | None,
+        t_skin_ns: int | None,
+    ) -> NDArray[np.float64]:
+        """Velocities (D,) [rad/s] that may go to the joints.
+
+        Args:
+            t_ns: now.
+            velocity_rad_s: (D,) sum of all that the brain wants.
+            position_rad: (D,) newest measured positions.
+            t_joints_ns: when those were measured; None if never.
+            t_skin_ns: time of the newest skin frame, of the patch that is most behind; None if never.
+
+        Raises:
+            ValueError: the shapes are not (D,).
+        """
+        if not (velocity_rad_s.shape == position_rad.shape == (self._n_dofs,)):
+            raise ValueError(
+                f"velocity {velocity_rad_s.shape} and position {position_rad.shape}, ({self._n_dofs},) due"
+            )
+        limits, counters = self._limits, self.counters
+        finite = bool(np.isfinite(velocity_rad_s).all() and np.isfinite(position_rad).all())
+        self.stale = _old(t_ns, t_joints_ns, limits.joints_max_age_ns) or _old(
+            t_ns, t_skin_ns, limits.skin_max_age_ns
+        )
+        self._ramp(finite)
+
+        wanted = velocity_rad_s if finite else np.zeros(self._n_dofs)
+        velocity = self._towards(_scaled(wanted, limits.speed_rad_s) * self._share)
+        if finite:
+            velocity = self._slowed(velocity, position_rad)
+        # rounding may be a last bit above the limit
+        velocity = np.clip(velocity, -limits.speed_rad_s, limits.speed_rad_s)
+        self._last_rad_s = velocity
+        self.counters = replace(
+            counters,
+            ticks=counters.ticks + 1,
+            clamped=counters.clamped + bool(finite and not np.array_equal(velocity, wanted * self._share)),
+            stale_ticks=counters.stale_ticks + self.stale,
+            rejected=counters.rejected + (not finite),
+        )
+        return velocity.copy()
+
+    def _ramp(self, finite: bool) -> None:
+        """Moves the share that passes: to zero without a command, down while stale, else up."""
+        step = self._period_ns / self._limits.ramp_ns
+        if not finite:
+            self._share = 0.0
+        elif self.stale:
+            self._share = max(0.0, self._share - step)
+        else:
+            self._share = min(1.0, self._share + step)
+
+    def _towards(self, target_rad_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The last velocity moved towards the target as far as the acceleration limit allows."""
+        if self._limits.acceleration_rad_s2 is None:
+            return target_rad_s
+        change = target_rad_s - self._last_rad_s
+        return self._last_rad_s + _scaled(change, self._limits.acceleration_rad_s2 * self._period_ns * 1e-9)
+
+    def _slowed(
+        self, velocity_rad_s: NDArray[np.float64], position_rad: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Slower towards the position limits, zero beyond them; the way back is free."""
+        if self._limits.position_rad is None:
+            return velocity_rad_s
+        lowest, highest = self._limits.position_rad
+        per_rad = self._limits.speed_rad_s / self._limits.slow_zone_rad
+        with np.errstate(over="ignore"):
+            down = -per_rad * np.maximum(position_rad - lowest, 0.0)
+            up = per_rad * np.maximum(highest - position_rad, 0.0)
+        return np.clip(velocity_rad_s, down, up)
+
+
+def _scaled(vector: NDArray[np.float64], largest: float) -> NDArray[np.float64]:
+    """The vector, shortened in its direction so that no component is larger than `largest`."""
+    size = float(np.abs(vector).max(initial=0.0))
+    return vector if size <= largest else vector * (largest / size)
+
+
+def _old(t_ns: int, t_input_ns: int | None, max_age_ns: int) -> bool:
+    return t_input_ns is None or t_ns - t_input_ns > max_age_ns

@@ -1,0 +1,1 @@
+"""The MuJoCo body: model, actuation, elastic foundation, stimulus, teacher."""

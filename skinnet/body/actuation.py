@@ -1,0 +1,96 @@
+"""The robot's control interface: number of DoFs, velocity commands, position feedback [M14, II.B].
+
+The servos are position servos. A velocity command moves their targets; it holds until the next one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.model import BodyModel, resting_targets_rad
+from skinnet.compiled import compiled
+from skinnet.deployment.schema import ServoSpec
+
+__all__ = ["Actuation"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class Actuation:
+    """Turns velocity commands into position targets that the servos can follow.
+
+    A target stays within the joint's limits and within the lag at which the servo's torque is exhausted: a
+    blocked joint does not wind up.
+
+    Attributes:
+        model: The body.
+        data: Its state.
+        servo: Servos of the deployment.
+        velocity_rad_s: (D,) the command in force [rad/s].
+        refused: Number of commands that were refused.
+    """
+
+    model: BodyModel
+    data: mujoco.MjData
+    servo: ServoSpec
+    velocity_rad_s: Floats = field(init=False)
+    refused: int = 0
+    _target_rad: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Starts in equilibrium: the servos already carry the weight of the arms."""
+        self.velocity_rad_s = np.zeros(len(self.model.joint))
+        self._target_rad = resting_targets_rad(self.data, self.model.actuator)
+        self.advance(0.0)
+
+    def command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
+        """Takes a velocity command (D,) [rad/s]; returns whether it was accepted.
+
+        A command of another length, with a value that is not finite, or above the speed limit is refused and
+        counted: the targets stay where they are.
+        """
+        velocity = np.asarray(velocity_rad_s, dtype=np.float64)
+        fits = velocity.shape == self.velocity_rad_s.shape
+        # NaN fails the comparison as well.
+        accepted = fits and bool(np.all(np.abs(velocity) <= self.servo.speed_limit_rad_s))
+        self.velocity_rad_s = velocity.copy() if accepted else np.zeros_like(self.velocity_rad_s)
+        self.refused += not accepted
+        return accepted
+
+    def advance(self, step_s: float) -> None:
+        """Moves the targets by `step_s` [s] of the command in force."""
+        _advance(
+            self._target_rad,
+            self.velocity_rad_s,
+            self.model.range_rad,
+            self.servo.torque_limit_nm / self.servo.kp_nm_per_rad,
+            step_s,
+            self.data.qpos,
+            self.model.qpos,
+            self.data.ctrl,
+            self.model.actuator,
+        )
+
+
+@compiled
+def _advance(
+    target_rad: Floats,
+    velocity_rad_s: Floats,
+    range_rad: Floats,
+    lag_rad: float,
+    step_s: float,
+    qpos: Floats,
+    qpos_index: NDArray[np.int64],
+    ctrl: Floats,
+    ctrl_index: NDArray[np.int64],
+) -> None:
+    for d in range(len(target_rad)):
+        position_rad = qpos[qpos_index[d]]
+        target = target_rad[d] + velocity_rad_s[d] * step_s
+        target = min(max(target, position_rad - lag_rad), position_rad + lag_rad)
+        target_rad[d] = min(max(target, range_rad[d, 0]), range_rad[d, 1])
+        ctrl[ctrl_index[d]] = target_rad[d]

@@ -1,0 +1,187 @@
+"""Where a ray first meets a solid, for every shape that MuJoCo's primitives and meshes have.
+
+All functions work in the frame of the solid, with the origin (x, y, z) [m] and the unit direction
+(u, v, w) of the ray as scalars. They return the distance [m] to the first point that belongs to the solid:
+zero when the origin is inside, infinity when the ray misses. Sizes follow MuJoCo's `geom_size`.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.compiled import compiled
+
+__all__ = [
+    "BOX",
+    "CAPSULE",
+    "CYLINDER",
+    "ELLIPSOID",
+    "MESH",
+    "PLANE",
+    "SPHERE",
+    "entry_m",
+]
+
+# mjtGeom, fixed here so that compiled code need not import MuJoCo; a test compares them.
+PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
+
+_PARALLEL = 1e-300
+"""A direction component below this never reaches the faces across it."""
+
+
+@compiled
+def _span(a: float, b: float, c: float) -> tuple[float, float]:
+    """Interval of t in which a t² + 2 b t + c ≤ 0; empty is (inf, -inf)."""
+    if a < 1e-18:  # the ray runs along the axis: inside everywhere or nowhere
+        return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
+    discriminant = b * b - a * c
+    if discriminant < 0.0:
+        return math.inf, -math.inf
+    root = math.sqrt(discriminant)
+    return (-b - root) / a, (-b + root) / a
+
+
+@compiled
+def _slab(x: float, u: float, half: float) -> tuple[float, float]:
+    """Interval of t in which |x + t u| ≤ half; empty is (inf, -inf)."""
+    if abs(u) < _PARALLEL:
+        return (-math.inf, math.inf) if abs(x) <= half else (math.inf, -math.inf)
+    first, second = (-half - x) / u, (half - x) / u
+    return min(first, second), max(first, second)
+
+
+@compiled
+def _enter(first: float, last: float) -> float:
+    """Entry distance of a ray that is inside the solid from `first` to `last`."""
+    return max(first, 0.0) if first <= last and last >= 0.0 else math.inf
+
+
+@compiled
+def _plane(z: float, w: float) -> float:
+    """Half-space z ≤ 0: planes are endless here, as in MuJoCo's contacts."""
+    if z <= 0.0:
+        return 0.0
+    return -z / w if w < 0.0 else math.inf
+
+
+@compiled
+def _sphere(x: float, y: float, z: float, u: float, v: float, w: float, radius: float) -> float:
+    first, last = _span(u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - radius * radius)
+    return _enter(first, last)
+
+
+@compiled
+def _cylinder(
+    x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float
+) -> float:
+    side_first, side_last = _span(u * u + v * v, x * u + y * v, x * x + y * y - radius * radius)
+    end_first, end_last = _slab(z, w, half)
+    return _enter(max(side_first, end_first), min(side_last, end_last))
+
+
+@compiled
+def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float) -> float:
+    """A capsule is the union of a cylinder and two balls, so its entry is the first of theirs."""
+    body = _cylinder(x, y, z, u, v, w, radius, half)
+    top = _sphere(x, y, z - half, u, v, w, radius)
+    bottom = _sphere(x, y, z + half, u, v, w, radius)
+    return min(body, top, bottom)
+
+
+@compiled
+def _ellipsoid(
+    x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float
+) -> float:
+    """Scaling to the unit ball keeps the ray's parameter, so the distance needs no scaling back."""
+    return _sphere(x / a, y / b, z / c, u / a, v / b, w / c, 1.0)
+
+
+@compiled
+def _box(x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float) -> float:
+    first_x, last_x = _slab(x, u, a)
+    first_y, last_y = _slab(y, v, b)
+    first_z, last_z = _slab(z, w, c)
+    return _enter(max(first_x, first_y, first_z), min(last_x, last_y, last_z))
+
+
+@compiled
+def _mesh(
+    x: float,
+    y: float,
+    z: float,
+    u: float,
+    v: float,
+    w: float,
+    triangles_m: NDArray[np.float64],
+    first: int,
+    last: int,
+) -> float:
+    """Closed mesh with outward faces (Möller and Trumbore, 1997): a first hit from behind means inside."""
+    nearest, behind = math.inf, False
+    for i in range(first, last):
+        ax, ay, az = triangles_m[i, 0, 0], triangles_m[i, 0, 1], triangles_m[i, 0, 2]
+        e1x, e1y, e1z = triangles_m[i, 1, 0] - ax, triangles_m[i, 1, 1] - ay, triangles_m[i, 1, 2] - az
+        e2x, e2y, e2z = triangles_m[i, 2, 0] - ax, triangles_m[i, 2, 1] - ay, triangles_m[i, 2, 2] - az
+        px, py, pz = v * e2z - w * e2y, w * e2x - u * e2z, u * e2y - v * e2x
+        determinant = e1x * px + e1y * py + e1z * pz
+        if abs(determinant) < 1e-18:
+            continue
+        tx, ty, tz = x - ax, y - ay, z - az
+        along_1 = (tx * px + ty * py + tz * pz) / determinant
+        if along_1 < 0.0 or along_1 > 1.0:
+            continue
+        qx, qy, qz = ty * e1z - tz * e1y, tz * e1x - tx * e1z, tx * e1y - ty * e1x
+        along_2 = (u * qx + v * qy + w * qz) / determinant
+        if along_2 < 0.0 or along_1 + along_2 > 1.0:
+            continue
+        distance = (e2x * qx + e2y * qy + e2z * qz) / determinant
+        if 0.0 <= distance < nearest:
+            nearest, behind = distance, determinant < 0.0
+    return 0.0 if behind else nearest
+
+
+@compiled
+def entry_m(
+    kind: int,
+    size_m: NDArray[np.float64],
+    triangles_m: NDArray[np.float64],
+    first: int,
+    last: int,
+    x: float,
+    y: float,
+    z: float,
+    u: float,
+    v: float,
+    w: float,
+) -> float:
+    """Distance [m] from (x, y, z) along (u, v, w) to the solid of MuJoCo type `kind`, in its frame.
+
+    Args:
+        kind: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; others are never met.
+        size_m: (3,) as MuJoCo's `geom_size`.
+        triangles_m: (t, 3, 3) corners of all meshes' triangles; this mesh has `first` to `last`.
+        first: First triangle of the mesh.
+        last: One past its last triangle.
+        x: Origin of the ray in the frame of the solid [m], with y and z.
+        y: See x.
+        z: See x.
+        u: Unit direction of the ray in the frame of the solid, with v and w.
+        v: See u.
+        w: See u.
+    """
+    if kind == CAPSULE:
+        return _capsule(x, y, z, u, v, w, size_m[0], size_m[1])
+    if kind == BOX:
+        return _box(x, y, z, u, v, w, size_m[0], size_m[1], size_m[2])
+    if kind == SPHERE:
+        return _sphere(x, y, z, u, v, w, size_m[0])
+    if kind == CYLINDER:
+        return _cylinder(x, y, z, u, v, w, size_m[0], size_m[1])
+    if kind == ELLIPSOID:
+        return _ellipsoid(x, y, z, u, v, w, size_m[0], size_m[1], size_m[2])
+    if kind == PLANE:
+        return _plane(z, w)
+    if kind == MESH:
+        return _mesh(x, y, z, u, v, w, triangles_m, first, last)
+    return math.inf

@@ -1,0 +1,229 @@
+"""Loads any MJCF as the body of a robot: servos for its joints, a teacher's finger beside it."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.schema import BodySpec
+from skinnet.errors import DeploymentError, ModelError
+
+__all__ = ["FINGER", "BodyModel", "body_spec", "load_model", "require_body", "resting_targets_rad"]
+
+FINGER = "teacher_finger"
+_MODELS = Path(__file__).parent / "models"
+_SWAY_STIFFENING = 10.0
+"""Sway joints stand for a whole balancing lower body: so much stiffer than the arms' servos (assumed)."""
+_FINGER_LENGTH_M = 0.06
+_SKIN_TONE = (0.93, 0.72, 0.60, 1.0)
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class BodyModel:
+    """A compiled model and where to find in it what the deployment names.
+
+    Attributes:
+        mj: MuJoCo's model.
+        joint: (D,) ids of the controlled joints, in the order of commands and feedback.
+        qpos: (D,) their addresses in `qpos`.
+        dof: (D,) their addresses in `qvel`.
+        range_rad: (D, 2) their limits, infinite where the model has none [rad].
+        actuator: (D,) ids of their position servos.
+        sway_actuator: (W,) ids of the servos of the sway joints.
+        sway_qpos: (W,) addresses of the sway joints in `qpos`.
+        finger: Body id of the teacher's finger, a mocap body.
+        home_qpos: (nq,) configuration at the start of a run.
+        temperature_c: (nbody,) temperature of every body [°C].
+    """
+
+    mj: mujoco.MjModel
+    joint: Indices
+    qpos: Indices
+    dof: Indices
+    range_rad: Floats
+    actuator: Indices
+    sway_actuator: Indices
+    sway_qpos: Indices
+    finger: int
+    home_qpos: Floats
+    temperature_c: Floats
+
+
+def body_spec(
+    body: BodySpec, base_dir: Path, finger_radius_m: float, finger_tint: tuple[float, ...] = _SKIN_TONE
+) -> mujoco.MjSpec:
+    """Editable MJCF of `body` with servos and finger, not yet compiled.
+
+    Args:
+        body: What the deployment says of the body.
+        base_dir: Folder that `body.model` is relative to.
+        finger_radius_m: Radius of the finger's tip [m].
+        finger_tint: Colour of the finger.
+
+    Raises:
+        ModelError: MuJoCo cannot read the file, or it lacks a joint or has it of another kind.
+        DeploymentError: there is no such model, or a joint is named twice.
+    """
+    path = _model_path(body.model, base_dir)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ModelError(f"{path}: {_one_line(error)}") from error
+    _require_joints(spec, path, body)
+    # Servos come from the deployment; actuators and keyframes of the file would fight or misfit them.
+    for element in [*spec.actuators, *spec.keys]:
+        spec.delete(element)
+    servo = body.servo
+    for joint in body.joints:
+        _add_servo(spec, joint, servo.kp_nm_per_rad, servo.kv_nm_s_per_rad, servo.torque_limit_nm)
+    for joint in body.sway.joints:
+        _add_servo(
+            spec, joint, _SWAY_STIFFENING * servo.kp_nm_per_rad, _SWAY_STIFFENING * servo.kv_nm_s_per_rad
+        )
+    _add_finger(spec, finger_radius_m, finger_tint)
+    spec.option.timestep = body.physics_ns / NS_PER_S
+    # Stiff servos on light links need the velocity terms implicit; a step that fails must not reset itself.
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return spec
+
+
+def load_model(body: BodySpec, base_dir: Path, finger_radius_m: float, finger_c: float) -> BodyModel:
+    """Compiles the model of `body`.
+
+    Raises:
+        ModelError: the model does not compile or lacks what the deployment names.
+        DeploymentError: what the deployment says of the model contradicts itself or the model's limits.
+    """
+    spec = body_spec(body, base_dir, finger_radius_m)
+    path = _model_path(body.model, base_dir)
+    try:
+        mj = spec.compile()
+    except ValueError as error:
+        raise ModelError(f"{path}: {_one_line(error)}") from error
+    require_body(mj, body.reference, "body.reference", path)
+    joint = np.array([mj.joint(name).id for name in body.joints], dtype=np.int64)
+    sway = np.array([mj.joint(name).id for name in body.sway.joints], dtype=np.int64)
+    limited = mj.jnt_limited[joint].astype(bool)[:, None]
+    unlimited = np.array([-math.inf, math.inf])
+    return BodyModel(
+        mj=mj,
+        joint=joint,
+        qpos=mj.jnt_qposadr[joint].astype(np.int64),
+        dof=mj.jnt_dofadr[joint].astype(np.int64),
+        range_rad=np.where(limited, mj.jnt_range[joint], unlimited),
+        actuator=np.array([mj.actuator(name).id for name in body.joints], dtype=np.int64),
+        sway_actuator=np.array([mj.actuator(name).id for name in body.sway.joints], dtype=np.int64),
+        sway_qpos=mj.jnt_qposadr[sway].astype(np.int64),
+        finger=int(mj.body(FINGER).id),
+        home_qpos=_home_qpos(mj, body, path),
+        temperature_c=_temperatures_c(mj, body, path, finger_c),
+    )
+
+
+def resting_targets_rad(data: mujoco.MjData, actuator: Indices) -> Floats:
+    """Targets (k,) [rad] at which the servos `actuator` hold the present pose against its weight."""
+    mj = data.model
+    joint = mj.actuator_trnid[actuator, 0]
+    dof = mj.jnt_dofadr[joint]
+    load_nm = data.qfrc_bias[dof] - data.qfrc_passive[dof]
+    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + load_nm / mj.actuator_gainprm[actuator, 0]
+    return targets
+
+
+def require_body(mj: mujoco.MjModel, name: str, key: str, source: Path | str) -> int:
+    """Id of the body `name`, which the deployment names under `key`.
+
+    Raises:
+        ModelError: the model has no such body.
+    """
+    index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
+    if index < 0:
+        known = ", ".join(mj.body(i).name for i in range(1, mj.nbody) if mj.body(i).name != FINGER)
+        raise ModelError(f'{key} = "{name}": {source} has no such body; it has {known}')
+    return int(index)
+
+
+def _model_path(model: str, base_dir: Path) -> Path:
+    beside = base_dir / model
+    if beside.is_file():
+        return beside
+    shipped = _MODELS / f"{model.removesuffix('.xml')}.xml"
+    if shipped.parent == _MODELS and shipped.is_file():
+        return shipped
+    names = ", ".join(sorted(path.stem for path in _MODELS.glob("*.xml")))
+    raise DeploymentError(f'body.model = "{model}": no file {beside}, and no shipped model: {names}')
+
+
+def _require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
+    named = [("body.joints", name) for name in body.joints]
+    named += [("body.sway.joints", name) for name in body.sway.joints]
+    seen: set[str] = set()
+    for key, name in named:
+        joint = spec.joint(name)
+        if joint is None:
+            known = ", ".join(j.name for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE)
+            raise ModelError(f'{key}: {path} has no joint "{name}"; its hinge joints are {known}')
+        if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
+            kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
+            raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint; only hinge joints turn')
+        if name in seen:
+            raise DeploymentError(f'{key}: joint "{name}" is named twice; a joint has one master')
+        seen.add(name)
+
+
+def _add_servo(spec: mujoco.MjSpec, joint: str, kp: float, kv: float, torque_nm: float | None = None) -> None:
+    actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.set_to_position(kp=kp, kv=kv)
+    if torque_nm is not None:
+        actuator.forcelimited = True
+        actuator.forcerange = [-torque_nm, torque_nm]
+
+
+def _add_finger(spec: mujoco.MjSpec, radius_m: float, tint: tuple[float, ...]) -> None:
+    """A mocap body with a ball as tip at its origin; +z points away from what it touches."""
+    finger = spec.worldbody.add_body(name=FINGER, mocap=True)
+    ball, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
+    finger.add_geom(type=ball, size=[radius_m, 0, 0], rgba=tint, contype=1, conaffinity=1)
+    finger.add_geom(
+        type=capsule,
+        size=[radius_m, 0, 0],
+        fromto=[0, 0, 0, 0, 0, _FINGER_LENGTH_M],
+        rgba=tint,
+        contype=0,
+        conaffinity=0,
+    )
+
+
+def _home_qpos(mj: mujoco.MjModel, body: BodySpec, path: Path) -> Floats:
+    home: Floats = mj.qpos0.copy()
+    for name, angle_rad in body.home_rad.items():
+        index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if index < 0 or mj.jnt_type[index] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise ModelError(f'body.home_rad: {path} has no hinge joint "{name}"')
+        lower, upper = mj.jnt_range[index] if mj.jnt_limited[index] else (-math.inf, math.inf)
+        if not lower <= angle_rad <= upper:
+            raise DeploymentError(
+                f"body.home_rad.{name} = {angle_rad}: the joint turns from {lower:g} to {upper:g} rad"
+            )
+        home[mj.jnt_qposadr[index]] = angle_rad
+    return home
+
+
+def _temperatures_c(mj: mujoco.MjModel, body: BodySpec, path: Path, finger_c: float) -> Floats:
+    temperature_c = np.full(mj.nbody, body.ambient_c)
+    temperature_c[mj.body(FINGER).id] = finger_c
+    for name, value_c in body.body_temperature_c.items():
+        temperature_c[require_body(mj, name, "body.body_temperature_c", path)] = value_c
+    return temperature_c
+
+
+def _one_line(error: ValueError) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,170 @@
+"""The body as a process: physics between the commands that come in and the frames that go out."""
+
+import hashlib
+import math
+import time
+from collections import Counter, deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.simulation import Body
+from skinnet.body.truth import TouchTruth
+from skinnet.channels import Keys, Role
+from skinnet.clock import next_multiple
+from skinnet.deployment import Deployment
+from skinnet.errors import ProtocolError
+from skinnet.loop import Put
+from skinnet.messages import Command, Joints, Stimulus, decode, encode
+from skinnet.part import Part
+from skinnet.upstream import Upstream
+
+__all__ = ["BodyNode", "build"]
+
+
+class BodyNode:
+    """Runs the physics from boundary to boundary: frames to send, commands to take effect.
+
+    A command is in effect from its `effect_ns` until the next one's. In lockstep the body waits for the
+    command of every instant; in real time it goes on with the newest one it has, and the loop counts it
+    as late.
+    """
+
+    role = Role.BODY.value
+    paced = True
+
+    def __init__(self, deployment: Deployment, name: str, base: Path) -> None:
+        self.name = name
+        keys = Keys(deployment.robot)
+        self.subscriptions = (keys.of("command"),)
+        control = deployment.controller
+        self._controller = Upstream("controller", "controller", covered_ns=control.command_delay_ns)
+        self.upstreams = {"controller": self._controller}
+        hosts = deployment.host_patches()
+        self.peers = frozenset({"body", "controller", *hosts})
+        self.tolerated = frozenset(deployment.run.may_be_lost)
+        self.counters: Counter[str] = Counter()
+        self._body = Body(deployment, base)
+        self._stimulus_ns, self._joints_ns = deployment.body.stimulus_ns, deployment.body.joints_ns
+        self._control_ns, self._delay_ns = control.period_ns, control.command_delay_ns
+        self._end_ns = deployment.max_ns
+        self._pending: deque[Command] = deque()
+        self._stage = ""
+        self._joints_key = keys.of("joints")
+        self._hosts = [
+            (host, keys.of("stimulus", host), np.concatenate([self._rows(patch) for patch in patches]))
+            for host, patches in hosts.items()
+        ]
+        self._touches = deployment.teacher.touches
+        self._start_s = 0.0
+        self._log = hashlib.sha256()
+        self._trace_t_ns: list[int] = []
+        self._trace_rad: list[NDArray[np.float64]] = []
+
+    def _rows(self, patch: str) -> NDArray[np.int64]:
+        cells = self._body.cells[patch]
+        return np.arange(cells.start, cells.stop, dtype=np.int64)
+
+    def start(self, put: Put) -> None:
+        """Sends what is felt and measured at time zero."""
+        self._start_s = time.monotonic()
+        self._publish(put)
+
+    def needs(self) -> dict[str, int] | None:
+        """The commands of the next stretch of time."""
+        if self._body.t_ns >= self._end_ns:
+            return None
+        return {"controller": self.due_ns()}
+
+    def due_ns(self) -> int:
+        """End of the next stretch: a frame is due, or a command takes effect."""
+        t_ns = self._body.t_ns
+        return min(
+            next_multiple(t_ns, self._stimulus_ns),
+            next_multiple(t_ns, self._joints_ns),
+            next_multiple(t_ns, self._control_ns, self._delay_ns),
+            self._end_ns,
+        )
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        """Takes in a command; one of the wrong size or with a number that is none is refused."""
+        if channel != "command":
+            raise ProtocolError(f"the body does not read {channel}")
+        command = decode(payload, Command)
+        n_dofs = self._body.n_dofs
+        if len(command.velocity_rad_s) != n_dofs:
+            raise ProtocolError(f"command of {len(command.velocity_rad_s)} velocities for {n_dofs} joints")
+        if not all(map(math.isfinite, command.velocity_rad_s)):
+            raise ProtocolError(f"command with velocities {command.velocity_rad_s}: must be finite")
+        self._pending.append(command)
+        self._controller.close(command.covered_ns)
+
+    def lose(self, upstream: Upstream) -> None:
+        """Without a controller the body holds still."""
+        self._pending.clear()
+        self._body.set_command(np.zeros(self._body.n_dofs))
+
+    def step(self, put: Put) -> None:
+        """Runs to the next boundary and sends the frames that are due there."""
+        t_end_ns = self.due_ns()
+        self._obey()
+        self._body.advance(t_end_ns)
+        self._publish(put)
+
+    def _obey(self) -> None:
+        t_ns = self._body.t_ns
+        while self._pending and self._pending[0].effect_ns <= t_ns:
+            command = self._pending.popleft()
+            self._body.set_command(np.array(command.velocity_rad_s))
+            if command.stage != self._stage:
+                self._stage = command.stage
+                self._body.begin_stage(command.stage)
+            if command.end_ns is not None:
+                self._end_ns = min(self._end_ns, command.end_ns)
+
+    def _publish(self, put: Put) -> None:
+        t_ns = self._body.t_ns
+        if t_ns % self._stimulus_ns == 0:
+            stimulus = self._body.stimulus()
+            felt = stimulus.astype("<f4")
+            for host, key, rows in self._hosts:
+                values = felt[rows].tobytes()
+                put(key, encode(Stimulus(host=host, t_ns=t_ns, covered_ns=t_ns, values=values)), flush=True)
+            self._log.update(felt.tobytes())
+        if t_ns % self._joints_ns == 0:
+            position = self._body.joints()
+            joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())
+            put(self._joints_key, encode(joints), flush=True)
+            self._trace_t_ns.append(t_ns)
+            self._trace_rad.append(position)
+            self._log.update(position.tobytes())
+
+    def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
+        by_depth = self._touches[touch.touch].depth_m is not None
+        public = {key: value for key, value in vars(touch).items() if not key.startswith("_")}
+        return public | {"by_depth": by_depth}
+
+    def result(self) -> Part:
+        """Ground truth and joint trace, for figures that compare."""
+        facts: dict[str, Any] = {
+            "logs": {"body": self._log.hexdigest()},
+            "end_ns": self._body.t_ns,
+            "late_frames": self.counters["late_frames"],
+            "touches": [self._touch_facts(touch) for touch in self._body.teacher.truth],
+            "reaction_crossings": [],
+            "loop_s": time.monotonic() - self._start_s,
+            "crossings": [list(crossing) for crossing in self._body.crossings.crossings],
+            "refused_commands": self._body.actuation.refused,
+        }
+        arrays: dict[str, NDArray[Any]] = {
+            "joint_t_ns": np.array(self._trace_t_ns, dtype=np.int64),
+            "joint_rad": np.array(self._trace_rad, dtype=np.float32).reshape(-1, self._body.n_dofs),
+        }
+        return Part(self.name, self.role, facts, arrays)
+
+
+def build(deployment: Deployment, name: str, base: Path) -> BodyNode:
+    """The body of `deployment`."""
+    return BodyNode(deployment, name, base)

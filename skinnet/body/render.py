@@ -1,0 +1,169 @@
+"""A picture of the body with its cells coloured by a value, drawn off screen.
+
+Rendering needs `MUJOCO_GL` before MuJoCo is imported, and a driver that fails may take its process with it.
+So `picture` draws in a process of its own: `python -m skinnet.body.render` with a request on its input.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import matplotlib.image
+import msgspec
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.model import body_spec
+from skinnet.body.simulation import Body
+from skinnet.body.surface import hexagon_m
+from skinnet.deployment.schema import Deployment
+from skinnet.skin.placement import PlacedPatch, place
+
+__all__ = ["picture"]
+
+_PATIENCE_S = 120.0
+_PLATE_M = 0.003
+_GAP = 0.93
+"""Cells are drawn a little smaller than they are, so that their edges show."""
+_FOAM_RGBA = (0.12, 0.12, 0.14, 1.0)
+_COLOURS = "turbo"
+
+
+class _Request(msgspec.Struct, kw_only=True):
+    deployment: Deployment
+    base_dir: str
+    out: str
+    values: list[float]
+    position_rad: list[float] | None = None
+    width: int
+    height: int
+
+
+def picture(
+    deployment: Deployment,
+    base_dir: Path,
+    out: Path,
+    values: Sequence[float],
+    position_rad: Sequence[float] | None = None,
+    size: tuple[int, int] = (1280, 960),
+) -> tuple[Path | None, str]:
+    """Draws the body with its cells.
+
+    Args:
+        deployment: What to draw.
+        base_dir: Folder that `body.model` is relative to.
+        out: PNG file to write.
+        values: (n_cells,) one value in 0…1 for each cell, in the order of the stimulus; blue to red.
+        position_rad: (D,) positions of the controlled joints [rad]; home without.
+        size: Width and height in pixels.
+
+    Returns:
+        The file and "", or None and the reason why this machine could not draw it.
+    """
+    request = _Request(
+        deployment=deployment,
+        base_dir=str(base_dir),
+        out=str(out),
+        values=[float(value) for value in values],
+        position_rad=None if position_rad is None else [float(angle) for angle in position_rad],
+        width=size[0],
+        height=size[1],
+    )
+    environment = {"MUJOCO_GL": "egl", **os.environ}
+    command = [sys.executable, "-m", "skinnet.body.render"]
+    try:
+        done = subprocess.run(
+            command,
+            input=msgspec.json.encode(request),
+            capture_output=True,
+            env=environment,
+            timeout=_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return None, f"no picture: {error}"
+    if done.returncode != 0 or not out.is_file():
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        why = lines[-1] if lines else f"the renderer ended with {done.returncode}"
+        return None, f"no picture (MUJOCO_GL={environment['MUJOCO_GL']}): {why}"
+    return out, ""
+
+
+def _draw(request: _Request) -> None:
+    deployment, base_dir = request.deployment, Path(request.base_dir)
+    body = Body(deployment, base_dir)
+    spec = body_spec(deployment.body, base_dir, deployment.teacher.tip_radius_m)
+    _add_cells(
+        spec,
+        [place(patch, deployment.cells) for patch in deployment.patches],
+        deployment.cells.side_m,
+        deployment.body.foam.thickness_m,
+        _colours(np.array(request.values)),
+    )
+    spec.visual.global_.offwidth = request.width
+    spec.visual.global_.offheight = request.height
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = body.model.home_qpos
+    if request.position_rad is not None:
+        data.qpos[body.model.qpos] = request.position_rad
+    data.mocap_pos[:] = body.data.mocap_pos
+    mujoco.mj_forward(model, data)
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    with mujoco.Renderer(model, request.height, request.width, max_geom=20 * model.ngeom) as renderer:
+        renderer.update_scene(data, camera)
+        matplotlib.image.imsave(request.out, renderer.render())
+
+
+def _colours(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    colours: NDArray[np.float64] = matplotlib.colormaps[_COLOURS](0.06 + 0.88 * np.clip(values, 0.0, 1.0))
+    return colours
+
+
+def _add_cells(
+    spec: mujoco.MjSpec,
+    patches: list[PlacedPatch],
+    side_m: float,
+    thickness_m: float,
+    colours: NDArray[np.float64],
+) -> None:
+    """Adds every cell as two visual prisms: the foam, and on it the cell in its colour."""
+    _add_prism(spec, "skin_foam", _GAP * side_m, thickness_m - _PLATE_M)
+    _add_prism(spec, "skin_cell", _GAP * side_m, _PLATE_M)
+    row = 0
+    for patch in patches:
+        owner = spec.body(patch.body)
+        for position_m, R_body_cell in zip(patch.position_m, patch.R_body_cell, strict=True):
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, R_body_cell.ravel())
+            lift_m = (thickness_m - _PLATE_M) * R_body_cell[:, 2]
+            for mesh, at_m, rgba in (
+                ("skin_foam", position_m, _FOAM_RGBA),
+                ("skin_cell", position_m + lift_m, colours[row]),
+            ):
+                owner.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_MESH,
+                    meshname=mesh,
+                    pos=at_m,
+                    quat=quaternion,
+                    rgba=rgba,
+                    contype=0,
+                    conaffinity=0,
+                    density=0.0,
+                )
+            row += 1
+
+
+def _add_prism(spec: mujoco.MjSpec, name: str, side_m: float, height_m: float) -> None:
+    rim = hexagon_m(side_m)
+    vertices = [[x, y, z] for z in (0.0, height_m) for x, y in rim]
+    spec.add_mesh(name=name, uservert=np.array(vertices).ravel())
+
+
+if __name__ == "__main__":
+    _draw(msgspec.json.decode(sys.stdin.buffer.read(), type=_Request))

@@ -1,0 +1,187 @@
+"""The solids that skin can feel, and which of them each patch may feel."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body import geometry
+from skinnet.body.surface import Surface
+from skinnet.compiled import compiled
+from skinnet.errors import ModelError
+
+__all__ = ["Motion", "Scene", "motion_of", "ray_m", "scene_of", "within"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_SHAPES = (
+    geometry.PLANE,
+    geometry.SPHERE,
+    geometry.CAPSULE,
+    geometry.ELLIPSOID,
+    geometry.CYLINDER,
+    geometry.BOX,
+    geometry.MESH,
+)
+
+
+class Scene(NamedTuple):
+    """Solids: the geoms of the model that take part in contacts (visual ones cannot be felt).
+
+    Attributes:
+        geom: (k,) ids of the geoms.
+        kind: (k,) their shapes, MuJoCo's numbers.
+        size_m: (k, 3) their sizes [m].
+        body: (k,) ids of the bodies that they belong to.
+        bound_m: (k,) radius of a ball around each, 0 for planes [m].
+        first: (k,) first triangle of each mesh.
+        last: (k,) one past its last.
+        triangles_m: (t, 3, 3) corners of the triangles of all meshes, frames of the geoms [m].
+        felt: (p, k) may a patch feel the solid? Not on its own body or the one it is jointed to.
+    """
+
+    geom: Indices
+    kind: Indices
+    size_m: Floats
+    body: Indices
+    bound_m: Floats
+    first: Indices
+    last: Indices
+    triangles_m: Floats
+    felt: NDArray[np.bool_]
+
+
+class Motion(NamedTuple):
+    """MuJoCo's own arrays, read in place: poses and spatial velocities at the present time.
+
+    Attributes:
+        xpos: (nbody, 3) origins of the bodies [m], world.
+        xmat: (nbody, 9) rotations of the bodies.
+        xipos: (nbody, 3) centres of mass of the bodies [m], world.
+        geom_xpos: (ngeom, 3) origins of the geoms [m], world.
+        geom_xmat: (ngeom, 9) rotations of the geoms.
+        cvel: (nbody, 6) angular and linear velocity at `centre_m` of the body's root, world.
+        centre_m: (nbody, 3) centres of mass of the subtrees [m], world.
+        root: (nbody,) ids of the roots of the bodies' trees.
+    """
+
+    xpos: Floats
+    xmat: Floats
+    xipos: Floats
+    geom_xpos: Floats
+    geom_xmat: Floats
+    cvel: Floats
+    centre_m: Floats
+    root: NDArray[np.int32]
+
+
+def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
+    """Views of the arrays of `data`."""
+    return Motion(
+        xpos=data.xpos,
+        xmat=data.xmat,
+        xipos=data.xipos,
+        geom_xpos=data.geom_xpos,
+        geom_xmat=data.geom_xmat,
+        cvel=data.cvel,
+        centre_m=data.subtree_com,
+        root=mj.body_rootid,
+    )
+
+
+def scene_of(mj: mujoco.MjModel, surface: Surface) -> Scene:
+    """Collects the solids of `mj`.
+
+    Raises:
+        ModelError: a contact geom is a height field or a signed distance field.
+    """
+    geom = np.flatnonzero((mj.geom_contype != 0) | (mj.geom_conaffinity != 0)).astype(np.int64)
+    for index in geom:
+        if mj.geom_type[index] not in _SHAPES:
+            kind = mujoco.mjtGeom(mj.geom_type[index]).name.removeprefix("mjGEOM_").lower()
+            name = mj.geom(index).name or f"number {index}"
+            raise ModelError(
+                f'geom "{name}" is of type {kind}, which skin cannot feel; make it visual '
+                "(contype and conaffinity 0) or use primitives or a mesh"
+            )
+    triangles: list[Floats] = []
+    first, last = np.zeros_like(geom), np.zeros_like(geom)
+    for k, index in enumerate(geom):
+        if mj.geom_type[index] == geometry.MESH:
+            triangles.append(_mesh_triangles_m(mj, int(mj.geom_dataid[index])))
+            last[k] = sum(len(mesh) for mesh in triangles)
+            first[k] = last[k] - len(triangles[-1])
+    owner = mj.geom_bodyid[geom].astype(np.int64)
+    return Scene(
+        geom=geom,
+        kind=mj.geom_type[geom].astype(np.int64),
+        size_m=mj.geom_size[geom].copy(),
+        body=owner,
+        bound_m=mj.geom_rbound[geom].copy(),
+        first=first,
+        last=last,
+        triangles_m=np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)),
+        felt=np.array([[_can_feel(mj, int(a), int(b)) for b in owner] for a in surface.patch_body]),
+    )
+
+
+def _mesh_triangles_m(mj: mujoco.MjModel, mesh: int) -> Floats:
+    vertices = mj.mesh_vert[mj.mesh_vertadr[mesh] :][: mj.mesh_vertnum[mesh]]
+    faces = mj.mesh_face[mj.mesh_faceadr[mesh] :][: mj.mesh_facenum[mesh]]
+    triangles: Floats = vertices[faces].astype(np.float64)
+    return triangles
+
+
+def _can_feel(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
+    """Not itself, what is welded to it, or the neighbour across one joint: they always touch.
+
+    What is welded to the world is one group to MuJoCo; skin on a fixed body must still feel a fixed table, so
+    there only the body itself and its direct parent and children count.
+    """
+    group, other_group = int(mj.body_weldid[skin_body]), int(mj.body_weldid[other])
+    if group == 0 and other_group == 0:
+        related = (skin_body, int(mj.body_parentid[skin_body]) or skin_body)
+        return not (other in related or (other != 0 and mj.body_parentid[other] == skin_body))
+    if group == other_group:
+        return False
+    if group == 0 or other_group == 0:
+        return True  # as in MuJoCo: the world is nobody's neighbour
+    up, other_up = (int(mj.body_weldid[mj.body_parentid[g]]) for g in (group, other_group))
+    return up != other_group and other_up != group
+
+
+@compiled
+def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, radius_m: float) -> bool:
+    """Whether solid `k` may reach into the ball of `radius_m` around (x, y, z) [m]; False is certain."""
+    g = scene.geom[k]
+    dx, dy, dz = x - motion.geom_xpos[g, 0], y - motion.geom_xpos[g, 1], z - motion.geom_xpos[g, 2]
+    if scene.kind[k] == geometry.PLANE:
+        axes = motion.geom_xmat[g]
+        return bool(dx * axes[2] + dy * axes[5] + dz * axes[8] <= radius_m)
+    reach = radius_m + scene.bound_m[k]
+    return bool(dx * dx + dy * dy + dz * dz <= reach * reach)
+
+
+@compiled
+def ray_m(
+    scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
+) -> float:
+    """Distance [m] from (x, y, z) along the unit vector (u, v, w), world, to solid `k`; see `geometry`."""
+    g = scene.geom[k]
+    axes = motion.geom_xmat[g]
+    x, y, z = x - motion.geom_xpos[g, 0], y - motion.geom_xpos[g, 1], z - motion.geom_xpos[g, 2]
+    return geometry.entry_m(
+        scene.kind[k],
+        scene.size_m[k],
+        scene.triangles_m,
+        scene.first[k],
+        scene.last[k],
+        axes[0] * x + axes[3] * y + axes[6] * z,
+        axes[1] * x + axes[4] * y + axes[7] * z,
+        axes[2] * x + axes[5] * y + axes[8] * z,
+        axes[0] * u + axes[3] * v + axes[6] * w,
+        axes[1] * u + axes[4] * v + axes[7] * w,
+        axes[2] * u + axes[5] * v + axes[8] * w,
+    )

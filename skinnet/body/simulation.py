@@ -1,0 +1,176 @@
+"""The body without its process: physics, skin, servos and teacher, stepped from one time to another."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.actuation import Actuation
+from skinnet.body.foundation import Foundation, foam_of
+from skinnet.body.model import load_model, resting_targets_rad
+from skinnet.body.scene import motion_of, scene_of
+from skinnet.body.stimulus import StimulusSampler
+from skinnet.body.surface import skin_surface
+from skinnet.body.sway import Sway
+from skinnet.body.teacher import Teacher
+from skinnet.body.truth import CrossingTruth, distance_thresholds_m, force_thresholds_n
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.schema import Deployment
+from skinnet.errors import ModelError
+from skinnet.skin.placement import place
+
+__all__ = ["Body"]
+
+_SEEN_BEYOND_REACH = 1.5
+"""The proximity law is smooth, so what lies a little beyond the sensor's nominal reach still counts."""
+
+
+class Body:
+    """A robot with skin in its world.
+
+    Everything that happens depends on the deployment, its seed and the calls made, and on nothing else; how
+    often stimulus and joints are read changes nothing.
+
+    Attributes:
+        t_ns: Present time [ns].
+        model: The compiled model.
+        data: MuJoCo's state; read it, do not write it.
+        patches: Where the cells of each patch are.
+        surface: All cells, on the bodies that carry them.
+        cells: Rows of each patch's cells in the stimulus, by the name of the patch.
+        actuation: The control interface.
+        teacher: The finger, and what its touches really were.
+        crossings: Ground truth of forces and distances that crossed the event levels.
+    """
+
+    def __init__(self, deployment: Deployment, base_dir: Path) -> None:
+        """Builds the body and puts it into its home pose at time 0.
+
+        Raises:
+            ModelError: the model does not compile or lacks something.
+            DeploymentError: the deployment contradicts itself or the model.
+        """
+        spec, teacher = deployment.body, deployment.teacher
+        self.t_ns = 0
+        self.model = load_model(spec, base_dir, teacher.tip_radius_m, teacher.temperature_c)
+        self.patches = [place(patch, deployment.cells) for patch in deployment.patches]
+        self.surface = skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
+        bounds = self.surface.patch_start.tolist()
+        self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}
+
+        self._step_ns = spec.physics_ns
+        self._step_s = spec.physics_ns / NS_PER_S
+        self._sway = Sway(spec.sway, deployment.seed)
+        self.data = self._at_home()
+        resting_rad = resting_targets_rad(self.data, self.model.sway_actuator)
+        self._upright_rad = resting_rad - self._sway.offsets_rad(0)
+        self.data.ctrl[self.model.sway_actuator] = resting_rad
+        self.actuation = Actuation(self.model, self.data, spec.servo)
+        self._foundation = Foundation(
+            self.surface,
+            scene_of(self.model.mj, self.surface),
+            foam_of(spec.foam),
+            motion_of(self.model.mj, self.data),
+            self.model.temperature_c,
+            self.data.xfrc_applied,
+        )
+        self.teacher = Teacher(
+            self.data, self.model.finger, self._foundation, teacher, self.cells, deployment.cells
+        )
+        proximity = deployment.cells.proximity
+        reach_m = _SEEN_BEYOND_REACH * proximity.reach_m
+        self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
+        self.crossings = CrossingTruth(
+            force_thresholds_n(deployment.cells.force), distance_thresholds_m(proximity)
+        )
+        self._evaluated = False
+        self._stimulus: NDArray[np.float64] | None = None
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of controlled joints."""
+        return len(self.model.joint)
+
+    @property
+    def thickness_m(self) -> float:
+        """Thickness of the foam between the rigid surface and the cells [m]."""
+        return self._foundation.foam.thickness_m
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of all patches."""
+        return len(self.surface.body)
+
+    def set_command(self, velocity_rad_s: Sequence[float] | NDArray[np.float64]) -> bool:
+        """Velocity command (D,) [rad/s], in force from now on; returns whether it was accepted."""
+        return self.actuation.command(velocity_rad_s)
+
+    def begin_stage(self, name: str) -> None:
+        """The controller's program is in stage `name` from now on."""
+        self.teacher.begin_stage(name, self.t_ns)
+
+    def advance(self, until_ns: int) -> None:
+        """Steps to `until_ns`, a whole number of physics steps away.
+
+        Raises:
+            ModelError: the simulation blew up.
+        """
+        assert (until_ns - self.t_ns) % self._step_ns == 0
+        while self.t_ns < until_ns:
+            self._evaluate()
+            self._integrate()
+        if not np.isfinite(self.data.qacc).all() or not np.isfinite(self.data.qpos).all():
+            raise ModelError(
+                f"the simulation became unstable before t = {self.t_ns / NS_PER_S:.3f} s; "
+                "take a shorter body.physics_ms, softer servos or softer foam"
+            )
+
+    def stimulus(self) -> NDArray[np.float64]:
+        """What all cells feel now: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
+        if self._stimulus is None:
+            self._evaluate()
+            self._stimulus = self._sampler.sample()
+            self.crossings.see_stimulus(self.t_ns, self._stimulus)
+        return self._stimulus.copy()
+
+    def joints(self) -> NDArray[np.float64]:
+        """Positions (D,) of the controlled joints now [rad], a copy."""
+        positions: NDArray[np.float64] = self.data.qpos[self.model.qpos]
+        return positions
+
+    def _at_home(self) -> mujoco.MjData:
+        data = mujoco.MjData(self.model.mj)
+        data.qpos[:] = self.model.home_qpos
+        data.qpos[self.model.sway_qpos] += self._sway.offsets_rad(0)
+        mujoco.mj_forward(self.model.mj, data)
+        return data
+
+    def _evaluate(self) -> None:
+        """Poses, contact forces and accelerations at the present time; once per time."""
+        if self._evaluated:
+            return
+        mj, data = self.model.mj, self.data
+        mujoco.mj_fwdPosition(mj, data)
+        mujoco.mj_fwdVelocity(mj, data)
+        self.teacher.tell_velocity()
+        self._foundation.press(self._step_s)
+        self.crossings.see_forces(
+            self.t_ns, self._step_ns, self._foundation.pressed.force_n, self._foundation.touching > 0
+        )
+        mujoco.mj_fwdActuation(mj, data)
+        mujoco.mj_fwdAcceleration(mj, data)
+        mujoco.mj_fwdConstraint(mj, data)
+        self._evaluated = True
+
+    def _integrate(self) -> None:
+        """One physics step from the present time, with the commands in force."""
+        next_ns = self.t_ns + self._step_ns
+        self.teacher.step(self.t_ns, self._step_ns)
+        mujoco.mj_implicit(self.model.mj, self.data)
+        self.actuation.advance(self._step_s)
+        self.data.ctrl[self.model.sway_actuator] = self._upright_rad + self._sway.offsets_rad(next_ns)
+        self.t_ns = next_ns
+        self._evaluated = False
+        self._stimulus = None

@@ -1,0 +1,134 @@
+"""What every cell senses of the body at one instant: the columns of `STIMULUS_NAMES`."""
+
+import math
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.foundation import Foundation, Pressed
+from skinnet.body.points import axis, lifted, near_patch, velocity
+from skinnet.body.scene import Motion, Scene, ray_m, within
+from skinnet.body.surface import Surface
+from skinnet.compiled import compiled
+from skinnet.messages import STIMULUS_NAMES
+
+__all__ = ["StimulusSampler"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class StimulusSampler:
+    """Reads the stimulus of all cells off a simulation whose accelerations are up to date.
+
+    Attributes:
+        mj: MuJoCo's model.
+        data: Its state.
+        foundation: The foam, pressed at the same instant.
+        reach_m: Nothing farther than this above the face of the foam is seen [m].
+    """
+
+    mj: mujoco.MjModel
+    data: mujoco.MjData
+    foundation: Foundation
+    reach_m: float
+    _near: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._near = np.zeros(max(1, len(self.foundation.scene.geom)), dtype=np.int64)
+
+    def sample(self) -> Floats:
+        """Stimulus (n, 8) in `STIMULUS_NAMES` order, frames of the cells.
+
+        Forces [N] are those of the foundation. The distance [m] is measured from the face of the foam along
+        the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face: the cell sits
+        on its foam. The temperature [°C] is that of what touches the cell, else of the body that carries it.
+        """
+        mujoco.mj_rnePostConstraint(self.mj, self.data)
+        stimulus = np.empty((len(self.foundation.surface.body), len(STIMULUS_NAMES)))
+        _sample(
+            self.foundation.surface,
+            self.foundation.scene,
+            self.foundation.motion,
+            self.data.cacc,
+            self.foundation.pressed,
+            self.foundation.temperature_c,
+            self.foundation.foam.thickness_m,
+            self.reach_m,
+            self._near,
+            stimulus,
+        )
+        return stimulus
+
+
+@compiled
+def _sample(
+    surface: Surface,
+    scene: Scene,
+    motion: Motion,
+    cacc: Floats,
+    pressed: Pressed,
+    temperature_c: Floats,
+    thickness_m: float,
+    reach_m: float,
+    near: NDArray[np.int64],
+    stimulus: Floats,
+) -> None:
+    for p in range(len(surface.patch_body)):
+        n_near = near_patch(surface, scene, motion, p, thickness_m + reach_m, near)
+        for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
+            for element in range(3):
+                stimulus[i, element] = pressed.force_n[i, element]
+            x, y, z = lifted(surface, motion, i, thickness_m)
+            stimulus[i, 3] = _distance_m(surface, scene, motion, i, x, y, z, reach_m, near, n_near)
+            ax, ay, az = _acceleration(motion, cacc, surface.body[i], x, y, z)
+            for column in range(3):
+                u, v, w = axis(surface, motion, i, column)
+                stimulus[i, 4 + column] = ax * u + ay * v + az * w
+            touch_c = pressed.touch_c[i]
+            stimulus[i, 7] = temperature_c[surface.body[i]] if math.isnan(touch_c) else touch_c
+
+
+@compiled
+def _distance_m(
+    surface: Surface,
+    scene: Scene,
+    motion: Motion,
+    i: int,
+    x: float,
+    y: float,
+    z: float,
+    reach_m: float,
+    near: NDArray[np.int64],
+    n_near: int,
+) -> float:
+    """Distance [m] from the face of cell `i` at (x, y, z) to what lies along its normal; inf beyond reach."""
+    u, v, w = axis(surface, motion, i, 2)
+    nearest_m = math.inf
+    middle_m = 0.5 * reach_m
+    mx, my, mz = x + middle_m * u, y + middle_m * v, z + middle_m * w
+    for j in range(n_near):
+        if within(scene, motion, near[j], mx, my, mz, middle_m):
+            nearest_m = min(nearest_m, ray_m(scene, motion, near[j], x, y, z, u, v, w))
+    return nearest_m if nearest_m <= reach_m else math.inf
+
+
+@compiled
+def _acceleration(
+    motion: Motion, cacc: Floats, b: int, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Proper acceleration [m/s²] of the point (x, y, z) of body `b`, world.
+
+    MuJoCo's `cacc` is a spatial acceleration at the tree's centre of mass that already holds −g; the material
+    point adds α × r and ω × v (Featherstone, Rigid Body Dynamics Algorithms, 2008, eq. 2.48).
+    """
+    centre, twist, rate = motion.centre_m[motion.root[b]], motion.cvel[b], cacc[b]
+    rx, ry, rz = x - centre[0], y - centre[1], z - centre[2]
+    vx, vy, vz = velocity(motion, b, x, y, z)
+    return (
+        rate[3] + rate[1] * rz - rate[2] * ry + twist[1] * vz - twist[2] * vy,
+        rate[4] + rate[2] * rx - rate[0] * rz + twist[2] * vx - twist[0] * vz,
+        rate[5] + rate[0] * ry - rate[1] * rx + twist[0] * vy - twist[1] * vx,
+    )

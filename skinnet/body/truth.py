@@ -1,0 +1,147 @@
+"""Ground truth that no cell and no controller ever sees: when forces really rose and things came near."""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.deployment.schema import ForceSpec, ProximitySpec
+from skinnet.messages import STIMULUS_NAMES, Modality
+
+__all__ = ["Crossing", "CrossingTruth", "TouchTruth", "distance_thresholds_m", "force_thresholds_n"]
+
+Floats = NDArray[np.float64]
+
+_DISTANCE = STIMULUS_NAMES.index("distance_m")
+
+
+class Crossing(NamedTuple):
+    """A threshold was crossed towards more contact.
+
+    Attributes:
+        t_ns: When [ns], interpolated between two physics steps (force) or stimulus frames (proximity).
+        cell: Row of the cell.
+        modality: FORCE or PROXIMITY.
+        channel: Force cell, or 0.
+        level: Which threshold, counted from 1 for the lowest, as the levels of events are.
+    """
+
+    t_ns: int
+    cell: int
+    modality: Modality
+    channel: int
+    level: int
+
+
+@dataclass
+class CrossingTruth:
+    """Watches force and distance of all cells for upward crossings of thresholds.
+
+    Attributes:
+        force_n: (l,) ascending thresholds of the normal force of a force cell [N].
+        distance_m: (m,) descending thresholds of the distance [m]: coming nearer crosses them.
+        crossings: What happened so far, in the order of its detection.
+    """
+
+    force_n: Floats
+    distance_m: Floats
+    crossings: list[Crossing] = field(default_factory=list)
+    _force_before: Floats | None = None
+    _distance_before: Floats | None = None
+    _distance_ns: int = 0
+    _quiet: bool = True
+
+    def see_forces(self, t_ns: int, step_ns: int, force_n: Floats, touching: bool) -> None:
+        """Forces (n, 3) [N] at `t_ns`, one physics step after the last call; `touching`: is there any."""
+        if self._quiet and not touching:
+            return
+        if self._force_before is None:
+            self._force_before = np.zeros_like(force_n)
+        before = self._force_before
+        if not np.array_equal(before, force_n):
+            self._find(t_ns, step_ns, before, force_n, self.force_n, Modality.FORCE)
+            before[:] = force_n
+        self._quiet = not touching
+
+    def see_stimulus(self, t_ns: int, stimulus: Floats) -> None:
+        """Stimulus (n, 8) at `t_ns`, later than the last one."""
+        nearness = -stimulus[:, _DISTANCE : _DISTANCE + 1]
+        if self._distance_before is not None:
+            step_ns = t_ns - self._distance_ns
+            self._find(t_ns, step_ns, self._distance_before, nearness, -self.distance_m, Modality.PROXIMITY)
+        self._distance_before, self._distance_ns = nearness, t_ns
+
+    def _find(
+        self, t_ns: int, step_ns: int, before: Floats, now: Floats, thresholds: Floats, modality: Modality
+    ) -> None:
+        rises = (before[:, :, None] < thresholds) & (now[:, :, None] >= thresholds)
+        for cell, channel, index in np.argwhere(rises).tolist():
+            low, high = before[cell, channel], now[cell, channel]
+            share = (thresholds[index] - low) / (high - low) if math.isfinite(low) else 1.0
+            start_ns = t_ns - step_ns
+            self.crossings.append(
+                Crossing(start_ns + round(share * step_ns), cell, modality, channel, index + 1)
+            )
+
+
+def force_thresholds_n(spec: ForceSpec) -> Floats:
+    """Forces (l,) [N] at which a force cell without noise reads the levels of Table I [M14]."""
+    thresholds: Floats = np.interp(spec.levels, spec.calibration_reading, spec.calibration_n)
+    return thresholds
+
+
+def distance_thresholds_m(spec: ProximitySpec) -> Floats:
+    """Distances (m,) [m] at which a proximity sensor without noise reads the levels of Table I [M14].
+
+    The inverse of the law (d0 / (d0 + distance))² that `ProximitySpec` states.
+    """
+    root_at_reach = math.sqrt(spec.reading_at_reach)
+    d0_m = spec.reach_m * root_at_reach / (1.0 - root_at_reach)
+    thresholds: Floats = d0_m * (1.0 / np.sqrt(np.array(spec.levels)) - 1.0)
+    return thresholds
+
+
+@dataclass
+class TouchTruth:
+    """What a touch of the teacher really was.
+
+    Attributes:
+        touch: Index in the deployment's list of touches.
+        cell: Name of the cell aimed at, as the deployment gives it.
+        stage: Stage of the program in which it happened.
+        begin_ns: The finger appeared.
+        contact_ns: First force on the finger; None when it never touched.
+        hold_ns: It began to hold; None when it never came so far.
+        end_ns: It was gone again; None while it lasts.
+        peak_n: Largest normal force on the finger [N].
+        aimed_peak_n: Largest normal force on what it aimed at: a force cell, or everything [N].
+        held_n: Mean of that force while it held [N]; NaN when it did not.
+        impulse_n_s: Normal force on the finger, integrated over time [N s].
+    """
+
+    touch: int
+    cell: str
+    stage: str
+    begin_ns: int
+    contact_ns: int | None = None
+    hold_ns: int | None = None
+    end_ns: int | None = None
+    peak_n: float = 0.0
+    aimed_peak_n: float = 0.0
+    held_n: float = math.nan
+    impulse_n_s: float = 0.0
+    _held_steps: int = 0
+
+    def observe(self, t_ns: int, step_s: float, finger_n: float, aimed_n: float, holds: bool) -> None:
+        """Takes in one physics step: force on the finger and on what it aims at [N]."""
+        if finger_n > 0.0 and self.contact_ns is None:
+            self.contact_ns = t_ns
+        self.peak_n = max(self.peak_n, finger_n)
+        self.aimed_peak_n = max(self.aimed_peak_n, aimed_n)
+        self.impulse_n_s += finger_n * step_s
+        if holds:
+            mean_n = 0.0 if self._held_steps == 0 else self.held_n
+            self._held_steps += 1
+            self.held_n = mean_n + (aimed_n - mean_n) / self._held_steps

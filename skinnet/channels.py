@@ -1,0 +1,122 @@
+"""The channel table, and the only builder and parser of key expressions.
+
+All keys begin with `skinnet/<robot>/`. The table says who sends what to whom and how often; the launcher's
+subscriptions, `skinnet check` and the documentation are made from it.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from skinnet.errors import ProtocolError
+from skinnet.messages import (
+    Command,
+    Config,
+    ControllerState,
+    Events,
+    Joints,
+    Message,
+    SkinFrame,
+    Stimulus,
+    Stream,
+    Topology,
+)
+
+__all__ = ["ALIVE", "CHANNELS", "Channel", "Keys", "Role", "channel"]
+
+
+class Role(Enum):
+    """Who takes part in a run."""
+
+    BODY = "body"
+    CELLS = "cells"
+    CONTROLLER = "controller"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One row of the table.
+
+    Attributes:
+        name: Name of the channel in code.
+        pattern: Key below `skinnet/<robot>/`; `<field>` stands for one segment.
+        message: Type of its messages.
+        sender: Role that sends.
+        receivers: Roles that need every message.
+        period: When a message is sent.
+        public: Whether watchers get best-effort copies; the newest topology and state also answer queries.
+    """
+
+    name: str
+    pattern: str
+    message: type[Message]
+    sender: Role
+    receivers: tuple[Role, ...]
+    period: str
+    public: bool = True
+
+
+CHANNELS = (
+    Channel("stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", public=False),
+    Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
+    Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY, Role.CELLS), "control"),
+    Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
+    Channel("bundle", "skin/<patch>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
+    Channel("stream", "skin/<patch>/stream", Stream, Role.CELLS, (Role.CONTROLLER,), "on request"),
+    Channel("frame", "skin/<patch>/frame", SkinFrame, Role.CELLS, (Role.CONTROLLER,), "cells"),
+    Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
+    Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
+    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "10 Hz, wall clock"),
+)
+"""Rows in the order of a touch on its way round."""
+
+ALIVE = "alive"
+_BY_NAME = {row.name: row for row in CHANNELS}
+_BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
+for _row in CHANNELS:
+    _parts = _row.pattern.split("/")
+    _fields = tuple(i for i, part in enumerate(_parts) if part.startswith("<"))
+    _BY_SHAPE[tuple(None if i in _fields else part for i, part in enumerate(_parts))] = (_row, _fields)
+
+
+def channel(name: str) -> Channel:
+    """Row of the table by its name."""
+    return _BY_NAME[name]
+
+
+class Keys:
+    """Builds and parses the keys of one robot."""
+
+    def __init__(self, robot: str) -> None:
+        self.prefix = f"skinnet/{robot}/"
+        self._parsed: dict[str, tuple[Channel, tuple[str, ...]]] = {}
+
+    def of(self, name: str, *fields: str | int) -> str:
+        """Key of channel `name` with its fields filled in; "*" and "**" make it an expression."""
+        parts = _BY_NAME[name].pattern.split("/")
+        values = iter(fields)
+        return self.prefix + "/".join(str(next(values)) if p.startswith("<") else p for p in parts)
+
+    def alive(self, role: Role | str, name: str) -> str:
+        """Key of a liveliness token; "*" stands for any."""
+        return f"{self.prefix}{ALIVE}/{role.value if isinstance(role, Role) else role}/{name}"
+
+    def parse(self, key: str) -> tuple[Channel, tuple[str, ...]]:
+        """Channel and field values of `key`.
+
+        Raises:
+            ProtocolError: no channel has this key.
+        """
+        known = self._parsed.get(key)
+        if known is not None:
+            return known
+        parts = key.removeprefix(self.prefix).split("/")
+        if key.startswith(self.prefix):
+            for shape, (row, fields) in _BY_SHAPE.items():
+                if len(shape) == len(parts) and all(
+                    s in (None, p) for s, p in zip(shape, parts, strict=True)
+                ):
+                    parsed = row, tuple(parts[i] for i in fields)
+                    if len(self._parsed) < 100_000:  # a stranger may invent keys without end
+                        self._parsed[key] = parsed
+                    return parsed
+        raise ProtocolError(f"key {key}: no channel of this robot")

@@ -1,0 +1,148 @@
+"""Checks across the keys of a deployment that need no model: periods, processes, names, stages."""
+
+import itertools
+import math
+from collections import Counter
+
+from skinnet.deployment.schema import CellSpec, Deployment
+from skinnet.errors import DeploymentError
+
+__all__ = ["check"]
+
+
+def check(deployment: Deployment) -> None:
+    """Raises DeploymentError with key, value and what is allowed if the parts do not fit together."""
+    _check_periods(deployment)
+    _check_patches(deployment)
+    _check_hosts(deployment)
+    _check_sensors(deployment.cells)
+    _check_program(deployment)
+    _check_touches(deployment)
+
+
+def _check_periods(deployment: Deployment) -> None:
+    body, control = deployment.body, deployment.controller
+    for key, value_ns in (
+        ("body.stimulus_ms", body.stimulus_ns),
+        ("body.joints_ms", body.joints_ns),
+        ("controller.period_ms", control.period_ns),
+        ("controller.command_delay_ms", control.command_delay_ns),
+    ):
+        if body.physics_ns == 0 or value_ns % body.physics_ns or value_ns == 0:
+            raise DeploymentError(
+                f"{key} = {value_ns / 1e6:g}: must be a whole multiple of "
+                f"body.physics_ms = {body.physics_ms:g}"
+            )
+    if deployment.cells.period_ns != body.stimulus_ns:
+        raise DeploymentError(
+            f"cells.period_ms = {deployment.cells.period_ms:g}: cells sample once per stimulus frame; "
+            f"set it and body.stimulus_ms = {body.stimulus_ms:g} alike"
+        )
+    if body.joints_ns != control.period_ns:
+        raise DeploymentError(
+            f"controller.period_ms = {control.period_ms:g}: the controller ticks with the joint feedback; "
+            f"set it and body.joints_ms = {body.joints_ms:g} alike"
+        )
+    lag_ns = body.stimulus_ns - math.gcd(body.stimulus_ns, control.period_ns)
+    if control.command_delay_ns < lag_ns:
+        raise DeploymentError(
+            f"controller.command_delay_ms = {control.command_delay_ns / 1e6:g}: body and controller would "
+            f"wait for each other; at least {lag_ns / 1e6:g} with these periods"
+        )
+
+
+def _check_patches(deployment: Deployment) -> None:
+    names = Counter(patch.name for patch in deployment.patches)
+    for name, count in names.items():
+        if count > 1:
+            raise DeploymentError(f"patches: the name {name} stands {count} times; every patch needs its own")
+
+
+def _check_hosts(deployment: Deployment) -> None:
+    hosts = deployment.hosts
+    if isinstance(hosts, int) and hosts < 1:
+        raise DeploymentError(f'hosts = {hosts}: at least 1, or "per_patch", or a table of patches by host')
+    names = [patch.name for patch in deployment.patches]
+    placed: dict[str, str] = {}
+    for host, patches in deployment.host_patches().items():
+        if host in ("body", "controller"):
+            raise DeploymentError(f"hosts.{host}: that name belongs to another process; choose another")
+        if not patches:
+            raise DeploymentError(f"hosts.{host}: has no patches; leave it out")
+        for patch in patches:
+            if patch not in names:
+                raise DeploymentError(f"hosts.{host}: unknown patch {patch!r}; there are {', '.join(names)}")
+            if patch in placed:
+                raise DeploymentError(f"hosts.{host}: patch {patch} already runs on {placed[patch]}")
+            placed[patch] = host
+    left = [name for name in names if name not in placed]
+    if left:
+        raise DeploymentError(f"hosts: no host runs {', '.join(left)}")
+    known = {"body", "cells", "controller", *deployment.host_patches()}
+    for name in deployment.run.may_be_lost:
+        if name not in known:
+            raise DeploymentError(
+                f"run.may_be_lost: unknown process {name!r}; there are {', '.join(sorted(known))}"
+            )
+        if name == "body":
+            raise DeploymentError("run.may_be_lost: nothing is left to simulate without the body")
+
+
+def _check_sensors(cells: CellSpec) -> None:
+    force = cells.force
+    ascending = (
+        ("force.calibration_n", force.calibration_n),
+        ("force.calibration_reading", force.calibration_reading),
+        ("force.levels", force.levels),
+        ("proximity.levels", cells.proximity.levels),
+    )
+    for key, values in ascending:
+        if any(not b > a for a, b in itertools.pairwise(values)) or not values:
+            raise DeploymentError(f"cells.{key} = {list(values)}: must ascend strictly")
+    if len(force.calibration_n) != len(force.calibration_reading) or len(force.calibration_n) < 2:
+        raise DeploymentError(
+            f"cells.force.calibration_reading has {len(force.calibration_reading)} points, calibration_n has "
+            f"{len(force.calibration_n)}; give at least two, and equally many"
+        )
+    if not 0.0 < cells.proximity.reading_at_reach < 1.0:
+        raise DeploymentError(
+            f"cells.proximity.reading_at_reach = {cells.proximity.reading_at_reach:g}: between 0 and 1"
+        )
+
+
+def _check_program(deployment: Deployment) -> None:
+    control = deployment.controller
+    n_dofs = len(deployment.body.joints)
+    for key, pose in control.poses_rad.items():
+        if len(pose) != n_dofs:
+            raise DeploymentError(f"controller.poses_rad.{key}: has {len(pose)} angles for {n_dofs} joints")
+    mapped = False
+    for name in control.program:
+        stage = control.stages.get(name)
+        key = f"controller.stages.{name}"
+        if stage is None:
+            known = ", ".join(control.stages)
+            raise DeploymentError(f"controller.program: unknown stage {name!r}; there are {known or 'none'}")
+        mapped |= stage.kind == "map"
+        if stage.kind == "guide" and not mapped:
+            raise DeploymentError(f"{key}: guidance needs a sensory-motor map; put a map stage before it")
+        if stage.kind == "guide" and stage.duration_s is None:
+            raise DeploymentError(f"{key}.duration_s: a guide stage needs its duration")
+        if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
+            known = ", ".join(["home", *control.poses_rad])
+            raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; there are {known}")
+
+
+def _check_touches(deployment: Deployment) -> None:
+    names = {patch.name for patch in deployment.patches}
+    for index, touch in enumerate(deployment.teacher.touches):
+        key = f"teacher.touches[{index}]"
+        if (touch.depth_m is None) == (touch.force_n is None):
+            raise DeploymentError(f"{key}: give either depth_m or force_n")
+        if touch.stage not in deployment.controller.stages:
+            known = ", ".join(deployment.controller.stages)
+            raise DeploymentError(f"{key}.stage = {touch.stage!r}: unknown stage; there are {known}")
+        if touch.cell.split("/")[0] not in names:
+            raise DeploymentError(
+                f"{key}.cell = {touch.cell!r}: unknown patch; there are {', '.join(sorted(names))}"
+            )

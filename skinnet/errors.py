@@ -1,0 +1,50 @@
+"""The exception tree.
+
+    SkinnetError
+    ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
+    ├── ModelError          an MJCF model does not compile or lacks something that was named
+    ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
+    ├── PortInUseError      the endpoint to listen on is taken
+    ├── UpstreamLostError   a process that this one needs is gone
+    └── ProcessFailedError  a process of the run ended with an error
+
+A bug of ours is an AssertionError or an ordinary Python exception, never one of these.
+"""
+
+__all__ = [
+    "DeploymentError",
+    "ModelError",
+    "PortInUseError",
+    "ProcessFailedError",
+    "ProtocolError",
+    "SkinnetError",
+    "UpstreamLostError",
+]
+
+
+class SkinnetError(Exception):
+    """Root of all errors that a user or a peer can cause; its text is one clear line."""
+
+
+class DeploymentError(SkinnetError):
+    """A deployment does not hold; the text names file, key, value, what is allowed, what to do."""
+
+
+class ModelError(SkinnetError):
+    """An MJCF model does not compile, or does not have what a deployment names."""
+
+
+class ProtocolError(SkinnetError):
+    """A message that does not decode, has another schema version, or names what does not exist."""
+
+
+class PortInUseError(SkinnetError):
+    """The endpoint to listen on is already taken."""
+
+
+class UpstreamLostError(SkinnetError):
+    """A process whose frames this one cannot do without is gone or silent."""
+
+
+class ProcessFailedError(SkinnetError):
+    """A process of the run ended with an error; the text names it and carries its last lines."""

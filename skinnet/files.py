@@ -1,0 +1,40 @@
+"""Files that a kill leaves whole: the old one or the new one, never half of one."""
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+
+__all__ = ["replacing", "write_bytes", "write_json"]
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A binary file that takes the place of `path` when the block ends without an error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes `content` to `path` as a whole."""
+    with replacing(path) as file:
+        file.write(content)
+
+
+def write_json(path: Path, value: Any, enc_hook: Callable[[Any], Any] | None = None) -> None:
+    """Writes `value` to `path` as indented JSON."""
+    text = msgspec.json.format(msgspec.json.encode(value, enc_hook=enc_hook), indent=2)
+    write_bytes(path, text + b"\n")

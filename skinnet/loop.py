@@ -1,0 +1,189 @@
+"""The one period loop that body, cells and controller all run.
+
+A node says which source it needs up to which time before it can compute its next period. The loop takes in
+messages until every source that is still alive has covered that time, lets the node compute, and so on: a
+conservative, dataflow-driven parallel simulation. In lockstep that is all; in real time the body's periods
+also wait for the wall clock and, past their deadline, for nobody.
+"""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from skinnet.channels import ALIVE, Keys
+from skinnet.clock import WallPace
+from skinnet.errors import ProtocolError, UpstreamLostError
+from skinnet.part import Part
+from skinnet.transport.base import Delivery, Transport
+from skinnet.upstream import Upstream
+
+__all__ = ["Node", "Put", "run_loop"]
+
+log = logging.getLogger(__name__)
+
+Put = Callable[..., None]
+"""`put(key, payload, flush=False)` of a transport."""
+
+
+class Node(Protocol):
+    """The core of a process: decides, without I/O.
+
+    Attributes:
+        name: Name of the process.
+        role: Its role, for the liveliness token.
+        subscriptions: Key expressions that it reads.
+        upstreams: Sources of frames by name.
+        tolerated: Processes whose loss does not end this one.
+        peers: Processes that must be there before the first period.
+        counters: What was counted on the way, by name.
+        paced: Its periods follow the wall clock when the run's pace is real time.
+    """
+
+    name: str
+    role: str
+    subscriptions: tuple[str, ...]
+    upstreams: Mapping[str, Upstream]
+    tolerated: frozenset[str]
+    peers: frozenset[str]
+    counters: Counter[str]
+    paced: bool
+
+    def start(self, put: Put) -> None:
+        """Sends what has to be there before the first period."""
+
+    def needs(self) -> Mapping[str, int] | None:
+        """Time [ns] up to which each source must have covered; None when the node is finished."""
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        """Takes in a message; raises ProtocolError and changes nothing if it makes no sense."""
+
+    def lose(self, upstream: Upstream) -> None:
+        """A source is gone: go on without it, safely."""
+
+    def due_ns(self) -> int:
+        """Simulated time at which the next period ends, for the pace of real time."""
+
+    def step(self, put: Put) -> None:
+        """Computes the next period and sends what it brings."""
+
+    def result(self) -> Part:
+        """What the summary needs of this process, when the loop is over."""
+
+
+_GRACE_S = 0.2
+"""Liveliness may overtake the last messages of a process, which come through another thread."""
+
+
+class _Loop:
+    def __init__(self, node: Node, transport: Transport, keys: Keys, deadline_s: float) -> None:
+        self.node = node
+        self.transport = transport
+        self.keys = keys
+        self.deadline_s = deadline_s
+        self.present: set[str] = set()
+        self.gone_s: dict[str, float] = {}
+        self.heard_s = time.monotonic()
+        self._blamed: set[str] = set()
+
+    async def gather(self) -> None:
+        """Waits until every peer has announced itself."""
+        while not self.node.peers <= self.present:
+            self.take(await self.transport.receive(1.0))
+
+    async def fulfil(self, pace: WallPace | None) -> None:
+        """Takes in messages until the node has what it needs, or in real time until it is due."""
+        self.heard_s = time.monotonic()
+        while (needs := self.node.needs()) is not None:
+            missing = self.missing(needs)
+            if pace is None:
+                if not missing:
+                    return
+                # every missing source still owes a frame at least
+                self.take(await self.transport.receive(self.patience_s(missing), len(missing)))
+            else:
+                wait_s = pace.wait_s(self.node.due_ns())
+                if wait_s <= 0.0:
+                    self.node.counters["late_frames"] += bool(missing)
+                    return
+                self.take(await self.transport.receive(wait_s))
+            for up in missing:
+                self.judge(up)
+
+    def missing(self, needs: Mapping[str, int]) -> list[Upstream]:
+        """Sources that live and have not covered what the node needs."""
+        sources = self.node.upstreams
+        return [up for name, t_ns in needs.items() if (up := sources[name]).covered_ns < t_ns and not up.lost]
+
+    def patience_s(self, missing: list[Upstream]) -> float:
+        """How long to wait for the next message before looking at who is missing."""
+        return _GRACE_S / 4 if any(up.process in self.gone_s for up in missing) else self.deadline_s
+
+    def judge(self, up: Upstream) -> None:
+        """Gives up a missing source whose process is gone or silent for too long."""
+        now_s = time.monotonic()
+        if now_s - self.gone_s.get(up.process, now_s) > _GRACE_S:
+            self.give_up(up, "is gone")
+        elif now_s - self.heard_s >= self.deadline_s:
+            self.give_up(up, f"sent no frame for {self.deadline_s:g} s")
+
+    def take(self, batch: list[Delivery]) -> None:
+        """Sorts what came in: liveliness here, messages to the node."""
+        if batch:
+            self.heard_s = time.monotonic()
+        for key, payload in batch:
+            if payload is None:
+                process = key.rsplit("/", 1)[-1]
+                self.present.discard(process)
+                self.gone_s.setdefault(process, time.monotonic())
+            elif payload == b"" and f"/{ALIVE}/" in key:
+                self.present.add(key.rsplit("/", 1)[-1])
+            else:
+                self.accept(key, payload)
+
+    def accept(self, key: str, payload: bytes) -> None:
+        """Hands a message to the node; one that makes no sense is counted and dropped."""
+        try:
+            row, fields = self.keys.parse(key)
+            self.node.accept(row.name, fields, payload)
+        except ProtocolError as error:
+            self.node.counters["malformed"] += 1
+            if key not in self._blamed and len(self._blamed) < 1000:  # once per source
+                self._blamed.add(key)
+                log.warning("dropped a message on %s: %s", key, error)
+
+    def give_up(self, up: Upstream, why: str) -> None:
+        """Goes on without a source, or ends with a clear error."""
+        if up.lost:
+            return
+        up.lost = True
+        self.node.lose(up)
+        self.node.counters["lost_upstreams"] += 1
+        text = f"{up.process} (source of {up.name}) {why}"
+        if up.process not in self.node.tolerated:
+            raise UpstreamLostError(f"{self.node.name}: {text}")
+        log.warning("%s; going on without it", text)
+
+
+async def run_loop(
+    node: Node, transport: Transport, keys: Keys, *, deadline_s: float, realtime: bool = False
+) -> set[str]:
+    """Runs `node` over `transport` until it is finished; returns the processes that are still there.
+
+    Raises:
+        UpstreamLostError: a source that is not tolerated to be lost is gone or silent.
+    """
+    for expression in node.subscriptions:
+        transport.subscribe(expression)
+    transport.watch_alive(keys.alive("*", "*"))
+    transport.announce(keys.alive(node.role, node.name))
+    loop = _Loop(node, transport, keys, deadline_s)
+    await loop.gather()
+    pace = WallPace() if realtime and node.paced else None
+    node.start(transport.put)
+    while True:
+        await loop.fulfil(pace)
+        if node.needs() is None:
+            return loop.present
+        node.step(transport.put)

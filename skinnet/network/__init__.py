@@ -1,0 +1,1 @@
+"""The cell-to-cell network: topology, routes and the compiled packet kernel."""

@@ -1,0 +1,394 @@
+"""The compiled packet kernel: a windowed calendar of arrivals, exact to the nanosecond.
+
+A link is serial, so what is on it is a first-in-first-out chain of packets, and the calendar holds a link
+at most once, at the arrival of its first packet. A bucket is no wider than the smallest hop time of its
+component: what is handled in one can only cause arrivals in later ones. So the arrivals of a bucket are all
+known when it is opened; sorted by (time, rank of the link) they are handled in exact order. A component is
+worked off for the whole stretch of time before the next one, which keeps its records in the cache.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.compiled import compiled
+from skinnet.network.records import FAR_NS, NONE, Outcome, Records
+from skinnet.network.routes import NO_LINK
+from skinnet.seeding import hash64, uniform
+
+__all__ = ["BUCKETS", "FREE", "IN_FLIGHT", "MAX_SIZE_BYTES", "N_ENDED", "advance", "fail", "offer"]
+
+BUCKETS = 256
+MAX_SIZE_BYTES = 2**26
+"""size × 64 bits per byte × 10⁹ ns/s stays below 2⁶³."""
+
+FREE, IN_FLIGHT, N_ENDED = 0, 1, 2
+"""What stands in `heap`: the first free packet record, how many are taken, how many of `ended` are filled."""
+
+_UNDERWAY = -1
+_DELIVERED = int(Outcome.DELIVERED)
+_QUEUE_FULL = int(Outcome.QUEUE_FULL)
+_NO_ROUTE = int(Outcome.NO_ROUTE)
+_TTL = int(Outcome.TTL)
+_LINK_FAILED = int(Outcome.LINK_FAILED)
+_LOSS = int(Outcome.LOSS)
+_LOW_HALF = 0xFFFFFFFF
+_FEW = 48
+
+
+@compiled
+def offer(
+    t_ns: NDArray[np.int64],
+    node: NDArray[np.int64],
+    dest: NDArray[np.int64],
+    size_bytes: NDArray[np.int64],
+    packet_id: NDArray[np.int64],
+    rank: NDArray[np.int64],
+    links: Records,
+    packets: Records,
+    nodes: Records,
+    components: Records,
+    heap: NDArray[np.int64],
+) -> None:
+    """Puts packets on the entries of their nodes, in order of time, equal times in order of offering.
+
+    `rank` is that of the link for a link-local packet, else NONE. The caller has checked all values, and that
+    there are enough free records.
+    """
+    for i in range(t_ns.size):
+        p = heap[FREE]
+        packet = packets[p]
+        heap[FREE] = packet.next
+        heap[IN_FLIGHT] += 1
+        packet.t_ns = t_ns[i]
+        packet.sent_ns = t_ns[i]
+        packet.packet_id = packet_id[i]
+        packet.size = size_bytes[i]
+        packet.dest = dest[i] if rank[i] == NONE else ~rank[i]
+        packet.hops = 0
+        home = nodes[node[i]]
+        entry = links[home.entry]
+        component = components[home.component]
+        if entry.scheduled == 0:
+            entry.scheduled = 1
+            entry.chain = component.waiting
+            component.waiting = home.entry
+        component.next_ns = min(component.next_ns, t_ns[i])
+        if entry.head == NONE:
+            packet.next = NONE
+            entry.head = p
+            entry.tail = p
+        elif t_ns[i] >= packets[entry.tail].t_ns:
+            packet.next = NONE
+            packets[entry.tail].next = p
+            entry.tail = p
+        elif t_ns[i] < packets[entry.head].t_ns:
+            packet.next = entry.head
+            entry.head = p
+        else:
+            before = entry.head
+            if entry.cursor != NONE and packets[entry.cursor].t_ns <= t_ns[i]:
+                before = entry.cursor
+            while packets[packets[before].next].t_ns <= t_ns[i]:
+                before = packets[before].next
+            packet.next = packets[before].next
+            packets[before].next = p
+            entry.cursor = p
+
+
+@compiled
+def fail(
+    rank: int,
+    t_ns: int,
+    links: Records,
+    packets: Records,
+    ended: Records,
+    tally: NDArray[np.int64],
+    heap: NDArray[np.int64],
+) -> None:
+    """Takes a link down and ends every packet that has not fully arrived over it before `t_ns`."""
+    link = links[rank]
+    link.up = 0
+    p = link.head
+    while p != NONE:
+        following = packets[p].next
+        link.dropped += 1
+        _end(p, t_ns, link.src, link.number, _LINK_FAILED, packets, ended, tally, heap)
+        p = following
+    link.head = NONE
+    link.cursor = NONE
+    link.unsent = 0
+    link.committed_ns -= max(0, link.busy_ns - t_ns)
+    link.busy_ns = min(link.busy_ns, t_ns)
+    link.last_arrival_ns = min(link.last_arrival_ns, t_ns)
+
+
+@compiled
+def advance(
+    until_ns: int,
+    hop_limit: int,
+    links: Records,
+    packets: Records,
+    nodes: Records,
+    components: Records,
+    routes: NDArray[np.uint32],
+    buckets: NDArray[np.uint32],
+    keys: NDArray[np.int64],
+    ended: Records,
+    tally: NDArray[np.int64],
+    heap: NDArray[np.int64],
+) -> int:
+    """Handles every arrival before `until_ns`; returns a time before which nothing more happens.
+
+    Args:
+        until_ns: End of the stretch, exclusive.
+        hop_limit: A packet ends at the node that would send it over one link more.
+        links: `LINK` records by rank.
+        packets: `PACKET` records.
+        nodes: `NODE` records.
+        components: `COMPONENT` records.
+        routes: Rank of the next link, for destination after destination over the nodes of its component.
+        buckets: (BUCKETS,) scratch, all NONE before and after.
+        keys: Scratch, as long as there are packets in flight.
+        ended: `ENDED` records, room for all packets in flight; filled from `heap[N_ENDED]`.
+        tally: How many packets ended with each outcome so far.
+        heap: See `FREE`, `IN_FLIGHT` and `N_ENDED`.
+    """
+    next_ns = FAR_NS
+    for c in range(components.size):
+        component = components[c]
+        while component.next_ns < until_ns:
+            _advance_window(
+                until_ns,
+                hop_limit,
+                component,
+                links,
+                packets,
+                nodes,
+                routes,
+                buckets,
+                keys,
+                ended,
+                tally,
+                heap,
+            )
+        next_ns = min(next_ns, component.next_ns)
+    return next_ns
+
+
+@compiled
+def _advance_window(
+    until_ns: int,
+    hop_limit: int,
+    component: Records,
+    links: Records,
+    packets: Records,
+    nodes: Records,
+    routes: NDArray[np.uint32],
+    buckets: NDArray[np.uint32],
+    keys: NDArray[np.int64],
+    ended: Records,
+    tally: NDArray[np.int64],
+    heap: NDArray[np.int64],
+) -> None:
+    start_ns = component.next_ns
+    width_ns = 1 << component.bucket_shift
+    end_ns = min(until_ns, start_ns + BUCKETS * width_ns)
+    rank = component.waiting
+    component.waiting = NONE
+    component.next_ns = FAR_NS
+    scheduled = 0
+    while rank != NONE:
+        following = links[rank].chain
+        first = links[rank].head
+        if first == NONE:  # the link failed while it waited
+            links[rank].scheduled = 0
+        else:
+            scheduled += _schedule(rank, packets[first].t_ns, start_ns, end_ns, links, component, buckets)
+        rank = following
+
+    bucket = -1
+    while scheduled > 0:
+        bucket += 1
+        rank = buckets[bucket]
+        if rank == NONE:
+            continue
+        buckets[bucket] = NONE
+        open_ns = start_ns + bucket * width_ns
+        close_ns = min(open_ns + width_ns, end_ns)
+        n = 0
+        while rank != NONE:
+            link = links[rank]
+            following = link.chain
+            p = link.head
+            while p != NONE and packets[p].t_ns < close_ns:
+                keys[n] = (packets[p].t_ns - open_ns) << 32 | rank
+                n += 1
+                p = packets[p].next
+            link.scheduled = 0
+            scheduled -= 1
+            if p != NONE:
+                scheduled += _schedule(rank, packets[p].t_ns, start_ns, end_ns, links, component, buckets)
+            rank = following
+        if n > _FEW:
+            keys[:n].sort()
+        else:
+            _sort_few(keys, n)
+        for i in range(n):
+            rank = keys[i] & _LOW_HALF
+            link = links[rank]
+            p = link.head
+            packet = packets[p]
+            t_ns = packet.t_ns
+            node = link.dst
+            outcome = _arrive(p, packet, link, nodes[node])
+            concerned = link.number
+            if outcome == _UNDERWAY:
+                if packet.hops >= hop_limit:
+                    outcome = _TTL
+                else:
+                    ahead = _next_link(packet.dest, node, nodes, routes)
+                    if ahead == NONE:
+                        outcome = _NO_ROUTE
+                    else:
+                        outcome = _enter(p, t_ns, links[ahead], packets)
+                        if outcome != _UNDERWAY:
+                            concerned = links[ahead].number
+                        elif links[ahead].scheduled == 0:
+                            scheduled += _schedule(
+                                ahead, packet.t_ns, start_ns, end_ns, links, component, buckets
+                            )
+            if outcome != _UNDERWAY:
+                _end(p, t_ns, node, concerned, outcome, packets, ended, tally, heap)
+
+
+@compiled
+def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
+    """Takes the first packet off its link; returns how it ended, or that it must go on."""
+    link.head = packet.next
+    link.packets += 1
+    link.bytes += packet.size
+    if link.number == NO_LINK:
+        if link.cursor == p:
+            link.cursor = NONE
+        packet.key = hash64(node.key, node.entered)
+        node.entered += np.uint64(1)
+        return _DELIVERED if packet.dest == link.dst else _UNDERWAY
+    if link.cursor == p:
+        link.cursor = packet.next
+        link.unsent -= 1
+    packet.hops += 1
+    chance = link.loss_probability
+    if chance > 0.0 and uniform(link.key, packet.key + np.uint64(packet.hops)) <= chance:
+        link.dropped += 1
+        return _LOSS
+    return _DELIVERED if packet.dest < 0 or packet.dest == link.dst else _UNDERWAY
+
+
+@compiled
+def _next_link(dest: int, node: int, nodes: Records, routes: NDArray[np.uint32]) -> int:
+    if dest < 0:
+        return ~dest
+    start = nodes[dest].route_start
+    if start == NONE or nodes[dest].component != nodes[node].component:
+        return NONE
+    return int(routes[start + nodes[node].local])
+
+
+@compiled
+def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
+    """Puts a packet on a link at `t_ns`; returns the cause of its drop, or that it is under way."""
+    if link.up == 0:
+        link.dropped += 1
+        return _LINK_FAILED
+    while link.unsent > 0 and packets[link.cursor].sent_ns <= t_ns:
+        link.cursor = packets[link.cursor].next
+        link.unsent -= 1
+    if link.unsent > link.queue_packets and link.queue_packets >= 0:
+        link.dropped += 1
+        return _QUEUE_FULL
+    packet = packets[p]
+    if link.tx_size != packet.size:
+        bits = packet.size * link.bits_per_byte
+        link.tx_size = packet.size
+        link.tx_ns = (bits * 1_000_000_000 + link.bits_per_s - 1) // link.bits_per_s
+    link.busy_ns = max(t_ns, link.busy_ns) + link.tx_ns
+    link.committed_ns += link.tx_ns
+    arrival_ns = link.busy_ns + link.delay_ns
+    if link.jitter_ns > 0:
+        share = uniform(~link.key, packet.key + np.uint64(packet.hops))
+        arrival_ns += min(int(share * (link.jitter_ns + 1)), link.jitter_ns)
+    link.last_arrival_ns = max(arrival_ns, link.last_arrival_ns)
+    packet.sent_ns = link.busy_ns
+    packet.t_ns = link.last_arrival_ns
+    packet.next = NONE
+    if link.head == NONE:
+        link.head = p
+    else:
+        packets[link.tail].next = p
+    link.tail = p
+    if link.unsent == 0:
+        link.cursor = p
+    link.queue_high_water = max(link.queue_high_water, link.unsent)
+    link.unsent += 1
+    return _UNDERWAY
+
+
+@compiled
+def _end(
+    p: int,
+    t_ns: int,
+    node: int,
+    link: int,
+    outcome: int,
+    packets: Records,
+    ended: Records,
+    tally: NDArray[np.int64],
+    heap: NDArray[np.int64],
+) -> None:
+    record = ended[heap[N_ENDED]]
+    heap[N_ENDED] += 1
+    record.t_ns = t_ns
+    record.packet_id = packets[p].packet_id
+    record.node = node
+    record.link = link
+    record.outcome = outcome
+    tally[outcome] += 1
+    packets[p].next = heap[FREE]
+    heap[FREE] = p
+    heap[IN_FLIGHT] -= 1
+
+
+@compiled
+def _schedule(
+    rank: int,
+    t_ns: int,
+    start_ns: int,
+    end_ns: int,
+    links: Records,
+    component: Records,
+    buckets: NDArray[np.uint32],
+) -> int:
+    """Puts a link into the bucket of its next arrival; returns 1, or 0 if that lies outside the window."""
+    link = links[rank]
+    link.scheduled = 1
+    if t_ns < end_ns:
+        bucket = (t_ns - start_ns) >> component.bucket_shift
+        link.chain = buckets[bucket]
+        buckets[bucket] = rank
+        return 1
+    link.chain = component.waiting
+    component.waiting = rank
+    component.next_ns = min(component.next_ns, t_ns)
+    return 0
+
+
+@compiled
+def _sort_few(keys: NDArray[np.int64], n: int) -> None:
+    """Sorts the first n keys by insertion, which for few beats everything else."""
+    for i in range(1, n):
+        key = keys[i]
+        j = i
+        while j > 0 and keys[j - 1] > key:
+            keys[j] = keys[j - 1]
+            j -= 1
+        keys[j] = key

@@ -1,0 +1,397 @@
+"""The packet network: arrays of packets go in, arrays of deliveries and drops come out, exact in time."""
+
+import copy
+import heapq
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skinnet.network import kernel
+from skinnet.network.records import ENDED, FAR_NS, NONE, PACKET, Outcome, Records, bucket_shifts, lay_out
+from skinnet.network.routes import NO_LINK, Routes
+from skinnet.network.topology import Topology
+
+__all__ = ["Counters", "Finished", "LinkCounters", "Network", "Snapshot"]
+
+_FIRST_CAPACITY = 1024
+
+
+class Finished(NamedTuple):
+    """Packets that ended, by time, then node, then the order in which the node handled them; each (n,).
+
+    Attributes:
+        packet_id: As offered.
+        t_ns: When it ended [ns].
+        node: Where it ended: at its destination, where it was dropped, at the far end of a link that
+            destroyed it (`LOSS`), or at the near end of one that failed with it (`LINK_FAILED`).
+        link: The link that was full, dead, failed or lossy; else the one over which it came in, `NO_LINK`
+            for a packet of the node's own.
+        outcome: `Outcome`; 0 is delivered.
+    """
+
+    packet_id: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    node: NDArray[np.int64]
+    link: NDArray[np.int64]
+    outcome: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Counters:
+    """Packets so far; offered = delivered + sum of dropped + in_flight at every moment."""
+
+    offered: int
+    delivered: int
+    dropped: dict[Outcome, int]
+    in_flight: int
+
+
+class LinkCounters(NamedTuple):
+    """Traffic of every link up to now, each (n_links,).
+
+    Attributes:
+        packets: Fully arrived, with those that the link destroyed (`LOSS`).
+        bytes: Of these packets.
+        busy_ns: Time in transmission [ns].
+        queue_high_water: Most packets that ever waited behind the one in transmission.
+        dropped: Ended by this link: queue full, link failed or dead, loss.
+    """
+
+    packets: NDArray[np.int64]
+    bytes: NDArray[np.int64]
+    busy_ns: NDArray[np.int64]
+    queue_high_water: NDArray[np.int64]
+    dropped: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Fail:
+    rank: int
+
+
+@dataclass(frozen=True)
+class _Repair:
+    rank: int
+
+
+@dataclass(frozen=True)
+class _Impair:
+    rank: int
+    loss_probability: float
+    jitter_ns: int
+
+
+_Change: TypeAlias = _Fail | _Repair | _Impair | Routes
+
+
+@dataclass
+class Snapshot:
+    """All of a network that changes with time; opaque, and good for any network of the same topology."""
+
+    links: Records
+    packets: Records
+    nodes: Records
+    components: Records
+    routes: NDArray[np.uint32]
+    n_routes: int = 0
+    now_ns: int = 0
+    next_ns: int = FAR_NS
+    offered: int = 0
+    least_size_bytes: int = kernel.MAX_SIZE_BYTES + 1
+    n_changes: int = 0
+    changes: list[tuple[int, int, _Change]] = field(default_factory=list)
+    tally: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
+    heap: NDArray[np.int64] = field(default_factory=lambda: np.array([NONE, 0, 0], dtype=np.int64))
+
+
+class Network:
+    """Store-and-forward network of serial links with queues, routes, loss, jitter and failures.
+
+    A packet that enters the queue of a link at `a` has left at
+    `max(a, busy) + ⌈size × bits_per_byte × 10⁹ / bits_per_s⌉` and arrives `delay_ns` and its jitter later, never
+    before the packet ahead of it. It is dropped if as many packets as the queue holds already wait behind the
+    one in transmission. At one instant, first what was scheduled takes effect (failures, repairs, routes: in the
+    order of the calls), then transmissions end, then a node's own packets enter in the order of offering, then
+    those of its input ports in the order of ports.
+
+    Results do not depend on how time is cut into calls. With `node_keys`, they do not depend either on how
+    unconnected groups of nodes are spread over several networks with one seed.
+
+    Args:
+        topology: Nodes and links.
+        seed: Of loss and jitter.
+        node_keys: Identity of every node for its random draws, (n_nodes,); its number by default.
+        hop_limit: A packet that is not at its destination after so many links is dropped (`TTL`).
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        *,
+        seed: int = 0,
+        node_keys: NDArray[np.uint64] | None = None,
+        hop_limit: int = 255,
+    ) -> None:
+        keys = np.arange(topology.n_nodes, dtype=np.uint64) if node_keys is None else node_keys
+        if keys.shape != (topology.n_nodes,) or keys.dtype != np.uint64:
+            raise ValueError(f"node_keys is {keys.dtype} {keys.shape}; give one uint64 for each of the nodes")
+        links, nodes, components, self._rank = lay_out(topology, seed, keys)
+        self.topology = topology
+        self._hop_limit = hop_limit
+        self._buckets = np.full(kernel.BUCKETS, NONE, dtype=np.uint32)
+        self._keys = np.empty(0, dtype=np.int64)
+        self._ended: Records = np.empty(0, dtype=ENDED)
+        self._nothing = _columns(self._ended)
+        self._state = Snapshot(
+            links, np.empty(0, dtype=PACKET), nodes, components, routes=np.empty(0, dtype=np.uint32)
+        )
+
+    @property
+    def now_ns(self) -> int:
+        """Time to which the network has advanced [ns]."""
+        return self._state.now_ns
+
+    @property
+    def next_ns(self) -> int:
+        """A time before which nothing will happen unless something is offered or scheduled [ns]."""
+        changes = self._state.changes
+        return min(self._state.next_ns, changes[0][0]) if changes else self._state.next_ns
+
+    @property
+    def counters(self) -> Counters:
+        """Packets so far."""
+        state = self._state
+        ended = {outcome: int(state.tally[outcome]) for outcome in Outcome}
+        delivered = ended.pop(Outcome.DELIVERED)
+        return Counters(state.offered, delivered, ended, int(state.heap[kernel.IN_FLIGHT]))
+
+    @property
+    def link_counters(self) -> LinkCounters:
+        """Traffic of every link so far."""
+        links = self._state.links[self._rank]
+        # A link works without a break until `busy_ns`, so what it has yet to do is known.
+        busy_ns = links["committed_ns"] - np.maximum(links["busy_ns"] - self._state.now_ns, 0)
+        high_water = links["queue_high_water"].astype(np.int64)
+        return LinkCounters(links["packets"], links["bytes"], busy_ns, high_water, links["dropped"])
+
+    @property
+    def link_up(self) -> NDArray[np.bool_]:
+        """Whether each link is in order now, (n_links,)."""
+        return np.asarray(self._state.links["up"][self._rank], dtype=np.bool_)
+
+    def offer(
+        self,
+        t_ns: ArrayLike,
+        node: ArrayLike,
+        dest: ArrayLike,
+        size_bytes: ArrayLike,
+        packet_id: ArrayLike,
+        link: ArrayLike | None = None,
+    ) -> None:
+        """Lets packets enter at their nodes, each array (n,), in any order of time.
+
+        Args:
+            t_ns: When each enters, not before `now_ns` [ns]. Equal times keep the order of offering.
+            node: Where it enters.
+            dest: Node to which it is routed; where `link` is given, it does not matter.
+            size_bytes: Size, at least 1.
+            packet_id: Any number; it is only handed back, and may be used again when its packet has ended.
+            link: Link of `node` over which the packet goes to be delivered at the far end, or `NO_LINK`.
+
+        Raises:
+            ValueError: A value is outside its range; nothing was offered.
+        """
+        state = self._state
+        t_ns, node, dest, size_bytes, packet_id = (
+            np.ascontiguousarray(column, dtype=np.int64)
+            for column in (t_ns, node, dest, size_bytes, packet_id)
+        )
+        n = t_ns.size
+        rank = np.full(n, NONE, dtype=np.int64)
+        link = np.full(n, NO_LINK) if link is None else np.ascontiguousarray(link, dtype=np.int64)
+        if any(column.shape != (n,) for column in (node, dest, size_bytes, packet_id, link)):
+            raise ValueError("the columns of offered packets differ in length")
+        if n == 0:
+            return
+        local = link != NO_LINK
+        _require("t_ns", t_ns, state.now_ns, FAR_NS - 1)
+        _require("node", node, 0, self.topology.n_nodes - 1)
+        _require("dest", np.where(local, 0, dest), 0, self.topology.n_nodes - 1)
+        _require("size_bytes", size_bytes, 1, kernel.MAX_SIZE_BYTES)
+        if local.any():
+            _require("link", link, NO_LINK, self.topology.n_links - 1)
+            if (self.topology.src[link[local]] != node[local]).any():
+                raise ValueError("a packet is offered to a link that does not leave its node")
+            rank[local] = self._rank[link[local]]
+        if (t_ns[1:] < t_ns[:-1]).any():
+            order = np.argsort(t_ns, kind="stable")
+            t_ns, node, dest, size_bytes, packet_id, rank = (
+                column[order] for column in (t_ns, node, dest, size_bytes, packet_id, rank)
+            )
+        if (least := int(size_bytes.min())) < state.least_size_bytes:
+            state.least_size_bytes = least
+            state.components["bucket_shift"] = bucket_shifts(self.topology, least)
+        self._make_room(n)
+        kernel.offer(
+            t_ns,
+            node,
+            dest,
+            size_bytes,
+            packet_id,
+            rank,
+            state.links,
+            state.packets,
+            state.nodes,
+            state.components,
+            state.heap,
+        )
+        state.offered += n
+        state.next_ns = min(state.next_ns, int(t_ns[0]))
+
+    def advance(self, until_ns: int) -> Finished:
+        """Lets time pass; returns the packets that ended before `until_ns`."""
+        state = self._state
+        if until_ns < state.now_ns:
+            raise ValueError(f"until_ns is {until_ns}; the network is already at {state.now_ns}")
+        if self.next_ns >= until_ns:
+            state.now_ns = until_ns
+            return self._nothing
+        if (in_flight := int(state.heap[kernel.IN_FLIGHT])) > self._ended.size:
+            self._keys = np.empty(2 * in_flight, dtype=np.int64)
+            self._ended = np.empty(2 * in_flight, dtype=ENDED)
+        state.heap[kernel.N_ENDED] = 0
+        while state.changes and state.changes[0][0] < until_ns:
+            t_ns, _, change = heapq.heappop(state.changes)
+            self._run(t_ns)
+            self._apply(t_ns, change)
+        self._run(until_ns)
+        ended = self._ended[: state.heap[kernel.N_ENDED]]
+        return _columns(ended[np.lexsort((ended["node"], ended["t_ns"]))])
+
+    def fail_link(self, t_ns: int, link: int) -> None:
+        """Takes a link down at `t_ns`: what has not fully arrived before, or is sent over it, is lost."""
+        self._schedule(t_ns, _Fail(self._rank_of(link)))
+
+    def repair_link(self, t_ns: int, link: int) -> None:
+        """Takes a link into service again, empty, at `t_ns`."""
+        self._schedule(t_ns, _Repair(self._rank_of(link)))
+
+    def impair_link(self, t_ns: int, link: int, *, loss_probability: float, jitter_ns: int) -> None:
+        """Sets a link's chance of loss for arrivals and bound of jitter [ns] for departures from `t_ns` on."""
+        if not 0.0 <= loss_probability <= 1.0 or jitter_ns < 0:
+            raise ValueError(f"loss {loss_probability} is not in 0 … 1, or jitter {jitter_ns} ns is negative")
+        self._schedule(t_ns, _Impair(self._rank_of(link), loss_probability, jitter_ns))
+
+    def set_routes(self, t_ns: int, routes: Routes) -> None:
+        """Replaces the listed entries of the route tables at `t_ns`; packets in a queue stay in it.
+
+        Raises:
+            ValueError: An entry leads to another component, or over a link that does not leave its node.
+        """
+        component, node, dest = self.topology.component, routes.node, routes.dest
+        if (component[node] != component[dest]).any():
+            raise ValueError("a route leads to a node of another component; no link goes there")
+        leads = routes.link != NO_LINK
+        if (self.topology.src[routes.link[leads]] != node[leads]).any():
+            raise ValueError("a route uses a link that does not leave its node")
+        rank = np.full(node.size, NONE, dtype=np.int64)
+        rank[leads] = self._rank[routes.link[leads]]
+        self._schedule(t_ns, Routes(node.copy(), dest.copy(), rank))
+
+    def snapshot(self) -> Snapshot:
+        """A copy of all that changes with time."""
+        return copy.deepcopy(self._state)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Goes back, or forth, to the moment at which a network of the same topology gave `snapshot`."""
+        self._state = copy.deepcopy(snapshot)
+
+    def _rank_of(self, link: int) -> int:
+        if not 0 <= link < self.topology.n_links:
+            raise ValueError(f"link is {link}; allowed are 0 to {self.topology.n_links - 1}")
+        return int(self._rank[link])
+
+    def _schedule(self, t_ns: int, change: _Change) -> None:
+        state = self._state
+        if t_ns < state.now_ns:
+            raise ValueError(f"t_ns is {t_ns}; the network is already at {state.now_ns}")
+        heapq.heappush(state.changes, (t_ns, state.n_changes, change))
+        state.n_changes += 1
+
+    def _run(self, until_ns: int) -> None:
+        state = self._state
+        if state.next_ns < until_ns:
+            state.next_ns = kernel.advance(
+                until_ns,
+                self._hop_limit,
+                state.links,
+                state.packets,
+                state.nodes,
+                state.components,
+                state.routes,
+                self._buckets,
+                self._keys,
+                self._ended,
+                state.tally,
+                state.heap,
+            )
+        state.now_ns = until_ns
+
+    def _apply(self, t_ns: int, change: _Change) -> None:
+        state = self._state
+        match change:
+            case _Fail(rank):
+                kernel.fail(rank, t_ns, state.links, state.packets, self._ended, state.tally, state.heap)
+            case _Repair(rank):
+                state.links["up"][rank] = 1
+            case _Impair(rank, loss_probability, jitter_ns):
+                state.links["loss_probability"][rank] = loss_probability
+                state.links["jitter_ns"][rank] = jitter_ns
+            case Routes():
+                self._write_routes(change)
+
+    def _write_routes(self, routes: Routes) -> None:
+        """Writes route entries, whose links are ranks; a destination gets its column with its first route."""
+        state = self._state
+        start, component = state.nodes["route_start"], state.nodes["component"]
+        fresh = np.unique(routes.dest[start[routes.dest] == NONE])
+        sizes = np.diff(self.topology.member_start)[component[fresh]]
+        ends = state.n_routes + np.cumsum(sizes)
+        start[fresh] = ends - sizes
+        if fresh.size:
+            state.n_routes = int(ends[-1])
+        if state.n_routes > state.routes.size:
+            more = np.full(
+                max(state.n_routes, 2 * state.routes.size) - state.routes.size, NONE, dtype=np.uint32
+            )
+            state.routes = np.concatenate((state.routes, more))
+        state.routes[start[routes.dest] + state.nodes["local"][routes.node]] = routes.link
+
+    def _make_room(self, n: int) -> None:
+        """Doubles the packet records until `n` more fit."""
+        state = self._state
+        size = state.packets.size
+        needed = int(state.heap[kernel.IN_FLIGHT]) + n
+        if needed <= size:
+            return
+        grown = np.zeros(max(_FIRST_CAPACITY, 2 * size, needed), dtype=PACKET)
+        grown[:size] = state.packets
+        grown["next"][size:] = np.arange(size + 1, grown.size + 1)
+        grown["next"][-1] = state.heap[kernel.FREE]
+        state.heap[kernel.FREE] = size
+        state.packets = grown
+
+
+def _require(name: str, values: NDArray[np.int64], lowest: int, highest: int) -> None:
+    if values.min() < lowest or values.max() > highest:
+        raise ValueError(
+            f"{name} of offered packets goes from {values.min()} to {values.max()}; "
+            f"allowed are {lowest} to {highest}"
+        )
+
+
+def _columns(ended: Records) -> Finished:
+    """Copies of the columns of `ENDED` records."""
+    return Finished(*(ended[name].astype(np.int64) for name in Finished._fields))

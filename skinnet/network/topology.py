@@ -1,0 +1,176 @@
+"""What is wired to what: numbered nodes and directed links between their ports."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+__all__ = ["UNBOUNDED", "Topology"]
+
+UNBOUNDED = -1
+"""`queue_packets` of a link on which any number of packets may wait."""
+
+_MAX_BITS_PER_BYTE = 64
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Topology:
+    """Nodes `0 … n_nodes − 1` and directed links `0 … n_links − 1` in any arrangement, also unconnected.
+
+    Every column has one entry a link; a scalar holds for all links. Of one node, no two links leave by
+    the same port and no two arrive at the same port; one port may serve both directions.
+
+    Attributes:
+        n_nodes: Number of nodes.
+        src: Node from which the link leaves, (n_links,).
+        src_port: Port of `src`, ≥ 0.
+        dst: Node at which the link arrives.
+        dst_port: Port of `dst`, ≥ 0; at one instant a node serves its ports in this order.
+        bits_per_s: Rate of the link, ≥ 1 [bit/s].
+        bits_per_byte: Bits on the wire per byte of a packet, 1 to 64; 10 for a UART with start and stop bit.
+        delay_ns: From the end of a transmission to the full arrival at `dst` [ns].
+        queue_packets: How many packets may wait behind the one in transmission; `UNBOUNDED` for any number.
+        loss_probability: Chance that a packet is destroyed on the link, 0 to 1.
+        jitter_ns: Upper bound of an additional delay, uniform in 0 … jitter_ns [ns].
+
+    Raises:
+        ValueError: A column has the wrong length or a value outside its range, or a port is used twice.
+    """
+
+    n_nodes: int
+    src: NDArray[np.int64]
+    src_port: NDArray[np.int64]
+    dst: NDArray[np.int64]
+    dst_port: NDArray[np.int64]
+    bits_per_s: NDArray[np.int64]
+    bits_per_byte: NDArray[np.int64]
+    delay_ns: NDArray[np.int64]
+    queue_packets: NDArray[np.int64]
+    loss_probability: NDArray[np.float64]
+    jitter_ns: NDArray[np.int64]
+
+    def __init__(
+        self,
+        n_nodes: int,
+        *,
+        src: ArrayLike,
+        src_port: ArrayLike,
+        dst: ArrayLike,
+        dst_port: ArrayLike,
+        bits_per_s: ArrayLike,
+        bits_per_byte: ArrayLike,
+        delay_ns: ArrayLike = 0,
+        queue_packets: ArrayLike = UNBOUNDED,
+        loss_probability: ArrayLike = 0.0,
+        jitter_ns: ArrayLike = 0,
+    ) -> None:
+        if n_nodes < 1:
+            raise ValueError(f"n_nodes is {n_nodes}; a topology has at least one node")
+        n_links = np.asarray(src).size
+        last_ns = 2**60
+        object.__setattr__(self, "n_nodes", int(n_nodes))
+        for name, values, lowest, highest in (
+            ("src", src, 0, n_nodes - 1),
+            ("src_port", src_port, 0, 2**30),
+            ("dst", dst, 0, n_nodes - 1),
+            ("dst_port", dst_port, 0, 2**30),
+            ("bits_per_s", bits_per_s, 1, 2**60),
+            ("bits_per_byte", bits_per_byte, 1, _MAX_BITS_PER_BYTE),
+            ("delay_ns", delay_ns, 0, last_ns),
+            ("queue_packets", queue_packets, UNBOUNDED, 2**30),
+            ("jitter_ns", jitter_ns, 0, 2**50),
+        ):
+            object.__setattr__(self, name, _column(name, values, n_links, lowest, highest).astype(np.int64))
+        loss = _column("loss_probability", loss_probability, n_links, 0, 1).astype(np.float64)
+        object.__setattr__(self, "loss_probability", loss)
+        _require_unique_ports("leave", self.src, self.src_port)
+        _require_unique_ports("arrive at", self.dst, self.dst_port)
+
+    @classmethod
+    def from_wires(
+        cls,
+        n_nodes: int,
+        wires: ArrayLike,
+        *,
+        bits_per_s: int,
+        bits_per_byte: int,
+        delay_ns: int = 0,
+        queue_packets: ArrayLike = UNBOUNDED,
+        loss_probability: float = 0.0,
+        jitter_ns: int = 0,
+    ) -> Self:
+        """Topology of equal full-duplex wires: wire i is link 2i from end a to end b and link 2i + 1 back.
+
+        Args:
+            n_nodes: Number of nodes.
+            wires: Columns (node a, port a, node b, port b), shape (n_wires, 4).
+            bits_per_s: Rate in each direction [bit/s].
+            bits_per_byte: Bits on the wire per byte of a packet.
+            delay_ns: From the end of a transmission to the full arrival [ns].
+            queue_packets: How many packets may wait for each direction; one number, or one for each link.
+            loss_probability: Chance that a packet is destroyed.
+            jitter_ns: Upper bound of an additional delay [ns].
+        """
+        ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
+        both = np.stack([ends, ends[:, [2, 3, 0, 1]]], axis=1).reshape(-1, 4)
+        return cls(
+            n_nodes,
+            src=both[:, 0],
+            src_port=both[:, 1],
+            dst=both[:, 2],
+            dst_port=both[:, 3],
+            bits_per_s=bits_per_s,
+            bits_per_byte=bits_per_byte,
+            delay_ns=delay_ns,
+            queue_packets=queue_packets,
+            loss_probability=loss_probability,
+            jitter_ns=jitter_ns,
+        )
+
+    @property
+    def n_links(self) -> int:
+        """Number of directed links."""
+        return self.src.size
+
+    @cached_property
+    def component(self) -> NDArray[np.int64]:
+        """Number of the connected component of every node, links taken as undirected, (n_nodes,)."""
+        ones = np.ones(self.n_links, dtype=np.int8)
+        graph = coo_array((ones, (self.src, self.dst)), shape=(self.n_nodes, self.n_nodes))
+        return connected_components(graph, directed=False)[1].astype(np.int64)
+
+    @cached_property
+    def members(self) -> NDArray[np.int64]:
+        """All nodes, component after component, by number within each, (n_nodes,)."""
+        return np.argsort(self.component, kind="stable")
+
+    @cached_property
+    def member_start(self) -> NDArray[np.int64]:
+        """Component c is `members[member_start[c] : member_start[c + 1]]`, (n_components + 1,)."""
+        return np.concatenate(([0], np.cumsum(np.bincount(self.component)))).astype(np.int64)
+
+
+def _column(name: str, values: ArrayLike, n_links: int, lowest: int, highest: int) -> NDArray[np.generic]:
+    column = np.asarray(values)
+    if column.ndim > 1 or (column.ndim == 1 and column.size != n_links):
+        raise ValueError(
+            f"{name} has shape {column.shape}; give a scalar or one entry for each link, ({n_links},)"
+        )
+    column = np.broadcast_to(column, n_links).copy()
+    outside = ~((column >= lowest) & (column <= highest))
+    if outside.any():
+        link = int(np.argmax(outside))
+        raise ValueError(f"{name} of link {link} is {column[link]}; allowed are {lowest} to {highest}")
+    return column
+
+
+def _require_unique_ports(verb: str, node: NDArray[np.int64], port: NDArray[np.int64]) -> None:
+    order = np.lexsort((port, node))
+    twice = (np.diff(node[order]) == 0) & (np.diff(port[order]) == 0)
+    if twice.any():
+        at = order[int(np.argmax(twice))]
+        raise ValueError(f"two links {verb} port {port[at]} of node {node[at]}; give each its own port")

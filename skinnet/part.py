@@ -1,0 +1,41 @@
+"""What one process contributes to the summary of a run."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.files import replacing, write_json
+
+__all__ = ["Part"]
+
+
+@dataclass
+class Part:
+    """Facts (what JSON can hold) and arrays of one process, by name.
+
+    Every part carries `log_sha256` by source in `facts["logs"]`, so that the hash of a run does not depend on
+    how its sources were spread over processes.
+    """
+
+    name: str
+    role: str
+    facts: dict[str, Any] = field(default_factory=dict)
+    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+    def save(self, folder: Path) -> None:
+        """Writes `<name>.npz` and, last, `<name>.json`."""
+        with replacing(folder / f"{self.name}.npz") as file:
+            np.savez(file, **self.arrays)  # type: ignore[arg-type]
+        write_json(folder / f"{self.name}.json", {"name": self.name, "role": self.role, "facts": self.facts})
+
+    @classmethod
+    def load(cls, folder: Path, name: str) -> "Part":
+        """Reads what `save` wrote; FileNotFoundError if the process did not get that far."""
+        head = msgspec.json.decode((folder / f"{name}.json").read_bytes())
+        with np.load(folder / f"{name}.npz") as archive:
+            arrays = {key: archive[key] for key in archive.files}
+        return cls(head["name"], head["role"], head["facts"], arrays)

@@ -1,0 +1,1 @@
+"""Runs: launch and supervise processes, summary, plots."""

@@ -1,0 +1,77 @@
+"""What `skinnet check` prints of a deployment that holds."""
+
+from rich.console import Console
+from rich.table import Table
+
+from skinnet.channels import CHANNELS, Keys, Role
+from skinnet.deployment import Deployment
+from skinnet.run.processes import processes
+
+__all__ = ["explain"]
+
+
+def explain(console: Console, deployment: Deployment) -> None:
+    """Prints processes, channels, cells and periods."""
+    console.print(f"{deployment.name}: robot {deployment.robot}, seed {deployment.seed}", highlight=False)
+    for table in (_processes(deployment), _patches(deployment), _channels(deployment), _periods(deployment)):
+        console.print(table)
+    console.print(f"program: {' → '.join(deployment.controller.program)}", highlight=False)
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column)
+    return table
+
+
+def _processes(deployment: Deployment) -> Table:
+    table = _table("processes", "name", "role", "runs", "may be lost")
+    hosts = deployment.host_patches()
+    for spec in processes(deployment):
+        table.add_row(
+            spec.name, spec.role.value, ", ".join(hosts.get(spec.name, ())), "yes" if spec.may_be_lost else ""
+        )
+    return table
+
+
+def _patches(deployment: Deployment) -> Table:
+    table = _table("cells", "patch", "body", "cells", "gateways")
+    for patch in deployment.patches:
+        table.add_row(patch.name, patch.body, str(patch.n_cells), str(len(patch.interfaces)))
+    table.add_section()
+    total = sum(patch.n_cells for patch in deployment.patches)
+    table.add_row("all", "", str(total), str(sum(len(p.interfaces) for p in deployment.patches)))
+    return table
+
+
+def _channels(deployment: Deployment) -> Table:
+    table = _table("channels", "key", "message", "from", "to", "period", "watchers")
+    prefix = Keys(deployment.robot).prefix
+    for row in CHANNELS:
+        to = ", ".join(role.value for role in row.receivers)
+        table.add_row(
+            f"{prefix}{row.pattern}",
+            row.message.__name__,
+            row.sender.value,
+            to,
+            row.period,
+            "yes" if row.public else "",
+        )
+    table.add_row(
+        f"{prefix}alive/<role>/<name>", "liveliness", ", ".join(r.value for r in Role), "all", "on change"
+    )
+    return table
+
+
+def _periods(deployment: Deployment) -> Table:
+    table = _table("periods", "what", "ms")
+    body, control = deployment.body, deployment.controller
+    for what, value_ms in (
+        ("physics", body.physics_ms),
+        ("stimulus frame, cells", body.stimulus_ms),
+        ("joint feedback, control", control.period_ms),
+        ("command delay", control.command_delay_ns / 1e6),
+    ):
+        table.add_row(what, f"{value_ms:g}")
+    return table

@@ -1,0 +1,29 @@
+"""Figures: numbers that a run gives, each computed from what its processes recorded and nothing else."""
+
+from pathlib import Path
+from typing import Any
+
+from skinnet.deployment import Deployment
+from skinnet.part import Part
+from skinnet.run.figures.network import network_figures
+from skinnet.run.figures.self_organisation import map_figures, structure_figures
+from skinnet.run.figures.touch import touch_figures
+from skinnet.run.truth import Truth
+
+__all__ = ["Figures", "compute_figures"]
+
+Figures = dict[str, Any]
+
+
+def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) -> Figures:
+    """All figures for which the parts are there, as one flat object with dotted names."""
+    figures: Figures = {}
+    controller, body = parts.get("controller"), parts.get("body")
+    if controller is not None:
+        truth = Truth(deployment, base)
+        figures |= structure_figures(deployment, controller, truth)
+        figures |= map_figures(deployment, controller, truth)
+        if body is not None:
+            figures |= touch_figures(deployment, controller, body)
+    figures |= network_figures([part for part in parts.values() if part.role == "cells"])
+    return figures

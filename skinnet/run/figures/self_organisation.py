@@ -1,0 +1,81 @@
+"""What the robot found out about itself, held against the model."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.deployment import Deployment
+from skinnet.part import Part
+from skinnet.run.truth import Truth
+
+__all__ = ["map_figures", "structure_figures"]
+
+_LARGE = 0.1
+"""Signs are compared where the true weight of a unit row is above this."""
+
+
+def structure_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:
+    """Wrong entries of the activity matrix, size of the tree, how long it took."""
+    if "structure" not in controller.facts:
+        return {}
+    found = controller.facts["structure"]
+    activity = controller.arrays["activity"]
+    kinds = {name for name, stage in deployment.controller.stages.items() if stage.kind == "structure"}
+    return {
+        "structure.wrong_entries": int(np.count_nonzero(activity != truth.activity)),
+        "structure.entries": int(activity.size),
+        "structure.body_parts": len(found["parts"]),
+        "structure.joints": len(found["joints"]),
+        "structure.is_tree": not found["problems"],
+        "structure.problems": list(found["problems"]),
+        "structure.sim_s": _stage_s(controller, kinds),
+    }
+
+
+def _stage_s(controller: Part, names: set[str]) -> float:
+    """Simulated time spent in the stages of these names [s]."""
+    log = controller.facts["stages"]
+    ends = [t_ns for _, t_ns in log[1:]] + [controller.facts["end_ns"]]
+    spent: list[int] = [end - start for (name, start), end in zip(log, ends, strict=True) if name in names]
+    return float(sum(spent)) * 1e-9
+
+
+def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:
+    """Agreement of the explored map with the analytic normal Jacobian, in the poses where it was explored.
+
+    The truth goes through the same equations: (2) takes the share of the normal among the three axes, (3) the
+    entries of DoFs that move the cell, and every row has unit norm. `correlation_normal` compares with the
+    plain normal Jacobian instead, rows of unit norm too.
+    """
+    if "map" not in controller.arrays:
+        return {}
+    maps, poses = controller.arrays["map"], controller.arrays["map_pose_rad"]
+    jacobians = [truth.cell_jacobian(pose) for pose in poses]
+    kept = np.abs(maps).sum(axis=2, keepdims=True) > 0.0
+    shares = np.array([_unit_rows(_normal_share(jacobian)) for jacobian in jacobians]) * kept
+    plain = np.array([_unit_rows(-jacobian[:, :, 2]) for jacobian in jacobians]) * kept
+    large = np.abs(shares) > _LARGE
+    return {
+        "smm.sign_agreement": float(np.mean(np.sign(maps[large]) == np.sign(shares[large]))),
+        "smm.correlation": float(np.corrcoef(maps.ravel(), shares.ravel())[0, 1]),
+        "smm.correlation_normal": float(np.corrcoef(maps.ravel(), plain.ravel())[0, 1]),
+        "smm.entries_compared": int(np.count_nonzero(large)),
+        "smm.cells_cut": int(np.count_nonzero(~kept)),
+        "smm.problems": list(controller.facts["map_problems"]),
+    }
+
+
+def _normal_share(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Equation (2) of [M14] of the true motion; positive is inwards, as in the map."""
+    total = np.abs(jacobian).sum(axis=2)
+    share: NDArray[np.float64] = np.divide(
+        -jacobian[:, :, 2], total, out=np.zeros(total.shape), where=total > 1e-9
+    )
+    return share
+
+
+def _unit_rows(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    norm = np.linalg.norm(matrix, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = np.divide(matrix, norm, out=np.zeros_like(matrix), where=norm > 1e-9)
+    return unit

@@ -1,0 +1,112 @@
+"""One run from a deployment to its summary: check, run, judge, write."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from skinnet.body.simulation import Body
+from skinnet.channels import Keys
+from skinnet.deployment import Deployment, load
+from skinnet.deployment.checks import check
+from skinnet.errors import DeploymentError
+from skinnet.files import write_json
+from skinnet.run.in_process import run_in_process
+from skinnet.run.outcome import Outcome
+from skinnet.run.progress import Progress
+from skinnet.run.summary import summarise
+from skinnet.run.supervise import run_processes
+from skinnet.run.watch import Watch
+from skinnet.skin.placement import place
+
+__all__ = ["Order", "prepare", "run_once"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What was asked for on the command line.
+
+    Attributes:
+        file: The deployment.
+        overrides: `key=value` settings.
+        in_process: Run everything in one process.
+        listen: Endpoint for watchers; a free port unless given.
+        plots: Draw plots and a picture.
+    """
+
+    file: Path
+    overrides: tuple[str, ...] = ()
+    in_process: bool = False
+    listen: str | None = None
+    plots: bool = True
+
+
+def prepare(order: Order, seed: int | None = None) -> Deployment:
+    """Loads a deployment and checks it against itself and its model.
+
+    Raises:
+        DeploymentError: names file, key, value, what is allowed.
+    """
+    deployment = load(order.file, order.overrides, seed)
+    try:
+        check(deployment)
+        for patch in deployment.patches:
+            place(patch, deployment.cells)
+        Body(deployment, order.file.parent)
+    except DeploymentError as error:
+        raise DeploymentError(f"{order.file}: {error}") from None
+    return deployment
+
+
+def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress) -> dict[str, Any]:
+    """Runs `deployment` and writes its run folder; returns the summary.
+
+    Raises:
+        SkinnetError: the run failed; one clear line.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    start_s = time.monotonic()
+    base = order.file.parent.resolve()
+    with contextlib.ExitStack() as stack:
+        watch = _watch(order, deployment, progress)
+        if watch is not None:
+            stack.callback(watch.close)
+        stack.enter_context(progress)
+        outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
+    wall_s = time.monotonic() - start_s
+    summary = summarise(deployment, base, outcome, wall_s)
+    write_json(out / "summary.json", summary)
+    if order.plots:
+        _draw(deployment, base, outcome, out, progress.say)
+    return summary
+
+
+def _watch(order: Order, deployment: Deployment, progress: Progress) -> Watch | None:
+    if order.in_process and order.listen is None:
+        return None
+    watch = Watch(Keys(deployment.robot), order.listen)
+    progress.say(
+        f"watch with any Zenoh client: connect to {watch.endpoint}, "
+        f"subscribe to skinnet/{deployment.robot}/skin/**/events"
+    )
+    return watch
+
+
+async def _run(
+    order: Order, deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
+) -> Outcome:
+    if order.in_process:
+        return await run_in_process(deployment, base, progress, watch)
+    return await run_processes(deployment, base, out, progress, watch)
+
+
+def _draw(
+    deployment: Deployment, base: Path, outcome: Outcome, out: Path, say: Callable[[str], None]
+) -> None:
+    from skinnet.run.plots import draw  # matplotlib takes a second to import
+
+    for line in draw(deployment, base, outcome, out):
+        say(line)

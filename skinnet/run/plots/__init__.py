@@ -1,0 +1,41 @@
+"""Plots of a run, one file each, from the parts of its processes."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from skinnet.deployment import Deployment
+from skinnet.part import Part
+from skinnet.run.outcome import Outcome
+from skinnet.run.plots.network import plot_latency
+from skinnet.run.plots.picture import draw_picture
+from skinnet.run.plots.self_organisation import plot_activity, plot_map, plot_tree
+from skinnet.run.plots.touch import plot_reactions, plot_touch
+
+__all__ = ["draw"]
+
+_DPI = 130
+_Plot = Callable[[Deployment, dict[str, Part]], Figure | None]
+_PLOTS: tuple[tuple[str, _Plot], ...] = (
+    ("activity_matrix", plot_activity),
+    ("kinematic_tree", plot_tree),
+    ("sensory_motor_map", plot_map),
+    ("touch", plot_touch),
+    ("reactions", plot_reactions),
+    ("latency", plot_latency),
+)
+
+
+def draw(deployment: Deployment, base: Path, outcome: Outcome, out: Path) -> list[str]:
+    """Draws what the parts allow into `out`; returns lines to tell, such as what could not be drawn and why."""
+    parts = {part.name: part for part in outcome.parts}
+    told = []
+    for name, plot in _PLOTS:
+        figure = plot(deployment, parts)
+        if figure is not None:
+            figure.savefig(out / f"{name}.png", dpi=_DPI)
+    problem = draw_picture(deployment, base, parts, out)
+    if problem is not None:
+        told.append(f"no picture of the body: {problem}")
+    return told

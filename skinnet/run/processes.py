@@ -1,0 +1,29 @@
+"""The flat list of the processes of a run; packages are named as strings: the core imports none."""
+
+from dataclasses import dataclass
+
+from skinnet.channels import Role
+from skinnet.deployment import Deployment
+
+__all__ = ["ProcessSpec", "processes"]
+
+
+@dataclass(frozen=True)
+class ProcessSpec:
+    """One process: `python -m <module>` with its name."""
+
+    name: str
+    role: Role
+    module: str
+    may_be_lost: bool
+
+
+def processes(deployment: Deployment) -> tuple[ProcessSpec, ...]:
+    """All processes of a deployment; the body first, since it is the hub."""
+    spared = set(deployment.run.may_be_lost)
+    hosts = [
+        ProcessSpec(host, Role.CELLS, "cells", bool({host, "cells"} & spared))
+        for host in deployment.host_patches()
+    ]
+    controller = ProcessSpec("controller", Role.CONTROLLER, "controller", "controller" in spared)
+    return (ProcessSpec("body", Role.BODY, "skinnet.body", False), *hosts, controller)

@@ -1,0 +1,72 @@
+"""A line that moves: what the controller does, how far simulated time is, how fast it goes."""
+
+import time
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from skinnet.channels import Keys
+from skinnet.errors import ProtocolError
+from skinnet.messages import ControllerState, decode
+from skinnet.transport.base import Transport
+
+__all__ = ["Progress"]
+
+_BAR = 24
+_PLAIN_EVERY_S = 10.0
+
+
+class Progress:
+    """Follows the controller's state; on a terminal as one line that moves, else as a line now and then."""
+
+    def __init__(self, console: Console, quiet: bool = False) -> None:
+        self._console = console
+        self._quiet = quiet
+        self._live: Live | None = None
+        self._start_s = time.monotonic()
+        self._printed_s = 0.0
+        self._stage = ""
+        self.t_ns = 0
+
+    def __enter__(self) -> "Progress":
+        self._start_s = time.monotonic()
+        if not self._quiet and self._console.is_terminal:
+            self._live = Live(Text("starting the processes …"), console=self._console, refresh_per_second=8)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def follow(self, transport: Transport, keys: Keys) -> None:
+        """Shows every state that goes through `transport`."""
+        transport.tap(keys.of("state"), self._on_state)
+
+    def say(self, text: str) -> None:
+        """Prints a line above the moving one."""
+        if not self._quiet:
+            self._console.print(text, highlight=False, markup=False)
+
+    def _on_state(self, _key: str, payload: bytes) -> None:
+        try:
+            state = decode(payload, ControllerState)
+        except ProtocolError:
+            return
+        if self.t_ns == 0:
+            self._start_s = time.monotonic()  # the clock starts with the simulation, not with the imports
+        self.t_ns = max(state.t_ns, 1)
+        wall_s = time.monotonic() - self._start_s
+        pace = self.t_ns * 1e-9 / wall_s if wall_s > 0.5 else 0.0
+        done = round(_BAR * state.progress)
+        line = (
+            f"{state.stage:<20} {'━' * done}{'╌' * (_BAR - done)} {self.t_ns * 1e-9:7.1f} s simulated"
+            f"{f', {pace:.1f} × real time' if pace else ''}  {state.text}"
+        )
+        if self._live is not None:
+            self._live.update(Text(line))
+        elif state.stage != self._stage or wall_s - self._printed_s > _PLAIN_EVERY_S:
+            self._printed_s = wall_s
+            self.say(line)
+        self._stage = state.stage

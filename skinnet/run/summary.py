@@ -1,0 +1,51 @@
+"""The summary of a run: what happened, and every figure that can be computed from it."""
+
+import hashlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from skinnet import __version__
+from skinnet.deployment import Deployment
+from skinnet.part import Part
+from skinnet.run.figures import compute_figures
+from skinnet.run.outcome import Outcome
+
+__all__ = ["log_sha256", "summarise"]
+
+
+def log_sha256(parts: list[Part]) -> str:
+    """Hash of the logs of all sources, by name: the same however they were spread over processes."""
+    logs = {name: digest for part in parts for name, digest in part.facts["logs"].items()}
+    return hashlib.sha256(repr(sorted(logs.items())).encode()).hexdigest()
+
+
+def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
+    """What `summary.json` holds.
+
+    Args:
+        deployment: What was run.
+        base: Folder that relative paths in it start from.
+        outcome: How it ended.
+        wall_s: Wall time from the first process to the last [s].
+    """
+    parts = {part.name: part for part in outcome.parts}
+    sim_s = parts["body"].facts["end_ns"] * 1e-9 if "body" in parts else 0.0
+    loop_s = parts["body"].facts.get("loop_s", wall_s) if "body" in parts else wall_s
+    return {
+        "outcome": outcome.kind,
+        "deployment": deployment.name,
+        "version": __version__,
+        "seed": deployment.seed,
+        "log_sha256": log_sha256(outcome.parts),
+        "pace": deployment.run.pace,
+        "sim_s": sim_s,
+        "wall_s": wall_s,
+        "loop_s": loop_s,
+        "rtf": sim_s / loop_s if loop_s > 0 else 0.0,
+        "late_frames": parts["body"].facts["late_frames"] if "body" in parts else 0,
+        "processes": [asdict(report) for report in outcome.processes],
+        "faults": [asdict(fault) for fault in outcome.faults],
+        "counters": {part.name: part.facts["counters"] for part in outcome.parts if part.facts["counters"]},
+        "figures": compute_figures(deployment, base, parts),
+    }

@@ -1,0 +1,212 @@
+"""Starts the processes of a run, watches over them, and ends them in order.
+
+A process that dies is reported with its name and its last lines. If the deployment does not allow its
+loss, the others are told to stop, then made to. Their standard input is a pipe of ours: should this process
+be killed, it closes, and they end by themselves.
+"""
+
+import asyncio
+import contextlib
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from skinnet.channels import Keys
+from skinnet.deployment import Deployment, resolved_json
+from skinnet.errors import ProcessFailedError, SkinnetError
+from skinnet.files import write_bytes
+from skinnet.part import Part
+from skinnet.run.outcome import Fault, Outcome, ProcessReport
+from skinnet.run.processes import ProcessSpec, processes
+from skinnet.run.progress import Progress
+from skinnet.run.watch import Watch
+from skinnet.transport.zenoh import ZenohTransport
+from skinnet.worker import STOPPED
+
+__all__ = ["run_processes"]
+
+_SCHEME = "unixsock-stream/"
+_LOOK_EVERY_S = 0.02
+_STOP_S = 3.0
+_LAST_LINES = 8
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+"""Each process computes in one thread; the processes are what runs in parallel."""
+
+
+@dataclass
+class _Child:
+    spec: ProcessSpec
+    process: asyncio.subprocess.Process
+    log: Path
+
+    def last_lines(self) -> tuple[str, ...]:
+        text = self.log.read_text(errors="replace") if self.log.exists() else ""
+        return tuple(text.strip().splitlines()[-_LAST_LINES:])
+
+    def ending(self) -> str:
+        code = self.process.returncode
+        assert code is not None
+        return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+
+
+@contextlib.contextmanager
+def _hub_endpoint() -> Iterator[str]:
+    """A local socket of this run alone: no port that could be taken, no stranger in the loop."""
+    with tempfile.TemporaryDirectory(prefix="skinnet-") as folder:
+        yield f"{_SCHEME}{folder}/hub"
+
+
+async def run_processes(
+    deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
+) -> Outcome:
+    """Runs `deployment` in processes of its own.
+
+    Args:
+        deployment: What to run.
+        base: Folder that relative paths in it start from.
+        out: Run folder; gets `deployment.json`, `logs/` and `parts/`.
+        progress: Where to show how it goes.
+        watch: Window for outsiders.
+
+    Raises:
+        ProcessFailedError: a process that may not be lost died; names it, with its last lines.
+    """
+    for folder in ("parts", "logs"):
+        shutil.rmtree(out / folder, ignore_errors=True)  # what an earlier run left is not of this one
+    resolved = out / "deployment.json"
+    write_bytes(resolved, resolved_json(deployment))
+    with _hub_endpoint() as hub:
+        children: list[_Child] = []
+        try:
+            for spec in processes(deployment):
+                children.append(await _start(spec, hub, resolved, base, out))  # noqa: PERF401
+            follower = asyncio.create_task(_follow(deployment, hub, progress, watch))
+            try:
+                faults = await _wait(children, progress)
+            finally:
+                await _leave(follower)
+        finally:
+            await _stop(children)
+    return _outcome(children, faults, out)
+
+
+async def _start(spec: ProcessSpec, hub: str, resolved: Path, base: Path, out: Path) -> _Child:
+    log = out / "logs" / f"{spec.name}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    role = "--listen" if spec.name == "body" else "--connect"
+    arguments = ("--deployment", resolved, "--base", base, "--name", spec.name, "--parts", out / "parts")
+    with log.open("wb") as stderr:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            spec.module,
+            *map(str, arguments),
+            role,
+            hub,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=stderr,
+            stderr=stderr,
+            env=os.environ | _ONE_THREAD,
+        )
+    return _Child(spec, process, log)
+
+
+async def _follow(
+    deployment: Deployment, hub: str, progress: Progress, watch: Watch | None
+) -> ZenohTransport:
+    """Joins the loop to show how it goes and to copy it to outsiders."""
+    keys = Keys(deployment.robot)
+    await _appearance(Path(hub.removeprefix(_SCHEME)))
+    transport = await asyncio.to_thread(lambda: ZenohTransport(connect=hub))
+    progress.follow(transport, keys)
+    if watch is not None:
+        watch.open(transport)
+    return transport
+
+
+async def _appearance(socket: Path) -> None:
+    """Returns when the hub's socket is there: a session that waits for its hub cannot be told to give up."""
+    while not socket.exists():  # noqa: ASYNC110, ASYNC240 -- no event tells of a file, and the look is short
+        await asyncio.sleep(_LOOK_EVERY_S)
+
+
+async def _leave(follower: "asyncio.Task[ZenohTransport]") -> None:
+    with contextlib.suppress(asyncio.CancelledError, SkinnetError):
+        if not follower.done():
+            follower.cancel()
+        transport = await follower
+        await asyncio.to_thread(transport.close)
+
+
+async def _wait(children: list[_Child], progress: Progress) -> list[Fault]:
+    """Waits for all; raises as soon as one dies that may not."""
+    faults: list[Fault] = []
+    waiting = {asyncio.create_task(child.process.wait()): child for child in children}
+    try:
+        while waiting:
+            ended, _ = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            dead = [child for task in ended if (child := waiting.pop(task)).process.returncode != 0]
+            if not dead:
+                continue
+            culprits = [child for child in dead if not child.spec.may_be_lost]
+            if culprits:
+                raise _failure(_first_cause(culprits, children))
+            for child in dead:
+                faults.append(Fault(child.spec.name, child.ending(), child.last_lines()))
+                progress.say(f"{child.spec.name} {child.ending()}; the run goes on without it")
+    finally:
+        for task in waiting:
+            task.cancel()
+    return faults
+
+
+def _first_cause(culprits: list[_Child], children: list[_Child]) -> _Child:
+    """Of several that died at once, one that was killed: the others may have died of its loss."""
+    killed = [c for c in children if (code := c.process.returncode) is not None and code < 0]
+    return (killed or culprits)[0]
+
+
+def _failure(child: _Child) -> ProcessFailedError:
+    lines = child.last_lines()
+    said = "; its last lines:\n    " + "\n    ".join(lines) if lines else ", and said nothing"
+    return ProcessFailedError(f"{child.spec.name} {child.ending()}{said}")
+
+
+async def _stop(children: list[_Child]) -> None:
+    """Tells those that still run to stop; kills who does not."""
+    running = [child.process for child in children if child.process.returncode is None]
+    for process in running:
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
+    if running:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_STOP_S):
+                await asyncio.gather(*(process.wait() for process in running))
+    for process in running:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+
+
+def _outcome(children: list[_Child], faults: list[Fault], out: Path) -> Outcome:
+    parts, reports = [], []
+    for child in children:
+        code = child.process.returncode
+        try:
+            part = Part.load(out / "parts", child.spec.name)
+        except FileNotFoundError:
+            part = Part(child.spec.name, child.spec.role.value)
+        else:
+            parts.append(part)
+        cpu_s, peak_mb = part.facts.get("cpu_s", 0.0), part.facts.get("peak_mb", 0.0)
+        reports.append(
+            ProcessReport(child.spec.role.value, child.spec.name, child.process.pid, cpu_s, peak_mb, code)
+        )
+    failed = [c for c in children if c.process.returncode == STOPPED]
+    kind = "interrupted" if failed else "completed_with_losses" if faults else "completed"
+    return Outcome(kind, parts, reports, faults)

@@ -1,0 +1,106 @@
+"""The window for outsiders: a Zenoh endpoint of its own, beside the loop.
+
+Whoever joins here gets best-effort copies of the public channels and can never hold up the run: the
+loop's sessions do not know them. Copies are made only of what somebody subscribes to. The newest topology
+of each patch answers queries. Configuration of cells may come in; it takes effect as soon as it arrives.
+"""
+
+import socket
+from collections.abc import Callable
+
+import msgspec
+
+from skinnet.channels import CHANNELS, Channel, Keys
+from skinnet.errors import PortInUseError, ProtocolError
+from skinnet.messages import Config, decode, encode
+from skinnet.transport.base import Transport
+from skinnet.transport.zenoh import ZenohTransport
+
+__all__ = ["Watch", "free_endpoint"]
+
+_TRIES = 5
+
+
+def free_endpoint() -> str:
+    """A TCP endpoint on loopback that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def _open(listen: str | None) -> tuple[str, ZenohTransport]:
+    for attempt in range(_TRIES):
+        endpoint = listen or free_endpoint()
+        try:
+            return endpoint, ZenohTransport(listen=endpoint)
+        except PortInUseError:
+            if listen or attempt == _TRIES - 1:
+                raise
+    raise AssertionError("unreachable")
+
+
+class Watch:
+    """Copies the public channels of the loop at `inner` to whoever connects to `endpoint`.
+
+    Args:
+        keys: Keys of the robot.
+        listen: Endpoint; a free port on loopback unless given.
+
+    Raises:
+        PortInUseError: the endpoint is taken.
+    """
+
+    def __init__(self, keys: Keys, listen: str | None = None) -> None:
+        self._keys = keys
+        self.endpoint, self._outer = _open(listen)
+        self.copied = 0
+        self.configs = 0
+        self._newest: dict[str, bytes] = {}
+
+    def open(self, inner: Transport) -> None:
+        """Begins to copy what goes through the loop."""
+        self._inner = inner
+        for row in CHANNELS:
+            if row.name == "config":
+                self._outer.tap(self._expression(row), self._bring_in)
+            elif row.public:
+                self._outer.on_interest(self._expression(row), _Copier(inner, self, self._expression(row)))
+        inner.tap(self._keys.of("topology", "*"), self._newest.__setitem__)
+        self._outer.serve(self._keys.of("topology", "*"), lambda: dict(self._newest))
+
+    def _expression(self, row: Channel) -> str:
+        return self._keys.of(row.name, *["*"] * row.pattern.count("<"))
+
+    def copy(self, key: str, payload: bytes) -> None:
+        """Sends a copy to whoever keeps up."""
+        self.copied += 1
+        self._outer.put_droppable(key, payload)
+
+    def _bring_in(self, key: str, payload: bytes) -> None:
+        """Configuration by a stranger: never in the name of the controller, whose messages have a time."""
+        try:
+            config = msgspec.structs.replace(decode(payload, Config), t_ns=0)
+        except ProtocolError:
+            self._inner.put(key, payload)  # the host counts it and says who sent it
+            return
+        self.configs += 1
+        self._inner.put(key, encode(config))
+
+    def close(self) -> None:
+        """Nobody can watch any more."""
+        self._outer.close()
+
+
+class _Copier:
+    """Taps an expression of the loop while somebody is interested."""
+
+    def __init__(self, inner: Transport, watch: Watch, expression: str) -> None:
+        self._inner, self._watch, self._expression = inner, watch, expression
+        self._undo: Callable[[], None] | None = None
+
+    def __call__(self, interested: bool) -> None:
+        if interested and self._undo is None:
+            self._undo = self._inner.tap(self._expression, self._watch.copy)
+        elif not interested and self._undo is not None:
+            self._undo()
+            self._undo = None

@@ -1,0 +1,1 @@
+"""Where the cells are: lattices and their placement on bodies."""

@@ -1,0 +1,166 @@
+"""Where the cells of a patch sit on their body, and which of their ports are wired together."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from skinnet.deployment.schema import CellSpec, LatticeSpec, PatchSpec, PlacedCell
+from skinnet.errors import DeploymentError
+from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
+
+__all__ = ["PlacedPatch", "place"]
+
+_OVERLAP = 0.90
+"""Centres closer than this share of the pitch overlap (a curved lattice shortens chords a little)."""
+_REACH = 1.15
+"""A wire spans at most this share of the pitch."""
+_FACING = math.cos(math.radians(35.0))
+"""A port faces a neighbour that lies within this angle of it."""
+
+
+@dataclass(frozen=True)
+class PlacedPatch:
+    """A patch on its body.
+
+    Attributes:
+        name: Name of the patch.
+        body: Name of the body that carries it.
+        position_m: (n, 3) centres of the cells on the rigid surface, frame of the body [m].
+        R_body_cell: (n, 3, 3) rotations; columns are the cell's x (towards port 0), y and z (outward normal).
+        wires: (m, 4) rows of (cell, port, cell, port), each full-duplex wire once.
+        interfaces: (g, 2) rows of (cell, port): where gateways are wired.
+    """
+
+    name: str
+    body: str
+    position_m: NDArray[np.float64]
+    R_body_cell: NDArray[np.float64]
+    wires: NDArray[np.int64]
+    interfaces: NDArray[np.int64]
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.position_m)
+
+
+def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
+    """Places the cells of `patch` and wires the ports that face each other.
+
+    Raises:
+        DeploymentError: cells overlap, vectors are degenerate, or an interface is no free port.
+    """
+    if (patch.lattice is None) == (not patch.cells):
+        raise DeploymentError(f"patches.{patch.name}: give either lattice or cells, and not both")
+    if patch.lattice is not None:
+        position_m, rotation = _on_lattice(patch.name, patch.lattice, cells.side_m)
+    else:
+        position_m, rotation = _by_hand(patch.name, patch.cells)
+    pitch = pitch_m(cells.side_m)
+    _refuse_overlap(patch.name, position_m, pitch)
+    wires = _wires(position_m, rotation, pitch)
+    interfaces = np.array([(i.cell, i.port) for i in patch.interfaces], dtype=np.int64)
+    _check_interfaces(patch.name, len(position_m), wires, interfaces)
+    return PlacedPatch(patch.name, patch.body, position_m, rotation, wires, interfaces)
+
+
+def _unit(name: str, key: str, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = float(np.linalg.norm(vector))
+    if not math.isfinite(length) or length < 1e-9:
+        raise DeploymentError(f"patches.{name}.{key} = {vector.tolist()}: needs a finite length above zero")
+    unit: NDArray[np.float64] = vector / length
+    return unit
+
+
+def _axes(name: str, key: str, x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Right-handed rotation with the given z, and x as near to the given one as it can be."""
+    across = x - z * float(x @ z)
+    x_unit = _unit(name, key, across)
+    return np.column_stack([x_unit, np.cross(z, x_unit), z])
+
+
+def _on_lattice(
+    name: str, lattice: LatticeSpec, side_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    normal = _unit(name, "lattice.normal", np.array(lattice.normal, dtype=np.float64))
+    up = np.array(lattice.up, dtype=np.float64)
+    y = _unit(name, "lattice.up (it may not be parallel to normal)", up - normal * float(up @ normal))
+    x = np.cross(y, normal)
+    origin = np.array(lattice.origin_m, dtype=np.float64)
+    plane = lattice_plane_m(lattice_cells(lattice.columns, lattice.rows), side_m)
+    if lattice.radius_m is None:
+        position_m = origin + plane[:, :1] * x + plane[:, 1:] * y
+        rotation = np.repeat(np.column_stack([x, y, normal])[None], len(plane), axis=0)
+        return position_m, rotation
+    angle = plane[:, :1] / lattice.radius_m
+    if np.ptp(angle) > 2 * math.pi - pitch_m(side_m) / lattice.radius_m + 1e-9:
+        raise DeploymentError(
+            f"patches.{name}.lattice.columns = {lattice.columns}: wraps more than once around a radius of "
+            f"{lattice.radius_m} m; use fewer columns"
+        )
+    outward = np.cos(angle) * normal + np.sin(angle) * x
+    position_m = origin - lattice.radius_m * normal + lattice.radius_m * outward + plane[:, 1:] * y
+    sideways = np.cos(angle) * x - np.sin(angle) * normal
+    rotation = np.stack([sideways, np.broadcast_to(y, sideways.shape), outward], axis=2)
+    return position_m, rotation
+
+
+def _by_hand(name: str, cells: tuple[PlacedCell, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    position_m = np.array([cell.position_m for cell in cells], dtype=np.float64)
+    rotation = [
+        _axes(
+            name,
+            f"cells[{i}].x_axis",
+            np.array(cell.x_axis, dtype=np.float64),
+            _unit(name, f"cells[{i}].normal", np.array(cell.normal, dtype=np.float64)),
+        )
+        for i, cell in enumerate(cells)
+    ]
+    return position_m, np.array(rotation)
+
+
+def _refuse_overlap(name: str, position_m: NDArray[np.float64], pitch: float) -> None:
+    pairs = sorted(cKDTree(position_m).query_pairs(_OVERLAP * pitch))
+    if pairs:
+        a, b = pairs[0]
+        distance = float(np.linalg.norm(position_m[a] - position_m[b]))
+        raise DeploymentError(
+            f"patches.{name}: cells {a} and {b} overlap, their centres are {distance * 1e3:.1f} mm apart; "
+            f"{pitch * 1e3:.1f} mm fit"
+        )
+
+
+def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float) -> NDArray[np.int64]:
+    """Pairs of ports that face each other across a shared edge."""
+    ports = np.array([[math.cos(a), math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
+    wires = []
+    for a, b in sorted(cKDTree(position_m).query_pairs(_REACH * pitch)):
+        towards = position_m[b] - position_m[a]
+        towards = towards / np.linalg.norm(towards)
+        along_a = (rotation[a] @ ports.T).T @ towards
+        along_b = (rotation[b] @ ports.T).T @ -towards
+        port_a, port_b = int(np.argmax(along_a)), int(np.argmax(along_b))
+        if along_a[port_a] > _FACING and along_b[port_b] > _FACING:
+            wires.append((a, port_a, b, port_b))
+    return np.array(wires, dtype=np.int64).reshape(-1, 4)
+
+
+def _check_interfaces(
+    name: str, n_cells: int, wires: NDArray[np.int64], interfaces: NDArray[np.int64]
+) -> None:
+    wired = {(int(a), int(p)) for a, p in np.vstack([wires[:, :2], wires[:, 2:]])}
+    seen: set[tuple[int, int]] = set()
+    for index, (cell, port) in enumerate(interfaces.tolist()):
+        key = f"patches.{name}.interfaces[{index}]"
+        if cell >= n_cells:
+            raise DeploymentError(f"{key}.cell = {cell}: the patch has cells 0 to {n_cells - 1}")
+        free = [p for p in range(N_PORTS) if (cell, p) not in wired and (cell, p) not in seen]
+        if port not in free:
+            raise DeploymentError(
+                f"{key} = cell {cell} port {port}: that port is taken; "
+                f"free ports of cell {cell}: {free or 'none'}"
+            )
+        seen.add((cell, port))

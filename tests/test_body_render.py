@@ -1,0 +1,35 @@
+"""A picture of the body, or a clear reason why there is none."""
+
+import body_scenes
+import matplotlib.image
+import numpy as np
+
+from skinnet.body.render import picture
+
+
+def test_the_picture_shows_the_cells_in_their_colours(tmp_path):
+    deployment = body_scenes.load(body_scenes.HRP2)
+    images = []
+    for name, level in (("idle", 0.0), ("touched", 1.0)):
+        values = np.zeros(74)
+        values[:18] = level
+        out = tmp_path / f"{name}.png"
+        file, why = picture(deployment, body_scenes.DEPLOYMENTS, out, values, size=(320, 240))
+        if file is None:
+            assert why.startswith("no picture")
+            return
+        assert why == ""
+        images.append(matplotlib.image.imread(file)[:, :, :3])
+    changed = np.abs(images[0] - images[1]).max(axis=2) > 0.2
+    assert 0.002 < changed.mean() < 0.1, "the torso's cells, and nothing else"
+    redder = (images[1] - images[0])[changed]
+    assert redder[:, 0].mean() > 0.2
+    assert redder[:, 2].mean() < -0.2
+
+
+def test_a_machine_that_cannot_draw_says_why(tmp_path, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    deployment = body_scenes.load(body_scenes.HRP2)
+    file, why = picture(deployment, body_scenes.DEPLOYMENTS, tmp_path / "no.png", np.zeros(74))
+    assert file is None
+    assert "nonsense" in why

@@ -1,0 +1,151 @@
+"""What cells sense: compared with MuJoCo's own accelerometer and rangefinder, and with statics."""
+
+import math
+
+import body_scenes
+import mujoco
+import numpy as np
+import pytest
+from body_scenes import ARM_CELLS
+
+from skinnet.messages import STIMULUS_NAMES
+
+DISTANCE = STIMULUS_NAMES.index("distance_m")
+ACCELERATION = slice(4, 7)
+TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
+THICKNESS_M = 0.012
+REACH_M = 1.5 * 0.05
+
+OBSTACLES = """
+<body name="ball" pos="0.30 0.02 1.20"><joint name="b" axis="1 0 0"/><geom type="sphere" size="0.10"/></body>
+<body name="rod" pos="0.42 0 1.15" euler="1.4 0 0">
+  <joint name="c" axis="0 1 0"/><geom type="capsule" size="0.03 0.1"/>
+</body>
+<geom name="wall" type="box" size="0.5 0.01 0.5" pos="0 0.10 1"/>
+"""
+
+
+def with_native_sensors(folder, more=OBSTACLES, **body):
+    """The arm with an accelerometer and a rangefinder where each cell is."""
+    sites, sensors = "", ""
+    for i, cell in enumerate(ARM_CELLS):
+        normal, x = np.array(cell.normal, float), np.array(cell.x_axis, float)
+        x -= normal * (x @ normal)
+        y = np.cross(normal, x)
+        at = np.array(cell.position_m) + THICKNESS_M * normal
+        sites += '<site name="s{}" pos="{} {} {}" xyaxes="{} {} {} {} {} {}"/>'.format(i, *at, *x, *y)
+        sensors += f'<accelerometer site="s{i}"/><rangefinder site="s{i}"/>'
+    mjcf = body_scenes.ARM.replace("</body>", f"{sites}</body>", 1)
+    mjcf = mjcf.format(more=more, sensors=f"<sensor>{sensors}</sensor>")
+    patches = (body_scenes.patch("skin", "arm", *ARM_CELLS),)
+    return body_scenes.body_of(folder, mjcf, patches, ("turn", "lift"), **body)
+
+
+def native(body):
+    """Readings of MuJoCo's own sensors at the body's present state."""
+    data = mujoco.MjData(body.model.mj)
+    mujoco.mj_copyData(data, body.model.mj, body.data)
+    mujoco.mj_sensorPos(body.model.mj, data)
+    mujoco.mj_rnePostConstraint(body.model.mj, data)
+    mujoco.mj_sensorAcc(body.model.mj, data)
+    rows = data.sensordata.reshape(len(ARM_CELLS), -1)
+    return rows[:, :3], rows[:, 3]
+
+
+def test_acceleration_equals_the_native_accelerometer_in_motion(tmp_path):
+    body = with_native_sensors(tmp_path)
+    largest = 0.0
+    for k in range(1, 60):
+        body.set_command([math.sin(0.7 * k), 1.2 * math.cos(1.3 * k)])
+        body.advance(body.t_ns + 4_000_000)
+        stimulus = body.stimulus()
+        theirs, _ = native(body)
+        np.testing.assert_allclose(stimulus[:, ACCELERATION], theirs, rtol=0, atol=1e-11)
+        largest = max(largest, float(np.abs(theirs).max()))
+    assert largest > 12.0, "the arm must really move"
+
+
+def test_distance_equals_the_native_rangefinder(tmp_path):
+    body = with_native_sensors(tmp_path)
+    seen = 0
+    for k in range(1, 60):
+        body.set_command([0.5 * math.sin(0.2 * k), 0.5 * math.cos(0.2 * k)])
+        body.advance(body.t_ns + 4_000_000)
+        distance = body.stimulus()[:, DISTANCE]
+        _, theirs = native(body)
+        theirs = np.where((theirs < 0) | (theirs > REACH_M), np.inf, theirs)
+        np.testing.assert_allclose(distance, theirs, rtol=0, atol=1e-9)
+        seen += np.isfinite(distance).sum()
+    assert seen > 60
+
+
+def test_what_is_only_drawn_is_not_seen(tmp_path):
+    wall = '<geom type="box" size="0.5 0.01 0.5" pos="0 0.08 1" {}/>'
+    seen = body_scenes.arm(tmp_path, more=wall.format("")).stimulus()
+    unseen = body_scenes.arm(tmp_path, more=wall.format('contype="0" conaffinity="0"')).stimulus()
+    assert seen[2, DISTANCE] == pytest.approx(0.07 - 0.03 - THICKNESS_M, abs=1e-6)
+    assert np.isinf(unseen[:, DISTANCE]).all()
+
+
+def test_at_rest_a_cell_reads_gravity_upwards(tmp_path):
+    body = body_scenes.arm(tmp_path)
+    body.advance(500_000_000)
+    acceleration = body.stimulus()[:, ACCELERATION]
+    np.testing.assert_allclose(np.linalg.norm(acceleration, axis=1), 9.81, atol=1e-3)
+    np.testing.assert_allclose(acceleration[:2, 2], 9.81, atol=1e-3)
+
+
+def test_temperature_is_that_of_what_touches(tmp_path):
+    box = '<freejoint/><geom type="box" size="0.03 0.02 0.02" mass="0.3"/>'
+    warm = f'<body name="warm" pos="0.30 0 1.26">{box}</body>'
+    body = body_scenes.arm(
+        tmp_path, more=warm, ambient_c=20.0, body_temperature_c={"warm": 36.5, "arm": 28.0}
+    )
+    body.set_command([0.0, 0.0])
+    np.testing.assert_array_equal(body.stimulus()[:, TEMPERATURE], 28.0)
+    body.advance(800_000_000)
+    stimulus = body.stimulus()
+    assert stimulus[0, :3].sum() > 1.0, "the box has fallen onto cell 0"
+    assert stimulus[0, TEMPERATURE] == 36.5
+    assert stimulus[2, TEMPERATURE] == 28.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_turning_the_whole_scene_changes_nothing(tmp_path, seed):
+    """Frame equivariance: world, gravity and everything in it turned and moved together."""
+    random = np.random.default_rng(seed)
+    quaternion = random.normal(size=4)
+    quaternion /= np.linalg.norm(quaternion)
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, quaternion)
+    rotation = rotation.reshape(3, 3)
+    start = np.array([0.303, 0.002, 0.15])
+    ball = '<body pos="{} {} {}"><freejoint/><geom type="sphere" size="0.03" mass="0.1"/></body>'.format(
+        *start
+    )
+
+    def scene(position, turn, gravity):
+        place, along, down = (" ".join(map(repr, map(float, v))) for v in (position, turn, gravity))
+        mjcf = f"""<mujoco><option gravity="{down}"/><worldbody>
+          <body name="base" pos="{place}" quat="{along}">
+            <geom type="box" size="0.05 0.05 0.05" mass="5"/>
+            <body name="arm" pos="0 0 0.08"><joint name="lift" axis="0 1 0" armature="0.1"/>
+              <geom type="box" size="0.2 0.03 0.01" pos="0.25 0 0" mass="2"/></body>
+          </body>{ball}</worldbody></mujoco>"""
+        patches = (body_scenes.patch("skin", "arm", *ARM_CELLS),)
+        return body_scenes.body_of(tmp_path, mjcf, patches, ("lift",))
+
+    plain = scene(np.zeros(3), (1, 0, 0, 0), (0, 0, -9.81))
+    offset = random.normal(size=3)
+    turned = scene(offset, quaternion, rotation @ (0, 0, -9.81))
+    turned.data.qpos[1:4] = offset + rotation @ start
+    turned.data.qpos[4:8] = quaternion
+    pressed = 0.0
+    for k in range(1, 50):
+        for body in (plain, turned):
+            body.set_command([0.3 * math.sin(k)])
+            body.advance(k * 4_000_000)
+        np.testing.assert_allclose(turned.stimulus(), plain.stimulus(), rtol=1e-8, atol=1e-8)
+        assert plain.data.ncon == 0, "MuJoCo's own contacts would depend on the frame"
+        pressed = max(pressed, plain.stimulus()[:, :3].sum())
+    assert pressed > 0.5

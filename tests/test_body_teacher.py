@@ -1,0 +1,127 @@
+"""The teacher's finger does what the script says, when its stage is on, and knows what really happened."""
+
+import math
+
+import body_scenes
+import numpy as np
+import pytest
+
+from skinnet.body.teacher import Phase
+from skinnet.deployment.schema import TouchSpec
+from skinnet.messages import STIMULUS_NAMES
+
+MS = 1_000_000
+DISTANCE = STIMULUS_NAMES.index("distance_m")
+
+
+def touch(**keys):
+    return TouchSpec(**{"cell": "skin/0", "stage": "guide", "start_s": 0.1, "approach_m": 0.02, **keys})
+
+
+def run(body, until_ms, every_ms=4, command=None):
+    """Stimuli of cell 0 over time; `command` may answer each with velocities."""
+    rows = []
+    while body.t_ns < until_ms * MS:
+        stimulus = body.stimulus()[0]
+        rows.append(stimulus)
+        if command is not None:
+            body.set_command(command(stimulus))
+        body.advance(body.t_ns + every_ms * MS)
+    return np.array(rows)
+
+
+def test_a_path_touch_reaches_its_depth_holds_and_leaves(tmp_path):
+    """A ball of radius r pressed d deep into Winkler foam feels k π (r d² − d³/3), at 27 points a cell."""
+    body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.006, hold_s=0.4),))
+    body.begin_stage("guide")
+    rows = run(body, 2500)
+    (truth,) = body.teacher.truth
+    across_m = np.linalg.norm(body.surface.sample_m, axis=1)
+    depth_m = 0.006 - 0.008 + np.sqrt(0.008**2 - np.minimum(across_m, 0.008) ** 2)
+    sampled_n = 1.5e6 * body.surface.sample_area_m2 * np.maximum(depth_m, 0.0).sum()
+    assert truth.held_n == pytest.approx(sampled_n, rel=0.015), "the arm yields a little"
+    assert truth.held_n == pytest.approx(1.5e6 * math.pi * (0.008 * 0.006**2 - 0.006**3 / 3), rel=0.15)
+    assert truth.begin_ns == 100 * MS
+    assert truth.contact_ns == pytest.approx(100 * MS + 0.020 / 0.03 * 1e9, abs=15 * MS)
+    assert truth.hold_ns == pytest.approx(100 * MS + 0.026 / 0.03 * 1e9, abs=3 * MS)
+    assert truth.end_ns == pytest.approx(truth.hold_ns + 400 * MS + 0.026 / 0.03 * 1e9, abs=3 * MS)
+    assert rows[:, :3].sum(axis=1).max() == pytest.approx(truth.peak_n, rel=0.02)
+    assert not rows[-1, :3].any()
+    assert np.isinf(rows[-1, DISTANCE])
+    assert body.teacher.phase is Phase.PARKED
+
+
+def test_a_touch_may_stop_short_of_contact(tmp_path):
+    body = body_scenes.arm(tmp_path, touches=(touch(depth_m=-0.005, hold_s=0.5),))
+    body.begin_stage("guide")
+    rows = run(body, 2500)
+    assert rows[:, DISTANCE].min() == pytest.approx(0.005, abs=1e-4)
+    assert not rows[:, :3].any()
+    assert body.teacher.truth[0].contact_ns is None
+
+
+@pytest.mark.parametrize("force_n", [0.6, 1.0, 3.0])
+def test_a_force_touch_holds_its_force_within_two_percent_on_an_arm_that_evades(tmp_path, force_n):
+    """The arm lowers itself at 0.1 rad/s under the finger, which follows."""
+    spec = touch(force_n=force_n, hold_s=3.0)
+    body = body_scenes.arm(tmp_path, touches=(spec,))
+    body.begin_stage("guide")
+    rows = run(body, 3500, command=lambda s: [0.05, 0.1 if s[:3].sum() > 0.3 else 0.0])
+    assert body.joints()[1] > 0.2, "the arm has evaded"
+    steady = rows[400:, :3].sum(axis=1)
+    np.testing.assert_allclose(steady, force_n, rtol=0.02)
+    assert body.teacher.truth[0].held_n == pytest.approx(force_n, rel=0.02)
+
+
+@pytest.mark.parametrize("element", range(3))
+def test_a_touch_on_a_force_cell_holds_the_force_there(tmp_path, element):
+    body = body_scenes.arm(tmp_path, touches=(touch(force_n=1.0, force_cell=element, hold_s=1.0),))
+    body.begin_stage("guide")
+    rows = run(body, 2000)
+    forces = rows[-1, :3]
+    assert forces[element] == pytest.approx(1.0, rel=0.02)
+    assert np.delete(forces, element).max() < 0.2
+
+
+def test_touches_of_a_stage_that_never_begins_never_happen(tmp_path):
+    body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.006), touch(depth_m=0.006, stage="other")))
+    run(body, 1000, every_ms=50)
+    assert body.teacher.truth == []
+    body.begin_stage("other")
+    run(body, 3500, every_ms=50)
+    assert [truth.touch for truth in body.teacher.truth] == [1]
+    assert body.teacher.truth[0].begin_ns == 1100 * MS
+
+
+def test_the_next_stage_sends_the_finger_away(tmp_path):
+    script = (touch(depth_m=0.006, hold_s=9.0), touch(depth_m=0.006, start_s=0.2))
+    body = body_scenes.arm(tmp_path, touches=script)
+    body.begin_stage("guide")
+    run(body, 1200, every_ms=50)
+    assert body.teacher.phase is Phase.HOLD
+    body.begin_stage("quiet")
+    assert body.teacher.phase is Phase.WITHDRAW
+    rows = run(body, 3500)
+    assert body.teacher.phase is Phase.PARKED
+    assert not rows[-1, :3].any()
+    assert len(body.teacher.truth) == 1
+
+
+def test_a_touch_waits_for_the_one_before(tmp_path):
+    script = (touch(depth_m=0.003, hold_s=0.2), touch(depth_m=0.003, cell="skin/1", start_s=0.3))
+    body = body_scenes.arm(tmp_path, touches=script)
+    body.begin_stage("guide")
+    run(body, 4000, every_ms=50)
+    first, second = body.teacher.truth
+    assert first.end_ns is not None
+    assert 0 <= second.begin_ns - first.end_ns <= 2 * MS
+    assert (first.cell, second.cell) == ("skin/0", "skin/1")
+
+
+def test_the_finger_is_warm(tmp_path):
+    body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.004, hold_s=0.3),))
+    body.begin_stage("guide")
+    rows = run(body, 2500)
+    touched = rows[:, :3].sum(axis=1) > 0
+    assert set(rows[touched, 7]) == {33.0}
+    assert set(rows[rows[:, DISTANCE] > 0.0, 7]) == {23.0}
