@@ -8,6 +8,7 @@ period ends is published, and the patch's frame closes the period.
 import logging
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +76,7 @@ class HostNode:
         self._encoder = Encoder(deployment.cells, n_cells)
         self._readings = np.zeros((n_cells, _N_COLUMNS), dtype=np.float32)
         self._network = SkinNetwork(self._wiring, deployment.cells, deployment.network, seed)
+        self._formed: list[tuple[str, bytes]] = []
         self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
 
     def start(self, put: Put) -> None:
@@ -178,16 +180,22 @@ class HostNode:
                 log.warning("%s/%d refused a configuration: %s", config.patch, config.cell, error)
 
     def _publish(self, put: Put, data: list[Delivered], start_ns: int, end_ns: int) -> None:
+        streams: dict[int, tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]] = {}
         for patch, kind, rows, gateway, t_ns in data:
             rows["cell"] -= self._wiring.first_cell[patch]
-            publisher = self._publishers[patch]
-            say = publisher.events if kind == PacketKind.EVENT else publisher.stream
-            say(put, rows, gateway, t_ns)
+            if kind == PacketKind.EVENT:
+                self._publishers[patch].events(put, rows, gateway, t_ns)
+            else:
+                streams[patch] = rows, gateway, t_ns
         for patch, publisher in enumerate(self._publishers):
             formed_ns = self._network.formed_ns[patch]
             if formed_ns is not None and publisher.version == 0:
-                publisher.topology(put, self._network.topology(patch, formed_ns))
-            publisher.frame(put, start_ns, end_ns, flush=patch == len(self._publishers) - 1)
+                self._formed.append(publisher.topology(put, self._network.topology(patch, formed_ns)))
+            publisher.close(put, start_ns, end_ns, streams.get(patch))
+
+    def news(self) -> tuple[str, bytes] | None:
+        """A topology that was formed, for those who come later and ask."""
+        return self._formed.pop(0) if self._formed else None
 
     def result(self) -> Part:
         """Counters of the network and its latencies."""

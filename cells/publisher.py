@@ -14,7 +14,7 @@ __all__ = ["PatchPublisher"]
 
 
 class PatchPublisher:
-    """Publishes what the gateways of a patch received.
+    """Publishes what the gateways of a patch received, and closes its periods.
 
     Everything that it sends goes into the patch's log, so that two runs can be compared bit by bit.
     """
@@ -29,18 +29,19 @@ class PatchPublisher:
         self._log = hashlib.sha256()
         self._seq = 0
         self._events = 0
-        self._rows = 0
 
     @property
     def log_sha256(self) -> str:
         """Hash of all that was sent so far."""
         return self._log.hexdigest()
 
-    def topology(self, put: Put, topology: Topology) -> None:
-        """Tells the network that was formed; it belongs to the period that the next frame closes."""
+    def topology(self, put: Put, topology: Topology) -> tuple[str, bytes]:
+        """Tells the network that was formed, in the period that the next frame closes; returns the message."""
         self.version = topology.version
         self._events += 1
-        self._send(put, self._keys.of("topology", self.patch), encode(topology))
+        message = self._keys.of("topology", self.patch), encode(topology)
+        self._send(put, *message)
+        return message
 
     def events(
         self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
@@ -68,32 +69,39 @@ class PatchPublisher:
             )
             self._send(put, key, encode(message))
 
-    def stream(
-        self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
+    def close(
+        self,
+        put: Put,
+        t_ns: int,
+        covered_ns: int,
+        stream: tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]] | None,
     ) -> None:
-        """Sends full readings: rows of `PAYLOAD` with cells of this patch, in the order of delivery."""
-        self._rows += len(rows)
+        """Closes the period from `t_ns` to `covered_ns`.
+
+        Args:
+            put: Where to send.
+            t_ns: Begin of the period.
+            covered_ns: Its end.
+            stream: Full readings of the period, in the order of delivery: rows of `PAYLOAD` with cells of
+                this patch, their gateways and times of delivery; None if nothing streamed.
+        """
+        events, self._events = self._events, 0
+        if stream is None:
+            frame = SkinFrame(patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events)
+            self._send(put, self._frame_key, encode(frame))
+            return
+        rows, gateway, delivered_ns = stream
         out = np.empty(len(rows), dtype=STREAM_ROW)
         out["t_sampled_ns"] = rows["t_sampled_ns"]
-        out["t_delivered_ns"] = t_ns
+        out["t_delivered_ns"] = delivered_ns
         out["seq"] = self._next_seq(len(rows))
         out["values"] = rows["values"]
         out["cell"] = rows["cell"]
         out["gateway"] = gateway
-        self._send(put, self._stream_key, encode(Stream(patch=self.patch, rows=out.tobytes())))
-
-    def frame(self, put: Put, t_ns: int, covered_ns: int, *, flush: bool) -> None:
-        """Closes the period from `t_ns` to `covered_ns`; `flush` if nothing follows."""
-        frame = SkinFrame(
-            patch=self.patch,
-            t_ns=t_ns,
-            covered_ns=covered_ns,
-            events=self._events,
-            rows=self._rows,
-            topology=self.version,
+        message = Stream(
+            patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events, rows=out.tobytes()
         )
-        self._events = self._rows = 0
-        self._send(put, self._frame_key, encode(frame), flush=flush)
+        self._send(put, self._stream_key, encode(message))
 
     def _bundle_key(self, _gateway: int) -> str:
         return self._keys.of("bundle", self.patch)
@@ -105,6 +113,6 @@ class PatchPublisher:
         self._seq += n
         return np.arange(self._seq - n, self._seq, dtype=np.int64)
 
-    def _send(self, put: Put, key: str, payload: bytes, *, flush: bool = False) -> None:
+    def _send(self, put: Put, key: str, payload: bytes) -> None:
         self._log.update(payload)
-        put(key, payload, flush=flush)
+        put(key, payload)

@@ -74,6 +74,11 @@ class Brain:
         return self._stage.progress if self._stage is not None else float(self.done)
 
     @property
+    def felt(self) -> NDArray[np.float64] | None:
+        """(S, 4) readings that the last tick reacted to; None without reactions."""
+        return self._stage.felt if self._stage is not None else None
+
+    @property
     def safety(self) -> SafetyClamp | None:
         """The clamp; None before the first tick."""
         return self._clamp

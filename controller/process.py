@@ -108,10 +108,12 @@ class ControllerNode:
             case "events" | "bundle":
                 patch.arrive(self._brain.skin.add_events(patch.name, decode(payload, Events)))
             case "stream":
-                patch.arrive(self._brain.skin.add_stream(patch.name, decode(payload, Stream)))
+                stream = decode(payload, Stream)
+                self._brain.skin.add_stream(patch.name, stream)
+                patch.close(stream.covered_ns, stream.events)
             case "frame":
                 frame = decode(payload, SkinFrame)
-                patch.close(frame.covered_ns, frame.events + frame.rows)
+                patch.close(frame.covered_ns, frame.events)
             case "topology":
                 self._topology[patch.name] = decode(payload, Topology)
                 patch.arrive()
@@ -144,10 +146,9 @@ class ControllerNode:
             end_ns=end_ns if self._finished else None,
         )
         payload = encode(command)
-        put(self._command_key, payload, flush=True)
+        put(self._command_key, payload)
         self._note(position, events, stream, payload)
-        self._trace.add(t_ns, tick.velocity_rad_s, self._brain.picture.touch(t_ns))
-        self._tell(put)
+        self._trace.add(t_ns, tick.velocity_rad_s, self._brain.felt)
         self._t_ns += self._period_ns
 
     def _send_configs(self, put: Put, tick: Tick, effect_ns: int) -> dict[str, int]:
@@ -170,15 +171,15 @@ class ControllerNode:
             log.update(column.tobytes())
         log.update(command)
 
-    def _tell(self, put: Put) -> None:
-        """Tells watchers now and then what goes on; by the wall clock, and never part of the log."""
+    def news(self) -> tuple[str, bytes] | None:
+        """What goes on; by the wall clock, and never part of the log."""
         now_s = time.monotonic()
         if now_s - self._state_s < _STATE_EVERY_S and not self._finished:
-            return
+            return None
         self._state_s = now_s
         brain = self._brain
         state = ControllerState(t_ns=self._t_ns, stage=brain.stage or "forming", progress=brain.progress)
-        put(self._keys.of("state"), encode(state))
+        return self._keys.of("state"), encode(state)
 
     def result(self) -> Part:
         """What was found out, and the traces of what was felt and commanded."""
@@ -222,23 +223,27 @@ class ControllerNode:
 
 
 class _Trace:
-    """Commands of every tick, and the touch of the ticks in which something is felt or moves."""
+    """Commands of every tick, and what was felt in the ticks of stages that react."""
 
     def __init__(self) -> None:
         self._t_ns: list[int] = []
         self._velocity: list[NDArray[np.float32]] = []
-        self._touch: list[NDArray[np.float16]] = []
+        self._felt_ns: list[int] = []
+        self._felt: list[NDArray[np.float16]] = []
 
-    def add(self, t_ns: int, velocity: NDArray[np.float64], touch: NDArray[np.float64]) -> None:
+    def add(self, t_ns: int, velocity: NDArray[np.float64], felt: NDArray[np.float64] | None) -> None:
         self._t_ns.append(t_ns)
         self._velocity.append(velocity.astype(np.float32))
-        self._touch.append(touch.astype(np.float16))
+        if felt is not None:
+            self._felt_ns.append(t_ns)
+            self._felt.append(felt.astype(np.float16))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         return {
             "t_ns": np.array(self._t_ns, dtype=np.int64),
             "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
-            "touch": np.array(self._touch, dtype=np.float16),
+            "touch_t_ns": np.array(self._felt_ns, dtype=np.int64),
+            "touch": np.array(self._felt, dtype=np.float16),
         }
 
 

@@ -78,9 +78,9 @@ class SkinInput:
     def _add(self, waiting: "_Waiting", patch: str, named: str, rows: NDArray[Any]) -> int:
         if named != patch:
             raise ProtocolError(f"a message of {named} under a key of {patch}")
-        if len(rows) and not (rows["cell"].min() >= 0 and rows["cell"].max() < self._sizes[patch]):
-            highest = self._sizes[patch] - 1
-            raise ProtocolError(f"cell {int(rows['cell'].max())} of {patch}: it has cells 0 to {highest}")
+        cell = rows["cell"].astype(np.uint64)  # a negative number becomes a very large one
+        if len(rows) and cell.max() >= self._sizes[patch]:
+            raise ProtocolError(f"unknown cell of {patch}: it has cells 0 to {self._sizes[patch] - 1}")
         waiting.add(self._patch[patch], rows)
         return len(rows)
 

@@ -48,6 +48,10 @@ class Stage(Protocol):
     def driving(self) -> NDArray[np.bool_] | None:
         """(S, 4) channels that drove the reaction of the last tick; None without reactions."""
 
+    @property
+    def felt(self) -> NDArray[np.float64] | None:
+        """(S, 4) readings that the last tick reacted to; None without reactions."""
+
     def take(self, stream: SkinRows) -> None:
         """Takes in full readings."""
 
@@ -65,6 +69,7 @@ class Explore:
 
     gains = None
     driving = None
+    felt = None
 
     def __init__(self, program: StructuralExploration | MapExploration, knowledge: Knowledge) -> None:
         self._program: Exploration = program
@@ -119,6 +124,7 @@ class TakePosture:
 
     gains = None
     driving = None
+    felt = None
     wants_stream = False
 
     def __init__(self, target: PoseTarget) -> None:
@@ -169,6 +175,7 @@ class Guide:
         self._knowledge = knowledge
         self._reaction = TactileReaction(n_cells)
         self.driving: NDArray[np.bool_] | None = None
+        self.felt: NDArray[np.float64] | None = None
         if control.reactions.enabled:
             self.tune(Modality.FORCE, spec.force_threshold, spec.force_gain)
             self.tune(Modality.PROXIMITY, spec.proximity_threshold, spec.proximity_gain)
@@ -202,6 +209,7 @@ class Guide:
         self._t_ns = t_ns
         touch = picture.touch(t_ns, self._max_age_ns)  # cells in contact stream: an old reading is a lost one
         velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
+        self.felt = touch
         self.driving = self._reaction.driving(touch)
         return velocity
 

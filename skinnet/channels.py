@@ -21,7 +21,7 @@ from skinnet.messages import (
     Topology,
 )
 
-__all__ = ["ALIVE", "CHANNELS", "Channel", "Keys", "Role", "channel"]
+__all__ = ["ALIVE", "CHANNELS", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
 
 
 class Role(Enum):
@@ -70,6 +70,8 @@ CHANNELS = (
 """Rows in the order of a touch on its way round."""
 
 ALIVE = "alive"
+OUTSIDE = "outside"
+"""Sender of what strangers bring into the loop: configuration of cells."""
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
 for _row in CHANNELS:

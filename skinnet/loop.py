@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from skinnet.channels import ALIVE, Keys
+from skinnet.channels import ALIVE, OUTSIDE, Keys
 from skinnet.clock import WallPace
 from skinnet.errors import ProtocolError, UpstreamLostError
 from skinnet.part import Part
@@ -23,8 +23,8 @@ __all__ = ["Node", "Put", "run_loop"]
 
 log = logging.getLogger(__name__)
 
-Put = Callable[..., None]
-"""`put(key, payload, flush=False)` of a transport."""
+Put = Callable[[str, bytes], None]
+"""Adds a message to those of the period: key and payload."""
 
 
 class Node(Protocol):
@@ -67,6 +67,9 @@ class Node(Protocol):
 
     def step(self, put: Put) -> None:
         """Computes the next period and sends what it brings."""
+
+    def news(self) -> tuple[str, bytes] | None:
+        """Now and then, key and payload of something for watchers, which is not part of the run."""
 
     def result(self) -> Part:
         """What the summary needs of this process, when the loop is over."""
@@ -174,16 +177,20 @@ async def run_loop(
     Raises:
         UpstreamLostError: a source that is not tolerated to be lost is gone or silent.
     """
-    for expression in node.subscriptions:
-        transport.subscribe(expression)
+    senders = {up.process for up in node.upstreams.values()} | {OUTSIDE}
+    transport.subscribe(node.subscriptions, sorted(senders))
     transport.watch_alive(keys.alive("*", "*"))
     transport.announce(keys.alive(node.role, node.name))
     loop = _Loop(node, transport, keys, deadline_s)
     await loop.gather()
     pace = WallPace() if realtime and node.paced else None
     node.start(transport.put)
+    transport.flush()
     while True:
         await loop.fulfil(pace)
         if node.needs() is None:
             return loop.present
         node.step(transport.put)
+        transport.flush()
+        if (news := node.news()) is not None:
+            transport.tell(*news)

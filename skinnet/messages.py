@@ -164,22 +164,25 @@ class Events(Message, frozen=True, kw_only=True, tag="events"):
 
 
 class Stream(Message, frozen=True, kw_only=True, tag="stream"):
-    """Full readings of the cells that stream, in the order of delivery: bytes of `STREAM_ROW` records."""
+    """Full readings of the cells that stream, in the order of delivery: bytes of `STREAM_ROW` records.
 
-    patch: str
-    rows: bytes
-
-
-class SkinFrame(Message, frozen=True, kw_only=True, tag="skin_frame"):
-    """Closes one period of a patch: how many events and stream rows were delivered in it."""
+    It closes its period as a `SkinFrame` does, so that a patch that streams sends one message less.
+    """
 
     patch: str
     t_ns: int
     covered_ns: int
     events: int
-    rows: int
-    topology: int = 0
-    """Version of the patch's topology; 0 while the network forms."""
+    rows: bytes
+
+
+class SkinFrame(Message, frozen=True, kw_only=True, tag="skin_frame"):
+    """Closes a period of a patch in which nothing streamed: how many events were delivered in it."""
+
+    patch: str
+    t_ns: int
+    covered_ns: int
+    events: int
 
 
 class Topology(Message, frozen=True, kw_only=True, tag="topology"):

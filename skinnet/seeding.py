@@ -41,8 +41,8 @@ def hash64(key: np.uint64, counter: np.uint64) -> np.uint64:
 
 @compiled
 def uniform(key: np.uint64, counter: np.uint64) -> float:
-    """Uniform value in (0, 1), never an end point, with 53 random bits."""
-    return (float(hash64(key, counter) >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
+    """Uniform value in (0, 1), never an end point, with 52 random bits (with 53, the top one rounds to 1)."""
+    return (float(hash64(key, counter) >> np.uint64(12)) + 0.5) * (1.0 / 4503599627370496.0)
 
 
 @compiled

@@ -9,9 +9,11 @@ import asyncio
 import gc
 import importlib
 import logging
+import os
 import resource
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Protocol
@@ -28,7 +30,10 @@ from skinnet.transport.zenoh import ZenohTransport
 __all__ = ["STOPPED", "NodeModule", "build_node", "main", "part_of"]
 
 STOPPED = 3
+_STDIN = 0
 _LINGER_S = 5.0
+_GC_THRESHOLD = 50_000
+"""Periods make many short-lived objects and no cycles: looking for those often is lost time."""
 log = logging.getLogger(__name__)
 
 
@@ -57,32 +62,51 @@ def _arguments(module: str) -> argparse.Namespace:
     return parser.parse_args()
 
 
+class _Stop(BaseException):
+    """The launcher told this process to stop, or is gone."""
+
+
 def main(module: str) -> int:
     """Runs one process to its end and returns its exit code."""
     args = _arguments(module)
     logging.basicConfig(
         level=logging.INFO, stream=sys.stderr, format=f"{args.name}: %(levelname)s %(message)s"
     )
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the launcher, who ends us in order
+    _obey_launcher()
     try:
-        return asyncio.run(_run(module, args))
+        asyncio.run(_run(module, args))
     except SkinnetError as error:
         log.error("%s", error)
         return 1
+    except _Stop:
+        return STOPPED
+    return 0
 
 
-async def _run(module: str, args: argparse.Namespace) -> int:
+def _obey_launcher() -> None:
+    """Ends this process on SIGTERM, and when standard input closes; Ctrl-C is the launcher's affair."""
+
+    def stop(_signal: int, _frame: object) -> None:
+        raise _Stop
+
+    def outlive_nobody() -> None:
+        while os.read(_STDIN, 1):  # not through a buffer, whose lock would outlive the interpreter
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, stop)
+    threading.Thread(target=outlive_nobody, name="launcher", daemon=True).start()
+
+
+async def _run(module: str, args: argparse.Namespace) -> None:
     deployment = msgspec.json.decode(args.deployment.read_bytes(), type=Deployment)
-    task = asyncio.current_task()
-    assert task is not None
-    loop = asyncio.get_running_loop()
-    loop.add_signal_handler(signal.SIGTERM, task.cancel)
-    loop.add_reader(sys.stdin.fileno(), task.cancel)  # only its end makes it readable
-    transport = ZenohTransport(listen=args.listen, connect=args.connect)
     keys = Keys(deployment.robot)
+    transport = ZenohTransport(keys.prefix, args.name, listen=args.listen, connect=args.connect)
     try:
         node = build_node(module, deployment, args.name, args.base)
         gc.freeze()
+        gc.set_threshold(_GC_THRESHOLD)
         present = await run_loop(
             node,
             transport,
@@ -92,12 +116,9 @@ async def _run(module: str, args: argparse.Namespace) -> int:
         )
         part_of(node).save(args.parts)
         if args.listen:
-            await _outlast(transport, present & node.peers)
-    except asyncio.CancelledError:
-        return STOPPED
+            await _outlast(transport, present - {node.name})
     finally:
         transport.close()
-    return 0
 
 
 async def _outlast(transport: ZenohTransport, there: set[str]) -> None:

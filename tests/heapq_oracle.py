@@ -71,7 +71,7 @@ def simulate(
         bits = packet["size"] * link.bits_per_byte
         link.busy_ns = max(t, link.busy_ns) - (-bits * 10**9 // link.bits_per_s)
         link.sent.append(link.busy_ns)
-        share = uniform(~link.key, packet["key"] + np.uint64(packet["hops"]))
+        share = uniform(~link.key, packet["key"] + np.uint64(packet["hops"])) if link.jitter_ns else 0.0
         link.last_ns = max(link.last_ns, link.busy_ns + link.delay_ns + int(share * (link.jitter_ns + 1)))
         link.on_it.append(packet)
         heapq.heappush(events, (link.last_ns, ARRIVAL, link.dst, link.dst_port, next(serial), link, packet))
@@ -109,8 +109,8 @@ def simulate(
             concerned = link.number
             link.on_it.pop(0)
             packet["hops"] += 1
-            chance = uniform(link.key, packet["key"] + np.uint64(packet["hops"]))
-            if link.loss_probability and chance <= link.loss_probability:
+            risk = link.loss_probability
+            if risk and uniform(link.key, packet["key"] + np.uint64(packet["hops"])) <= risk:
                 outcome = Outcome.LOSS
         routed = packet["only"] < 0
         if outcome is None:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from body_scenes import ARM_CELLS
 
+from skinnet.body.model import FINGER
+from skinnet.body.scene import scene_of
 from skinnet.messages import STIMULUS_NAMES
 
 DISTANCE = STIMULUS_NAMES.index("distance_m")
@@ -85,6 +87,31 @@ def test_what_is_only_drawn_is_not_seen(tmp_path):
     unseen = body_scenes.arm(tmp_path, more=wall.format('contype="0" conaffinity="0"')).stimulus()
     assert seen[2, DISTANCE] == pytest.approx(0.07 - 0.03 - THICKNESS_M, abs=1e-6)
     assert np.isinf(unseen[:, DISTANCE]).all()
+
+
+def test_skin_feels_everything_but_its_own_body_and_its_neighbours(tmp_path):
+    table = '<body name="table"><geom type="box" size="0.1 0.1 0.1" pos="0 3 0"/></body>'
+    plate = '<body name="plate" pos="0 4 0"><geom type="box" size="0.1 0.1 0.01"/></body>'
+    ball = '<body name="ball" pos="0 5 0"><freejoint/><geom type="sphere" size="0.1"/></body>'
+    tip = '<body name="tip" pos="0.5 0 0"><joint axis="0 0 1"/><geom type="sphere" size="0.02"/></body>'
+    mjcf = body_scenes.ARM.format(more=table + plate + ball, sensors="").replace(
+        "</body>", f"{tip}</body>", 1
+    )
+    patches = tuple(body_scenes.lattice_patch(name, name, 1, 1) for name in ("arm", "base", "tip", "plate"))
+    body = body_scenes.body_of(tmp_path, mjcf, patches, ("turn",))
+    scene = scene_of(body.model.mj, body.surface)
+    names = [body.model.mj.body(int(b)).name for b in scene.body]
+    felt = {
+        patch.name: {name for name, may in zip(names, row, strict=True) if may}
+        for patch, row in zip(patches, scene.felt, strict=True)
+    }
+    rest = {"table", "plate", "ball", FINGER}
+    assert felt == {
+        "arm": rest,
+        "base": rest | {"tip"},
+        "tip": rest | {"base"},
+        "plate": {"base", "arm", "tip", "table", "ball", FINGER},
+    }
 
 
 def test_at_rest_a_cell_reads_gravity_upwards(tmp_path):

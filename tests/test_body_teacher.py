@@ -51,6 +51,17 @@ def test_a_path_touch_reaches_its_depth_holds_and_leaves(tmp_path):
     assert body.teacher.phase is Phase.PARKED
 
 
+def test_a_moving_finger_feels_the_damping_of_the_foam(tmp_path):
+    """Just before it stops, p = k d + c v over the touched points; at rest, p = k d."""
+    body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.006, speed_m_s=0.1, hold_s=0.5),))
+    body.begin_stage("guide")
+    run(body, 1200)
+    (truth,) = body.teacher.truth
+    touched = np.linalg.norm(body.surface.sample_m, axis=1) < math.sqrt(2 * 0.008 * 0.006 - 0.006**2)
+    damping_n = 1.0e4 * 0.1 * body.surface.sample_area_m2 * touched.sum()
+    assert truth.peak_n - truth.held_n == pytest.approx(damping_n, rel=0.15)
+
+
 def test_a_touch_may_stop_short_of_contact(tmp_path):
     body = body_scenes.arm(tmp_path, touches=(touch(depth_m=-0.005, hold_s=0.5),))
     body.begin_stage("guide")

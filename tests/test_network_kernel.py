@@ -27,8 +27,8 @@ Scenario = tuple[Topology, list[Offer], list[Change], int]
 
 
 def offer(network: Network, packets: Iterable[Offer]) -> None:
-    columns = np.array(list(packets), dtype=np.int64).reshape(-1, 6).T
-    network.offer(*columns[:5], link=columns[5])
+    t_ns, node, dest, size, packet_id, link = np.array(list(packets), dtype=np.int64).reshape(-1, 6).T
+    network.offer(t_ns, node, dest, size, packet_id, link)
 
 
 def schedule(network: Network, changes: list[Change]) -> None:
@@ -69,10 +69,10 @@ def line(n_nodes: int, delay_ns: int = 0, **wire: int) -> Topology:
     )
 
 
-def patch(rows_: int, columns: int, **wire: int) -> Topology:
+def patch(n_rows: int, n_columns: int, **wire: int) -> Topology:
     """A gateway, node 0, behind a grid of cells that are wired to their neighbours by four ports."""
-    number = 1 + np.arange(rows_ * columns).reshape(rows_, columns)
-    wires = [(0, 0, 1, 3)]
+    number = 1 + np.arange(n_rows * n_columns).reshape(n_rows, n_columns)
+    wires: list[tuple[Any, ...]] = [(0, 0, 1, 3)]
     wires += [(a, 0, b, 1) for a, b in zip(number[:, :-1].flat, number[:, 1:].flat, strict=True)]
     wires += [(a, 2, b, 3) for a, b in zip(number[:-1].flat, number[1:].flat, strict=True)]
     return Topology.from_wires(number.size + 1, wires, **wire)
@@ -142,7 +142,7 @@ def test_equals_the_heap_of_events_however_time_is_cut(scenario: Scenario, cuts:
 
 
 def crowded_patch(seed: int) -> Scenario:
-    """A patch of 40 cells, 6000 packets up, down, across and to a neighbour, every impairment, full queues."""
+    """A patch of 40 cells; 6000 packets up, across and to neighbours, every impairment, full queues."""
     rng = np.random.default_rng(seed)
     wires = patch(5, 8, **UART, delay_ns=30_000)
     n_nodes, n_links = wires.n_nodes, wires.n_links
@@ -332,10 +332,11 @@ def test_a_failure_ends_what_is_on_the_link_and_a_repair_starts_empty() -> None:
     network = Network(line(2, delay_ns=100))
     network.fail_link(110, 0)
     network.repair_link(150, 0)
-    # first: arrives at the instant of the failure; then one under way, one in transmission, one waiting, one at
-    # the dead link, one after the repair
+    # the first would arrive at the instant of the failure; then one under way, one in transmission,
+    # one waiting, one at the dead link, one after the repair
     offer(network, [(t_ns, 0, 0, 10, t_ns, 0) for t_ns in (0, 90, 101, 102, 140, 150)])
     offer(network, [(9, 1, 1, 100, 9, 1)])
+    assert network.advance(110).t_ns.size == 0
     failed, delivered = Outcome.LINK_FAILED, Outcome.DELIVERED
     assert rows(network.advance(END_NS)) == [
         (0, 110, 0, 0, failed),
@@ -470,7 +471,7 @@ def test_records_are_used_again_and_grow_only_with_the_packets_in_flight() -> No
     for k in range(50):
         offer(network, [(1000 * k + i, 0, 0, 1, i, NO_LINK) for i in range(100)])
         assert network.advance(1000 * (k + 1)).packet_id.tolist() == list(range(100))
-    assert network.snapshot().packets.size < 2000
+    assert network.snapshot().arrays.packets.size < 2000
     offer(network, [(10**6, 0, 0, 1, i, NO_LINK) for i in range(5000)])
     assert network.counters.in_flight == 5000
     assert network.advance(END_NS).packet_id.tolist() == list(range(5000))
@@ -493,7 +494,7 @@ def test_routes_take_room_for_their_own_component_only() -> None:
     done = network.advance(END_NS)
     assert np.all(done.outcome == Outcome.DELIVERED)
     assert np.all(done.t_ns == (size - 1) * 15)
-    assert network.snapshot().routes.size < 2 * n_patches * size
+    assert network.snapshot().arrays.routes.size < 2 * n_patches * size
 
 
 def test_fewest_hops_are_those_of_scipy_and_prefer_the_lowest_port() -> None:

@@ -18,8 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.frames import rotated_back
+from skinnet.body.geometry import entry_m
 from skinnet.body.points import axis, lifted, near_patch, velocity
-from skinnet.body.scene import Motion, Scene, ray_m, within
+from skinnet.body.scene import Motion, Scene, into_solid, within
 from skinnet.body.surface import N_ELEMENTS, N_SAMPLES, Surface
 from skinnet.compiled import compiled
 from skinnet.deployment.schema import FoamSpec
@@ -27,6 +29,7 @@ from skinnet.deployment.schema import FoamSpec
 __all__ = ["Foam", "Foundation", "Pressed", "foam_of"]
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 _BELOW_M = 0.004
 """Rays start this far below the rigid surface: a solid that comes to lie there has not left the foam."""
@@ -68,6 +71,15 @@ class Pressed(NamedTuple):
     loaded: NDArray[np.bool_]
 
 
+class Scratch(NamedTuple):
+    """Working memory of one call: solids near a patch, close to a cell, and what each point meets first."""
+
+    near: Indices
+    close: Indices
+    hit: Indices
+    nearest_m: Floats
+
+
 def foam_of(spec: FoamSpec) -> Foam:
     """The foam that a deployment describes."""
     return Foam(spec.thickness_m, spec.stiffness_pa_per_m, spec.damping_pa_s_per_m, spec.friction)
@@ -96,7 +108,7 @@ class Foundation:
     wrench: Floats
     pressed: Pressed = field(init=False)
     touching: int = 0
-    _near: NDArray[np.int64] = field(init=False)
+    _scratch: Scratch = field(init=False)
 
     def __post_init__(self) -> None:
         n = len(self.surface.body)
@@ -107,7 +119,13 @@ class Foundation:
             shear_m=np.zeros((n, N_SAMPLES, 2)),
             loaded=np.zeros(n, dtype=np.bool_),
         )
-        self._near = np.zeros((2, max(1, len(self.scene.geom))), dtype=np.int64)
+        solids = len(self.scene.geom)
+        self._scratch = Scratch(
+            near=np.zeros(solids, dtype=np.int64),
+            close=np.zeros(solids, dtype=np.int64),
+            hit=np.zeros(N_SAMPLES, dtype=np.int64),
+            nearest_m=np.zeros(N_SAMPLES),
+        )
 
     def press(self, step_s: float) -> None:
         """Finds all forces at the present poses and puts them into `wrench`; friction strains by `step_s`."""
@@ -120,7 +138,7 @@ class Foundation:
             step_s,
             self.pressed,
             self.wrench,
-            self._near,
+            self._scratch,
         )
 
 
@@ -134,7 +152,7 @@ def _press(
     step_s: float,
     pressed: Pressed,
     wrench: Floats,
-    near: NDArray[np.int64],
+    scratch: Scratch,
 ) -> int:
     wrench[:] = 0.0
     pressed.on_body_n[:] = 0.0
@@ -145,18 +163,18 @@ def _press(
     ball_m = math.hypot(corner_m, half_m)
     touching = 0
     for p in range(len(surface.patch_body)):
-        n_near = near_patch(surface, scene, motion, p, foam.thickness_m + ball_m, near[0])
+        n_near = near_patch(surface, scene, motion, p, foam.thickness_m + ball_m, scratch.near)
         for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
             n_close = 0
             if n_near > 0:
                 x, y, z = lifted(surface, motion, i, half_m - _BELOW_M)
                 for j in range(n_near):
-                    if within(scene, motion, near[0, j], x, y, z, ball_m):
-                        near[1, n_close] = near[0, j]
+                    if within(scene, motion, scratch.near[j], x, y, z, ball_m):
+                        scratch.close[n_close] = scratch.near[j]
                         n_close += 1
             if n_close > 0 or pressed.loaded[i]:
                 _press_cell(
-                    surface, scene, motion, foam, temperature_c, step_s, pressed, wrench, i, near[1], n_close
+                    surface, scene, motion, foam, temperature_c, step_s, pressed, wrench, i, scratch, n_close
                 )
                 touching += pressed.loaded[i]
     return touching
@@ -164,16 +182,40 @@ def _press(
 
 @compiled
 def _push(
-    motion: Motion, wrench: Floats, b: int, x: float, y: float, z: float, fx: float, fy: float, fz: float
+    xipos: Floats, wrench: Floats, b: int, x: float, y: float, z: float, fx: float, fy: float, fz: float
 ) -> None:
     """Adds the force (fx, fy, fz) [N] at the point (x, y, z) to the wrench of body `b`."""
-    rx, ry, rz = x - motion.xipos[b, 0], y - motion.xipos[b, 1], z - motion.xipos[b, 2]
+    rx, ry, rz = x - xipos[b, 0], y - xipos[b, 1], z - xipos[b, 2]
     wrench[b, 0] += fx
     wrench[b, 1] += fy
     wrench[b, 2] += fz
     wrench[b, 3] += ry * fz - rz * fy
     wrench[b, 4] += rz * fx - rx * fz
     wrench[b, 5] += rx * fy - ry * fx
+
+
+@compiled
+def _probe(
+    surface: Surface, scene: Scene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
+) -> None:
+    """Where solid `k` is nearer to the 27 points of cell `i` than `nearest_m`, it becomes the `hit` there."""
+    g, axes = scene.geom[k], motion.geom_xmat
+    x, y, z = lifted(surface, motion, i, -_BELOW_M)
+    ox, oy, oz = into_solid(scene, motion, k, x, y, z)
+    u, v, w = axis(surface, motion, i, 0)
+    xx, xy, xz = rotated_back(axes, g, u, v, w)
+    u, v, w = axis(surface, motion, i, 1)
+    yx, yy, yz = rotated_back(axes, g, u, v, w)
+    u, v, w = axis(surface, motion, i, 2)
+    nx, ny, nz = rotated_back(axes, g, u, v, w)
+    kind, size_a, size_b, size_c = scene.kind[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
+    first, last, triangles_m = scene.first[k], scene.last[k], scene.triangles_m
+    for s in range(N_SAMPLES):
+        a, b = surface.sample_m[s, 0], surface.sample_m[s, 1]
+        x, y, z = ox + a * xx + b * yx, oy + a * xy + b * yy, oz + a * xz + b * yz
+        distance_m = entry_m(kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz)
+        if distance_m < nearest_m[s]:
+            hit[s], nearest_m[s] = k, distance_m
 
 
 @compiled
@@ -187,10 +229,14 @@ def _press_cell(
     pressed: Pressed,
     wrench: Floats,
     i: int,
-    near: NDArray[np.int64],
-    n_near: int,
+    scratch: Scratch,
+    n_close: int,
 ) -> None:
-    """Presses the 27 points of cell `i` against the solids `near`."""
+    """Presses the 27 points of cell `i` against the solids close to it."""
+    hit, nearest_m = scratch.hit, scratch.nearest_m
+    hit[:], nearest_m[:] = -1, _BELOW_M + foam.thickness_m
+    for j in range(n_close):
+        _probe(surface, scene, motion, i, scratch.close[j], hit, nearest_m)
     own = surface.body[i]
     area = surface.sample_area_m2
     ox, oy, oz = lifted(surface, motion, i, -_BELOW_M)
@@ -200,19 +246,14 @@ def _press_cell(
     pressed.force_n[i, :] = 0.0
     contacts, warmth_c = 0, 0.0
     for s in range(N_SAMPLES):
-        a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
-        x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
-        hit, nearest_m = -1, _BELOW_M + foam.thickness_m
-        for j in range(n_near):
-            distance_m = ray_m(scene, motion, near[j], x, y, z, nx, ny, nz)
-            if distance_m < nearest_m:
-                hit, nearest_m = near[j], distance_m
-        if hit < 0:
+        if hit[s] < 0:
             pressed.shear_m[i, s, 0] = 0.0
             pressed.shear_m[i, s, 1] = 0.0
             continue
-        other = scene.body[hit]
-        lift_m = max(nearest_m, _BELOW_M)
+        a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
+        x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
+        other = scene.body[hit[s]]
+        lift_m = max(nearest_m[s], _BELOW_M)
         depth_m = _BELOW_M + foam.thickness_m - lift_m
         x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
         vx, vy, vz = velocity(motion, other, x, y, z)
@@ -227,13 +268,15 @@ def _press_cell(
             vx * xx + vy * xy + vz * xz,
             vx * yx + vy * yy + vz * yz,
             step_s,
-            pressed.shear_m[i, s],
+            pressed.shear_m,
+            i,
+            s,
         )
         fx = normal_n * nx + along_x * xx + along_y * yx
         fy = normal_n * ny + along_x * xy + along_y * yy
         fz = normal_n * nz + along_x * xz + along_y * yz
-        _push(motion, wrench, other, x, y, z, fx, fy, fz)
-        _push(motion, wrench, own, x, y, z, -fx, -fy, -fz)
+        _push(motion.xipos, wrench, other, x, y, z, fx, fy, fz)
+        _push(motion.xipos, wrench, own, x, y, z, -fx, -fy, -fz)
         pressed.force_n[i, s // _PER_ELEMENT] += normal_n
         pressed.on_body_n[other] += normal_n
         warmth_c += temperature_c[other]
@@ -244,7 +287,15 @@ def _press_cell(
 
 @compiled
 def _shear(
-    foam: Foam, area: float, normal_n: float, slip_x: float, slip_y: float, step_s: float, strain_m: Floats
+    foam: Foam,
+    area: float,
+    normal_n: float,
+    slip_x: float,
+    slip_y: float,
+    step_s: float,
+    strain_m: Floats,
+    i: int,
+    s: int,
 ) -> tuple[float, float]:
     """Friction [N] on what slides over the foam with (slip_x, slip_y) [m/s], plane of the cell.
 
@@ -253,7 +304,7 @@ def _shear(
     """
     stiffness = _SHEAR * foam.stiffness_pa_per_m * area
     damping = _SHEAR * foam.damping_pa_s_per_m * area
-    strain_x, strain_y = strain_m[0] + slip_x * step_s, strain_m[1] + slip_y * step_s
+    strain_x, strain_y = strain_m[i, s, 0] + slip_x * step_s, strain_m[i, s, 1] + slip_y * step_s
     fx, fy = -stiffness * strain_x - damping * slip_x, -stiffness * strain_y - damping * slip_y
     limit_n, force_n = foam.friction * normal_n, math.hypot(fx, fy)
     if force_n > limit_n:
@@ -262,5 +313,5 @@ def _shear(
         stretch = math.hypot(strain_x, strain_y)
         if stretch > held:
             strain_x, strain_y = strain_x * held / stretch, strain_y * held / stretch
-    strain_m[0], strain_m[1] = strain_x, strain_y
+    strain_m[i, s, 0], strain_m[i, s, 1] = strain_x, strain_y
     return fx, fy

@@ -144,7 +144,9 @@ def _mesh(
 @compiled
 def entry_m(
     kind: int,
-    size_m: NDArray[np.float64],
+    a: float,
+    b: float,
+    c: float,
     triangles_m: NDArray[np.float64],
     first: int,
     last: int,
@@ -159,7 +161,9 @@ def entry_m(
 
     Args:
         kind: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; others are never met.
-        size_m: (3,) as MuJoCo's `geom_size`.
+        a: Size of the solid as in MuJoCo's `geom_size`, with b and c [m].
+        b: See a.
+        c: See a.
         triangles_m: (t, 3, 3) corners of all meshes' triangles; this mesh has `first` to `last`.
         first: First triangle of the mesh.
         last: One past its last triangle.
@@ -171,15 +175,15 @@ def entry_m(
         w: See u.
     """
     if kind == CAPSULE:
-        return _capsule(x, y, z, u, v, w, size_m[0], size_m[1])
+        return _capsule(x, y, z, u, v, w, a, b)
     if kind == BOX:
-        return _box(x, y, z, u, v, w, size_m[0], size_m[1], size_m[2])
+        return _box(x, y, z, u, v, w, a, b, c)
     if kind == SPHERE:
-        return _sphere(x, y, z, u, v, w, size_m[0])
+        return _sphere(x, y, z, u, v, w, a)
     if kind == CYLINDER:
-        return _cylinder(x, y, z, u, v, w, size_m[0], size_m[1])
+        return _cylinder(x, y, z, u, v, w, a, b)
     if kind == ELLIPSOID:
-        return _ellipsoid(x, y, z, u, v, w, size_m[0], size_m[1], size_m[2])
+        return _ellipsoid(x, y, z, u, v, w, a, b, c)
     if kind == PLANE:
         return _plane(z, w)
     if kind == MESH:

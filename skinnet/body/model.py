@@ -19,6 +19,8 @@ _MODELS = Path(__file__).parent / "models"
 _SWAY_STIFFENING = 10.0
 """Sway joints stand for a whole balancing lower body: so much stiffer than the arms' servos (assumed)."""
 _FINGER_LENGTH_M = 0.06
+_EVERYTHING = 2**31 - 1
+"""Contact bits of the finger: it touches whatever takes part in contacts at all."""
 _SKIN_TONE = (0.93, 0.72, 0.60, 1.0)
 
 Floats = NDArray[np.float64]
@@ -191,7 +193,7 @@ def _add_finger(spec: mujoco.MjSpec, radius_m: float, tint: tuple[float, ...]) -
     """A mocap body with a ball as tip at its origin; +z points away from what it touches."""
     finger = spec.worldbody.add_body(name=FINGER, mocap=True)
     ball, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
-    finger.add_geom(type=ball, size=[radius_m, 0, 0], rgba=tint, contype=1, conaffinity=1)
+    finger.add_geom(type=ball, size=[radius_m, 0, 0], rgba=tint, contype=_EVERYTHING, conaffinity=_EVERYTHING)
     finger.add_geom(
         type=capsule,
         size=[radius_m, 0, 0],

@@ -131,15 +131,18 @@ class BodyNode:
             felt = stimulus.astype("<f4")
             for host, key, rows in self._hosts:
                 values = felt[rows].tobytes()
-                put(key, encode(Stimulus(host=host, t_ns=t_ns, covered_ns=t_ns, values=values)), flush=True)
+                put(key, encode(Stimulus(host=host, t_ns=t_ns, covered_ns=t_ns, values=values)))
             self._log.update(felt.tobytes())
         if t_ns % self._joints_ns == 0:
             position = self._body.joints()
             joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())
-            put(self._joints_key, encode(joints), flush=True)
+            put(self._joints_key, encode(joints))
             self._trace_t_ns.append(t_ns)
             self._trace_rad.append(position)
             self._log.update(position.tobytes())
+
+    def news(self) -> None:
+        """All that the body has to say is part of the run."""
 
     def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
         by_depth = self._touches[touch.touch].depth_m is not None

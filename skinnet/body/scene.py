@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body import geometry
+from skinnet.body.frames import rotated_back
+from skinnet.body.geometry import entry_m
 from skinnet.body.surface import Surface
 from skinnet.compiled import compiled
 from skinnet.errors import ModelError
 
-__all__ = ["Motion", "Scene", "motion_of", "ray_m", "scene_of", "within"]
+__all__ = ["Motion", "Scene", "into_solid", "motion_of", "ray_m", "scene_of", "within"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -158,8 +160,8 @@ def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, r
     g = scene.geom[k]
     dx, dy, dz = x - motion.geom_xpos[g, 0], y - motion.geom_xpos[g, 1], z - motion.geom_xpos[g, 2]
     if scene.kind[k] == geometry.PLANE:
-        axes = motion.geom_xmat[g]
-        return bool(dx * axes[2] + dy * axes[5] + dz * axes[8] <= radius_m)
+        axes = motion.geom_xmat
+        return bool(dx * axes[g, 2] + dy * axes[g, 5] + dz * axes[g, 8] <= radius_m)
     reach = radius_m + scene.bound_m[k]
     return bool(dx * dx + dy * dy + dz * dz <= reach * reach)
 
@@ -169,19 +171,30 @@ def ray_m(
     scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
     """Distance [m] from (x, y, z) along the unit vector (u, v, w), world, to solid `k`; see `geometry`."""
-    g = scene.geom[k]
-    axes = motion.geom_xmat[g]
-    x, y, z = x - motion.geom_xpos[g, 0], y - motion.geom_xpos[g, 1], z - motion.geom_xpos[g, 2]
-    return geometry.entry_m(
+    x, y, z = into_solid(scene, motion, k, x, y, z)
+    u, v, w = rotated_back(motion.geom_xmat, scene.geom[k], u, v, w)
+    size_m = scene.size_m
+    return entry_m(
         scene.kind[k],
-        scene.size_m[k],
+        size_m[k, 0],
+        size_m[k, 1],
+        size_m[k, 2],
         scene.triangles_m,
         scene.first[k],
         scene.last[k],
-        axes[0] * x + axes[3] * y + axes[6] * z,
-        axes[1] * x + axes[4] * y + axes[7] * z,
-        axes[2] * x + axes[5] * y + axes[8] * z,
-        axes[0] * u + axes[3] * v + axes[6] * w,
-        axes[1] * u + axes[4] * v + axes[7] * w,
-        axes[2] * u + axes[5] * v + axes[8] * w,
+        x,
+        y,
+        z,
+        u,
+        v,
+        w,
     )
+
+
+@compiled
+def into_solid(
+    scene: Scene, motion: Motion, k: int, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Point (x, y, z) [m], world, in the frame of solid `k`."""
+    g, origin = scene.geom[k], motion.geom_xpos
+    return rotated_back(motion.geom_xmat, g, x - origin[g, 0], y - origin[g, 1], z - origin[g, 2])

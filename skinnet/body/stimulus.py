@@ -43,7 +43,7 @@ class StimulusSampler:
         """Stimulus (n, 8) in `STIMULUS_NAMES` order, frames of the cells.
 
         Forces [N] are those of the foundation. The distance [m] is measured from the face of the foam along
-        the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face: the cell sits
+        the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face: a cell sits
         on its foam. The temperature [°C] is that of what touches the cell, else of the body that carries it.
         """
         mujoco.mj_rnePostConstraint(self.mj, self.data)
@@ -82,7 +82,9 @@ def _sample(
             for element in range(3):
                 stimulus[i, element] = pressed.force_n[i, element]
             x, y, z = lifted(surface, motion, i, thickness_m)
-            stimulus[i, 3] = _distance_m(surface, scene, motion, i, x, y, z, reach_m, near, n_near)
+            stimulus[i, 3] = math.inf
+            if n_near > 0:  # the call alone, with all its arrays, costs as much as the rest
+                stimulus[i, 3] = _distance_m(surface, scene, motion, i, x, y, z, reach_m, near, n_near)
             ax, ay, az = _acceleration(motion, cacc, surface.body[i], x, y, z)
             for column in range(3):
                 u, v, w = axis(surface, motion, i, column)
@@ -124,11 +126,11 @@ def _acceleration(
     MuJoCo's `cacc` is a spatial acceleration at the tree's centre of mass that already holds −g; the material
     point adds α × r and ω × v (Featherstone, Rigid Body Dynamics Algorithms, 2008, eq. 2.48).
     """
-    centre, twist, rate = motion.centre_m[motion.root[b]], motion.cvel[b], cacc[b]
-    rx, ry, rz = x - centre[0], y - centre[1], z - centre[2]
+    twist, root = motion.cvel, motion.root[b]
+    rx, ry, rz = x - motion.centre_m[root, 0], y - motion.centre_m[root, 1], z - motion.centre_m[root, 2]
     vx, vy, vz = velocity(motion, b, x, y, z)
     return (
-        rate[3] + rate[1] * rz - rate[2] * ry + twist[1] * vz - twist[2] * vy,
-        rate[4] + rate[2] * rx - rate[0] * rz + twist[2] * vx - twist[0] * vz,
-        rate[5] + rate[0] * ry - rate[1] * rx + twist[0] * vy - twist[1] * vx,
+        cacc[b, 3] + cacc[b, 1] * rz - cacc[b, 2] * ry + twist[b, 1] * vz - twist[b, 2] * vy,
+        cacc[b, 4] + cacc[b, 2] * rx - cacc[b, 0] * rz + twist[b, 2] * vx - twist[b, 0] * vz,
+        cacc[b, 5] + cacc[b, 0] * ry - cacc[b, 1] * rx + twist[b, 0] * vy - twist[b, 1] * vx,
     )

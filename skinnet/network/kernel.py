@@ -11,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.compiled import compiled
-from skinnet.network.records import FAR_NS, NONE, Outcome, Records
+from skinnet.network.records import FAR_NS, FREE, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
 from skinnet.network.routes import NO_LINK
 from skinnet.seeding import hash64, uniform
 
-__all__ = ["BUCKETS", "FREE", "IN_FLIGHT", "MAX_SIZE_BYTES", "N_ENDED", "advance", "fail", "offer"]
+__all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "fail", "offer"]
 
 BUCKETS = 256
 MAX_SIZE_BYTES = 2**26
 """size × 64 bits per byte × 10⁹ ns/s stays below 2⁶³."""
-
-FREE, IN_FLIGHT, N_ENDED = 0, 1, 2
-"""What stands in `heap`: the first free packet record, how many are taken, how many of `ended` are filled."""
 
 _UNDERWAY = -1
 _DELIVERED = int(Outcome.DELIVERED)
@@ -43,17 +40,14 @@ def offer(
     size_bytes: NDArray[np.int64],
     packet_id: NDArray[np.int64],
     rank: NDArray[np.int64],
-    links: Records,
-    packets: Records,
-    nodes: Records,
-    components: Records,
-    heap: NDArray[np.int64],
+    state: State,
 ) -> None:
     """Puts packets on the entries of their nodes, in order of time, equal times in order of offering.
 
     `rank` is that of the link for a link-local packet, else NONE. The caller has checked all values, and that
     there are enough free records.
     """
+    links, packets, heap = state.links, state.packets, state.heap
     for i in range(t_ns.size):
         p = heap[FREE]
         packet = packets[p]
@@ -65,9 +59,9 @@ def offer(
         packet.size = size_bytes[i]
         packet.dest = dest[i] if rank[i] == NONE else ~rank[i]
         packet.hops = 0
-        home = nodes[node[i]]
+        home = state.nodes[node[i]]
         entry = links[home.entry]
-        component = components[home.component]
+        component = state.components[home.component]
         if entry.scheduled == 0:
             entry.scheduled = 1
             entry.chain = component.waiting
@@ -96,23 +90,15 @@ def offer(
 
 
 @compiled
-def fail(
-    rank: int,
-    t_ns: int,
-    links: Records,
-    packets: Records,
-    ended: Records,
-    tally: NDArray[np.int64],
-    heap: NDArray[np.int64],
-) -> None:
+def fail(rank: int, t_ns: int, state: State, scratch: Scratch) -> None:
     """Takes a link down and ends every packet that has not fully arrived over it before `t_ns`."""
-    link = links[rank]
+    link = state.links[rank]
     link.up = 0
     p = link.head
     while p != NONE:
-        following = packets[p].next
+        following = state.packets[p].next
         link.dropped += 1
-        _end(p, t_ns, link.src, link.number, _LINK_FAILED, packets, ended, tally, heap)
+        _end(p, t_ns, link.src, link.number, _LINK_FAILED, state, scratch)
         p = following
     link.head = NONE
     link.cursor = NONE
@@ -123,73 +109,27 @@ def fail(
 
 
 @compiled
-def advance(
-    until_ns: int,
-    hop_limit: int,
-    links: Records,
-    packets: Records,
-    nodes: Records,
-    components: Records,
-    routes: NDArray[np.uint32],
-    buckets: NDArray[np.uint32],
-    keys: NDArray[np.int64],
-    ended: Records,
-    tally: NDArray[np.int64],
-    heap: NDArray[np.int64],
-) -> int:
+def advance(until_ns: int, hop_limit: int, state: State, scratch: Scratch) -> int:
     """Handles every arrival before `until_ns`; returns a time before which nothing more happens.
 
-    Args:
-        until_ns: End of the stretch, exclusive.
-        hop_limit: A packet ends at the node that would send it over one link more.
-        links: `LINK` records by rank.
-        packets: `PACKET` records.
-        nodes: `NODE` records.
-        components: `COMPONENT` records.
-        routes: Rank of the next link, for destination after destination over the nodes of its component.
-        buckets: (BUCKETS,) scratch, all NONE before and after.
-        keys: Scratch, as long as there are packets in flight.
-        ended: `ENDED` records, room for all packets in flight; filled from `heap[N_ENDED]`.
-        tally: How many packets ended with each outcome so far.
-        heap: See `FREE`, `IN_FLIGHT` and `N_ENDED`.
+    A packet ends with `TTL` at the node that would send it over more than `hop_limit` links.
     """
     next_ns = FAR_NS
-    for c in range(components.size):
-        component = components[c]
+    for c in range(state.components.size):
+        component = state.components[c]
         while component.next_ns < until_ns:
-            _advance_window(
-                until_ns,
-                hop_limit,
-                component,
-                links,
-                packets,
-                nodes,
-                routes,
-                buckets,
-                keys,
-                ended,
-                tally,
-                heap,
-            )
+            _advance_window(until_ns, hop_limit, component, state, scratch)
         next_ns = min(next_ns, component.next_ns)
     return next_ns
 
 
 @compiled
 def _advance_window(
-    until_ns: int,
-    hop_limit: int,
-    component: Records,
-    links: Records,
-    packets: Records,
-    nodes: Records,
-    routes: NDArray[np.uint32],
-    buckets: NDArray[np.uint32],
-    keys: NDArray[np.int64],
-    ended: Records,
-    tally: NDArray[np.int64],
-    heap: NDArray[np.int64],
+    until_ns: int, hop_limit: int, component: Records, state: State, scratch: Scratch
 ) -> None:
+    """Handles the arrivals of one component in the stretch that the buckets span from its next event on."""
+    links, packets, nodes = state.links, state.packets, state.nodes
+    buckets, keys = scratch.buckets, scratch.keys
     start_ns = component.next_ns
     width_ns = 1 << component.bucket_shift
     end_ns = min(until_ns, start_ns + BUCKETS * width_ns)
@@ -246,7 +186,7 @@ def _advance_window(
                 if packet.hops >= hop_limit:
                     outcome = _TTL
                 else:
-                    ahead = _next_link(packet.dest, node, nodes, routes)
+                    ahead = _next_link(packet.dest, node, nodes, state.routes)
                     if ahead == NONE:
                         outcome = _NO_ROUTE
                     else:
@@ -258,7 +198,7 @@ def _advance_window(
                                 ahead, packet.t_ns, start_ns, end_ns, links, component, buckets
                             )
             if outcome != _UNDERWAY:
-                _end(p, t_ns, node, concerned, outcome, packets, ended, tally, heap)
+                _end(p, t_ns, node, concerned, outcome, state, scratch)
 
 
 @compiled
@@ -334,28 +274,18 @@ def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
 
 
 @compiled
-def _end(
-    p: int,
-    t_ns: int,
-    node: int,
-    link: int,
-    outcome: int,
-    packets: Records,
-    ended: Records,
-    tally: NDArray[np.int64],
-    heap: NDArray[np.int64],
-) -> None:
-    record = ended[heap[N_ENDED]]
-    heap[N_ENDED] += 1
+def _end(p: int, t_ns: int, node: int, link: int, outcome: int, state: State, scratch: Scratch) -> None:
+    record = scratch.ended[scratch.n_ended[0]]
+    scratch.n_ended[0] += 1
     record.t_ns = t_ns
-    record.packet_id = packets[p].packet_id
+    record.packet_id = state.packets[p].packet_id
     record.node = node
     record.link = link
     record.outcome = outcome
-    tally[outcome] += 1
-    packets[p].next = heap[FREE]
-    heap[FREE] = p
-    heap[IN_FLIGHT] -= 1
+    state.tally[outcome] += 1
+    state.packets[p].next = state.heap[FREE]
+    state.heap[FREE] = p
+    state.heap[IN_FLIGHT] -= 1
 
 
 @compiled

@@ -3,67 +3,19 @@
 import copy
 import heapq
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skinnet.network import kernel
-from skinnet.network.records import ENDED, FAR_NS, NONE, PACKET, Outcome, Records, bucket_shifts, lay_out
+from skinnet.network.layout import bucket_shifts, lay_out, with_room, with_routes
+from skinnet.network.records import ENDED, FAR_NS, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
+from skinnet.network.results import Counters, Finished, LinkCounters
 from skinnet.network.routes import NO_LINK, Routes
-from skinnet.network.topology import Topology
+from skinnet.network.topology import MAX_JITTER_NS, Topology
 
 __all__ = ["Counters", "Finished", "LinkCounters", "Network", "Snapshot"]
-
-_FIRST_CAPACITY = 1024
-
-
-class Finished(NamedTuple):
-    """Packets that ended, by time, then node, then the order in which the node handled them; each (n,).
-
-    Attributes:
-        packet_id: As offered.
-        t_ns: When it ended [ns].
-        node: Where it ended: at its destination, where it was dropped, at the far end of a link that
-            destroyed it (`LOSS`), or at the near end of one that failed with it (`LINK_FAILED`).
-        link: The link that was full, dead, failed or lossy; else the one over which it came in, `NO_LINK`
-            for a packet of the node's own.
-        outcome: `Outcome`; 0 is delivered.
-    """
-
-    packet_id: NDArray[np.int64]
-    t_ns: NDArray[np.int64]
-    node: NDArray[np.int64]
-    link: NDArray[np.int64]
-    outcome: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Counters:
-    """Packets so far; offered = delivered + sum of dropped + in_flight at every moment."""
-
-    offered: int
-    delivered: int
-    dropped: dict[Outcome, int]
-    in_flight: int
-
-
-class LinkCounters(NamedTuple):
-    """Traffic of every link up to now, each (n_links,).
-
-    Attributes:
-        packets: Fully arrived, with those that the link destroyed (`LOSS`).
-        bytes: Of these packets.
-        busy_ns: Time in transmission [ns].
-        queue_high_water: Most packets that ever waited behind the one in transmission.
-        dropped: Ended by this link: queue full, link failed or dead, loss.
-    """
-
-    packets: NDArray[np.int64]
-    bytes: NDArray[np.int64]
-    busy_ns: NDArray[np.int64]
-    queue_high_water: NDArray[np.int64]
-    dropped: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -90,31 +42,24 @@ _Change: TypeAlias = _Fail | _Repair | _Impair | Routes
 class Snapshot:
     """All of a network that changes with time; opaque, and good for any network of the same topology."""
 
-    links: Records
-    packets: Records
-    nodes: Records
-    components: Records
-    routes: NDArray[np.uint32]
-    n_routes: int = 0
+    arrays: State
     now_ns: int = 0
     next_ns: int = FAR_NS
     offered: int = 0
     least_size_bytes: int = kernel.MAX_SIZE_BYTES + 1
     n_changes: int = 0
     changes: list[tuple[int, int, _Change]] = field(default_factory=list)
-    tally: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
-    heap: NDArray[np.int64] = field(default_factory=lambda: np.array([NONE, 0, 0], dtype=np.int64))
 
 
 class Network:
     """Store-and-forward network of serial links with queues, routes, loss, jitter and failures.
 
     A packet that enters the queue of a link at `a` has left at
-    `max(a, busy) + ⌈size × bits_per_byte × 10⁹ / bits_per_s⌉` and arrives `delay_ns` and its jitter later, never
-    before the packet ahead of it. It is dropped if as many packets as the queue holds already wait behind the
-    one in transmission. At one instant, first what was scheduled takes effect (failures, repairs, routes: in the
-    order of the calls), then transmissions end, then a node's own packets enter in the order of offering, then
-    those of its input ports in the order of ports.
+    `max(a, busy) + ⌈size × bits_per_byte × 10⁹ / bits_per_s⌉` and arrives `delay_ns` and its jitter later,
+    never before the packet ahead of it. It is dropped if as many packets as the queue holds already wait
+    behind the one in transmission. At one instant, first what was scheduled takes effect (failures, repairs,
+    routes: in the order of the calls), then transmissions end, then a node's own packets enter in the order
+    of offering, then those of its input ports in the order of ports.
 
     Results do not depend on how time is cut into calls. With `node_keys`, they do not depend either on how
     unconnected groups of nodes are spread over several networks with one seed.
@@ -137,16 +82,17 @@ class Network:
         keys = np.arange(topology.n_nodes, dtype=np.uint64) if node_keys is None else node_keys
         if keys.shape != (topology.n_nodes,) or keys.dtype != np.uint64:
             raise ValueError(f"node_keys is {keys.dtype} {keys.shape}; give one uint64 for each of the nodes")
-        links, nodes, components, self._rank = lay_out(topology, seed, keys)
+        arrays, self._rank = lay_out(topology, seed, keys)
         self.topology = topology
         self._hop_limit = hop_limit
-        self._buckets = np.full(kernel.BUCKETS, NONE, dtype=np.uint32)
-        self._keys = np.empty(0, dtype=np.int64)
-        self._ended: Records = np.empty(0, dtype=ENDED)
-        self._nothing = _columns(self._ended)
-        self._state = Snapshot(
-            links, np.empty(0, dtype=PACKET), nodes, components, routes=np.empty(0, dtype=np.uint32)
+        self._scratch = Scratch(
+            buckets=np.full(kernel.BUCKETS, NONE, dtype=np.uint32),
+            keys=np.empty(0, dtype=np.int64),
+            ended=np.empty(0, dtype=ENDED),
+            n_ended=np.zeros(1, dtype=np.int64),
         )
+        self._nothing = _columns(self._scratch.ended)
+        self._state = Snapshot(arrays)
 
     @property
     def now_ns(self) -> int:
@@ -163,14 +109,14 @@ class Network:
     def counters(self) -> Counters:
         """Packets so far."""
         state = self._state
-        ended = {outcome: int(state.tally[outcome]) for outcome in Outcome}
+        ended = {outcome: int(state.arrays.tally[outcome]) for outcome in Outcome}
         delivered = ended.pop(Outcome.DELIVERED)
-        return Counters(state.offered, delivered, ended, int(state.heap[kernel.IN_FLIGHT]))
+        return Counters(state.offered, delivered, ended, int(state.arrays.heap[IN_FLIGHT]))
 
     @property
     def link_counters(self) -> LinkCounters:
         """Traffic of every link so far."""
-        links = self._state.links[self._rank]
+        links = self._state.arrays.links[self._rank]
         # A link works without a break until `busy_ns`, so what it has yet to do is known.
         busy_ns = links["committed_ns"] - np.maximum(links["busy_ns"] - self._state.now_ns, 0)
         high_water = links["queue_high_water"].astype(np.int64)
@@ -179,7 +125,7 @@ class Network:
     @property
     def link_up(self) -> NDArray[np.bool_]:
         """Whether each link is in order now, (n_links,)."""
-        return np.asarray(self._state.links["up"][self._rank], dtype=np.bool_)
+        return np.asarray(self._state.arrays.links["up"][self._rank], dtype=np.bool_)
 
     def offer(
         self,
@@ -232,21 +178,9 @@ class Network:
             )
         if (least := int(size_bytes.min())) < state.least_size_bytes:
             state.least_size_bytes = least
-            state.components["bucket_shift"] = bucket_shifts(self.topology, least)
-        self._make_room(n)
-        kernel.offer(
-            t_ns,
-            node,
-            dest,
-            size_bytes,
-            packet_id,
-            rank,
-            state.links,
-            state.packets,
-            state.nodes,
-            state.components,
-            state.heap,
-        )
+            state.arrays.components["bucket_shift"] = bucket_shifts(self.topology, least)
+        state.arrays = with_room(state.arrays, n)
+        kernel.offer(t_ns, node, dest, size_bytes, packet_id, rank, state.arrays)
         state.offered += n
         state.next_ns = min(state.next_ns, int(t_ns[0]))
 
@@ -258,16 +192,17 @@ class Network:
         if self.next_ns >= until_ns:
             state.now_ns = until_ns
             return self._nothing
-        if (in_flight := int(state.heap[kernel.IN_FLIGHT])) > self._ended.size:
-            self._keys = np.empty(2 * in_flight, dtype=np.int64)
-            self._ended = np.empty(2 * in_flight, dtype=ENDED)
-        state.heap[kernel.N_ENDED] = 0
+        if (in_flight := int(state.arrays.heap[IN_FLIGHT])) > self._scratch.keys.size:
+            self._scratch = self._scratch._replace(
+                keys=np.empty(2 * in_flight, dtype=np.int64), ended=np.empty(2 * in_flight, dtype=ENDED)
+            )
+        self._scratch.n_ended[0] = 0
         while state.changes and state.changes[0][0] < until_ns:
             t_ns, _, change = heapq.heappop(state.changes)
             self._run(t_ns)
             self._apply(t_ns, change)
         self._run(until_ns)
-        ended = self._ended[: state.heap[kernel.N_ENDED]]
+        ended = self._scratch.ended[: self._scratch.n_ended[0]]
         return _columns(ended[np.lexsort((ended["node"], ended["t_ns"]))])
 
     def fail_link(self, t_ns: int, link: int) -> None:
@@ -279,9 +214,12 @@ class Network:
         self._schedule(t_ns, _Repair(self._rank_of(link)))
 
     def impair_link(self, t_ns: int, link: int, *, loss_probability: float, jitter_ns: int) -> None:
-        """Sets a link's chance of loss for arrivals and bound of jitter [ns] for departures from `t_ns` on."""
-        if not 0.0 <= loss_probability <= 1.0 or jitter_ns < 0:
-            raise ValueError(f"loss {loss_probability} is not in 0 … 1, or jitter {jitter_ns} ns is negative")
+        """Sets loss, for arrivals, and bound of jitter [ns], for departures, of a link from `t_ns` on."""
+        if not (0.0 <= loss_probability <= 1.0 and 0 <= jitter_ns <= MAX_JITTER_NS):
+            raise ValueError(
+                f"loss_probability {loss_probability} is not in 0 to 1, "
+                f"or jitter_ns {jitter_ns} not in 0 to {MAX_JITTER_NS}"
+            )
         self._schedule(t_ns, _Impair(self._rank_of(link), loss_probability, jitter_ns))
 
     def set_routes(self, t_ns: int, routes: Routes) -> None:
@@ -323,65 +261,22 @@ class Network:
     def _run(self, until_ns: int) -> None:
         state = self._state
         if state.next_ns < until_ns:
-            state.next_ns = kernel.advance(
-                until_ns,
-                self._hop_limit,
-                state.links,
-                state.packets,
-                state.nodes,
-                state.components,
-                state.routes,
-                self._buckets,
-                self._keys,
-                self._ended,
-                state.tally,
-                state.heap,
-            )
+            state.next_ns = kernel.advance(until_ns, self._hop_limit, state.arrays, self._scratch)
         state.now_ns = until_ns
 
     def _apply(self, t_ns: int, change: _Change) -> None:
         state = self._state
+        links = state.arrays.links
         match change:
             case _Fail(rank):
-                kernel.fail(rank, t_ns, state.links, state.packets, self._ended, state.tally, state.heap)
+                kernel.fail(rank, t_ns, state.arrays, self._scratch)
             case _Repair(rank):
-                state.links["up"][rank] = 1
+                links["up"][rank] = 1
             case _Impair(rank, loss_probability, jitter_ns):
-                state.links["loss_probability"][rank] = loss_probability
-                state.links["jitter_ns"][rank] = jitter_ns
-            case Routes():
-                self._write_routes(change)
-
-    def _write_routes(self, routes: Routes) -> None:
-        """Writes route entries, whose links are ranks; a destination gets its column with its first route."""
-        state = self._state
-        start, component = state.nodes["route_start"], state.nodes["component"]
-        fresh = np.unique(routes.dest[start[routes.dest] == NONE])
-        sizes = np.diff(self.topology.member_start)[component[fresh]]
-        ends = state.n_routes + np.cumsum(sizes)
-        start[fresh] = ends - sizes
-        if fresh.size:
-            state.n_routes = int(ends[-1])
-        if state.n_routes > state.routes.size:
-            more = np.full(
-                max(state.n_routes, 2 * state.routes.size) - state.routes.size, NONE, dtype=np.uint32
-            )
-            state.routes = np.concatenate((state.routes, more))
-        state.routes[start[routes.dest] + state.nodes["local"][routes.node]] = routes.link
-
-    def _make_room(self, n: int) -> None:
-        """Doubles the packet records until `n` more fit."""
-        state = self._state
-        size = state.packets.size
-        needed = int(state.heap[kernel.IN_FLIGHT]) + n
-        if needed <= size:
-            return
-        grown = np.zeros(max(_FIRST_CAPACITY, 2 * size, needed), dtype=PACKET)
-        grown[:size] = state.packets
-        grown["next"][size:] = np.arange(size + 1, grown.size + 1)
-        grown["next"][-1] = state.heap[kernel.FREE]
-        state.heap[kernel.FREE] = size
-        state.packets = grown
+                links["loss_probability"][rank] = loss_probability
+                links["jitter_ns"][rank] = jitter_ns
+            case Routes(node, dest, rank):
+                state.arrays = with_routes(state.arrays, self.topology, node, dest, rank)
 
 
 def _require(name: str, values: NDArray[np.int64], lowest: int, highest: int) -> None:

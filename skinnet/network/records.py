@@ -1,4 +1,4 @@
-"""The flat records on which the packet kernel works, and how they are laid out from a topology.
+"""The flat records on which the packet kernel works.
 
 Links stand in the order in which ties are broken: by component, node of arrival, port of arrival. A node
 injects its own packets over an *entry*, a link of port −1 without rate or delay; so an entry stands before
@@ -7,33 +7,34 @@ The position in this order is the *rank*; the number that the topology gave is k
 """
 
 from enum import IntEnum
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-from skinnet.network.routes import NO_LINK
-from skinnet.network.topology import UNBOUNDED, Topology
-from skinnet.seeding import hash64, key_of
 
 __all__ = [
     "COMPONENT",
     "ENDED",
     "FAR_NS",
+    "FREE",
+    "IN_FLIGHT",
     "LINK",
     "MAX_BUCKET_SHIFT",
     "NODE",
     "NONE",
+    "N_ROUTES",
     "PACKET",
     "Outcome",
     "Records",
-    "bucket_shifts",
-    "lay_out",
+    "Scratch",
+    "State",
 ]
 
 # Fields of a record are attributes to Numba only; mypy does not know them.
 Records: TypeAlias = Any
 
+FREE, IN_FLIGHT, N_ROUTES = 0, 1, 2
+"""What stands where in `State.heap`."""
 NONE = 2**32 - 1
 """No link, packet or route. Positions are unsigned, which spares every access a look at their sign."""
 FAR_NS = 2**62
@@ -126,67 +127,40 @@ ENDED = np.dtype(
 )
 
 
-def lay_out(
-    topology: Topology, seed: int, node_keys: NDArray[np.uint64]
-) -> tuple[Records, Records, Records, NDArray[np.int64]]:
-    """Records of an idle network: links by rank, nodes, components, and the rank of every link (n_links,)."""
-    n_nodes = topology.n_nodes
-    at_node = np.concatenate((np.arange(n_nodes), topology.dst))
-    at_port = np.concatenate((np.full(n_nodes, -1), topology.dst_port))
-    order = np.lexsort((at_port, at_node, topology.component[at_node]))
-    rank = np.argsort(order)
-    entry, rank_of_link = rank[:n_nodes], rank[n_nodes:]
+class State(NamedTuple):
+    """The arrays of a network that change with time.
 
-    nodes = np.zeros(n_nodes, dtype=NODE)
-    root = key_of(seed, "network")
-    nodes["key"] = [hash64(root, key) for key in node_keys]
-    nodes["route_start"] = NONE
-    nodes["local"][topology.members] = (
-        np.arange(n_nodes) - topology.member_start[topology.component[topology.members]]
-    )
-    nodes["component"] = topology.component
-    nodes["entry"] = entry
-
-    links = np.zeros(order.size, dtype=LINK)
-    for name in ("head", "tail", "cursor", "chain"):
-        links[name] = NONE
-    links["queue_packets"] = UNBOUNDED
-    links["number"] = NO_LINK
-    links["up"] = 1
-    links["bits_per_s"] = links["bits_per_byte"] = 1
-    links["dst"][rank] = at_node
-    links["src"][entry] = np.arange(n_nodes)
-    links["number"][rank_of_link] = np.arange(topology.n_links)
-    for name in (
-        "src",
-        "bits_per_s",
-        "bits_per_byte",
-        "delay_ns",
-        "queue_packets",
-        "loss_probability",
-        "jitter_ns",
-    ):
-        links[name][rank_of_link] = getattr(topology, name)
-    # By node key and port, not by number, so that it does not matter which networks share an object.
-    links["key"][rank_of_link] = [
-        hash64(~nodes["key"][src], np.uint64(port))
-        for src, port in zip(topology.src, topology.src_port, strict=True)
-    ]
-
-    components = np.zeros(topology.member_start.size - 1, dtype=COMPONENT)
-    components["next_ns"] = FAR_NS
-    components["waiting"] = NONE
-    return links, nodes, components, rank_of_link.astype(np.int64)
-
-
-def bucket_shifts(topology: Topology, size_bytes: int) -> NDArray[np.int64]:
-    """Log2 of the bucket width of each component [ns], if no packet is smaller than `size_bytes`.
-
-    The width is a quarter of the largest power of two not above the smallest hop time: no wider is correct, and
-    with fewer arrivals in each bucket there is less to sort.
+    Attributes:
+        links: `LINK` records by rank, with the entries.
+        packets: `PACKET` records, taken or free.
+        nodes: `NODE` records.
+        components: `COMPONENT` records.
+        routes: Rank of the next link, for destination after destination over the nodes of its component.
+        tally: How many packets ended with each outcome so far.
+        heap: First free packet record (`FREE`), how many are taken (`IN_FLIGHT`), how many of `routes` are
+            taken (`N_ROUTES`).
     """
-    bits = np.int64(size_bytes) * topology.bits_per_byte * 1_000_000_000
-    hop_ns = -(-bits // topology.bits_per_s) + topology.delay_ns
-    least_ns = np.full(topology.member_start.size - 1, 1 << MAX_BUCKET_SHIFT, dtype=np.int64)
-    np.minimum.at(least_ns, topology.component[topology.src], hop_ns)
-    return np.asarray(np.maximum(np.frexp(least_ns)[1] - 3, 0), dtype=np.int64)
+
+    links: Records
+    packets: Records
+    nodes: Records
+    components: Records
+    routes: NDArray[np.uint32]
+    tally: NDArray[np.int64]
+    heap: NDArray[np.int64]
+
+
+class Scratch(NamedTuple):
+    """The arrays that the kernel needs only while it runs.
+
+    Attributes:
+        buckets: First link of each bucket, all NONE before and after, (BUCKETS,).
+        keys: Sort keys; room for all packets in flight.
+        ended: `ENDED` records; room for all packets in flight.
+        n_ended: How many of these are filled, (1,).
+    """
+
+    buckets: NDArray[np.uint32]
+    keys: NDArray[np.int64]
+    ended: Records
+    n_ended: NDArray[np.int64]

@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["UNBOUNDED", "Topology"]
+__all__ = ["MAX_JITTER_NS", "UNBOUNDED", "Topology"]
 
 UNBOUNDED = -1
 """`queue_packets` of a link on which any number of packets may wait."""
 
+MAX_JITTER_NS = 2**50
 _MAX_BITS_PER_BYTE = 64
 
 
@@ -82,7 +83,7 @@ class Topology:
             ("bits_per_byte", bits_per_byte, 1, _MAX_BITS_PER_BYTE),
             ("delay_ns", delay_ns, 0, last_ns),
             ("queue_packets", queue_packets, UNBOUNDED, 2**30),
-            ("jitter_ns", jitter_ns, 0, 2**50),
+            ("jitter_ns", jitter_ns, 0, MAX_JITTER_NS),
         ):
             object.__setattr__(self, name, _column(name, values, n_links, lowest, highest).astype(np.int64))
         loss = _column("loss_probability", loss_probability, n_links, 0, 1).astype(np.float64)

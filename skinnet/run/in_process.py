@@ -4,7 +4,7 @@ import asyncio
 import os
 from pathlib import Path
 
-from skinnet.channels import Keys
+from skinnet.channels import OUTSIDE, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
 from skinnet.loop import run_loop
@@ -28,7 +28,7 @@ async def run_in_process(
     """
     keys = Keys(deployment.robot)
     hub = MemoryHub()
-    launcher = hub.connect()
+    launcher = hub.connect(OUTSIDE)
     progress.follow(launcher, keys)
     if watch is not None:
         watch.open(launcher)
@@ -39,7 +39,7 @@ async def run_in_process(
                 group.create_task(
                     run_loop(
                         node,
-                        hub.connect(),
+                        hub.connect(node.name),
                         keys,
                         deadline_s=deployment.run.deadline_s,
                         realtime=deployment.run.pace == "realtime",

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from skinnet.channels import Keys
+from skinnet.channels import OUTSIDE, Keys
 from skinnet.deployment import Deployment, resolved_json
 from skinnet.errors import ProcessFailedError, SkinnetError
 from skinnet.files import write_bytes
@@ -121,7 +121,7 @@ async def _follow(
     """Joins the loop to show how it goes and to copy it to outsiders."""
     keys = Keys(deployment.robot)
     await _appearance(Path(hub.removeprefix(_SCHEME)))
-    transport = await asyncio.to_thread(lambda: ZenohTransport(connect=hub))
+    transport = await asyncio.to_thread(lambda: ZenohTransport(keys.prefix, OUTSIDE, connect=hub))
     progress.follow(transport, keys)
     if watch is not None:
         watch.open(transport)

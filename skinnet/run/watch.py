@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from skinnet.channels import CHANNELS, Channel, Keys
+from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys
 from skinnet.errors import PortInUseError, ProtocolError
 from skinnet.messages import Config, decode, encode
 from skinnet.transport.base import Transport
@@ -28,11 +28,11 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def _open(listen: str | None) -> tuple[str, ZenohTransport]:
+def _open(prefix: str, listen: str | None) -> tuple[str, ZenohTransport]:
     for attempt in range(_TRIES):
         endpoint = listen or free_endpoint()
         try:
-            return endpoint, ZenohTransport(listen=endpoint)
+            return endpoint, ZenohTransport(prefix, OUTSIDE, listen=endpoint)
         except PortInUseError:
             if listen or attempt == _TRIES - 1:
                 raise
@@ -52,7 +52,7 @@ class Watch:
 
     def __init__(self, keys: Keys, listen: str | None = None) -> None:
         self._keys = keys
-        self.endpoint, self._outer = _open(listen)
+        self.endpoint, self._outer = _open(keys.prefix, listen)
         self.copied = 0
         self.configs = 0
         self._newest: dict[str, bytes] = {}
@@ -66,6 +66,7 @@ class Watch:
             elif row.public:
                 self._outer.on_interest(self._expression(row), _Copier(inner, self, self._expression(row)))
         inner.tap(self._keys.of("topology", "*"), self._newest.__setitem__)
+        inner.tap(self._keys.of("state"), self.copy)
         self._outer.serve(self._keys.of("topology", "*"), lambda: dict(self._newest))
 
     def _expression(self, row: Channel) -> str:
@@ -74,7 +75,7 @@ class Watch:
     def copy(self, key: str, payload: bytes) -> None:
         """Sends a copy to whoever keeps up."""
         self.copied += 1
-        self._outer.put_droppable(key, payload)
+        self._outer.tell(key, payload)
 
     def _bring_in(self, key: str, payload: bytes) -> None:
         """Configuration by a stranger: never in the name of the controller, whose messages have a time."""
@@ -82,9 +83,10 @@ class Watch:
             config = msgspec.structs.replace(decode(payload, Config), t_ns=0)
         except ProtocolError:
             self._inner.put(key, payload)  # the host counts it and says who sent it
-            return
-        self.configs += 1
-        self._inner.put(key, encode(config))
+        else:
+            self.configs += 1
+            self._inner.put(key, encode(config))
+        self._inner.flush()
 
     def close(self) -> None:
         """Nobody can watch any more."""
@@ -100,7 +102,7 @@ class _Copier:
 
     def __call__(self, interested: bool) -> None:
         if interested and self._undo is None:
-            self._undo = self._inner.tap(self._expression, self._watch.copy)
+            self._undo = self._inner.overhear(self._expression, self._watch.copy)
         elif not interested and self._undo is not None:
             self._undo()
             self._undo = None

@@ -1,16 +1,18 @@
 """The seam between a process and its peers.
 
-A transport delivers messages of one sender in the order in which they were sent, without loss; between
-senders there is no order. Nothing above it may depend on the order in which messages arrive.
+In the loop, a process puts the messages of one period and then flushes: they leave together, and arrive
+together and in their order. Between senders there is no order, and nothing above may depend on one. Beside
+the loop, it may tell things to whoever watches; nobody waits for those.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
-__all__ = ["Delivery", "OnMessage", "Transport"]
+__all__ = ["Delivery", "OnMessage", "Transport", "matches"]
 
 OnMessage = Callable[[str, bytes], None]
 """Called with key and payload, possibly in another thread: be quick."""
+Undo = Callable[[], None]
 
 
 class Delivery(NamedTuple):
@@ -23,11 +25,8 @@ class Delivery(NamedTuple):
 class Transport(Protocol):
     """What a process needs of the wire; in-memory and Zenoh transports are twins behind it."""
 
-    def subscribe(self, expression: str) -> None:
-        """Delivers from now on what is put on keys that match `expression`."""
-
-    def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        """Calls `on_message` for what is put on keys that match, until the returned function is called."""
+    def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
+        """Delivers from now on what `senders` put on keys that match one of `expressions`."""
 
     def watch_alive(self, expression: str) -> None:
         """Delivers liveliness: an empty payload for each token there is or comes, None when it goes."""
@@ -35,8 +34,20 @@ class Transport(Protocol):
     def announce(self, key: str) -> None:
         """Declares the liveliness token `key`; call it when all subscriptions are made."""
 
-    def put(self, key: str, payload: bytes, *, flush: bool = False) -> None:
-        """Sends `payload` to whoever subscribes; `flush` asks for it to leave at once."""
+    def put(self, key: str, payload: bytes) -> None:
+        """Adds a message to those of this period."""
+
+    def flush(self) -> None:
+        """Sends the messages of this period."""
+
+    def tell(self, key: str, payload: bytes) -> None:
+        """Tells something at once to whoever watches, beside the loop."""
+
+    def tap(self, expression: str, on_message: OnMessage) -> Undo:
+        """Calls `on_message` for what is told on keys that match, until the returned function is called."""
+
+    def overhear(self, expression: str, on_message: OnMessage) -> Undo:
+        """Like `tap`, for what is put in the loop, by anyone."""
 
     async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
         """All that came in since the last call; waits until it is `enough`, at most `timeout_s`.
@@ -46,3 +57,16 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Sends what is waiting and leaves; the token goes."""
+
+
+def matches(expression: str, key: str) -> bool:
+    """Whether `key` matches the Zenoh key expression: `*` is one segment, `**` any number of them."""
+    return _matches(expression.split("/"), key.split("/"))
+
+
+def _matches(expression: list[str], key: list[str]) -> bool:
+    if not expression:
+        return not key
+    if expression[0] == "**":
+        return any(_matches(expression[1:], key[i:]) for i in range(len(key) + 1))
+    return bool(key) and expression[0] in ("*", key[0]) and _matches(expression[1:], key[1:])

@@ -1,62 +1,74 @@
-"""A mailbox that other threads fill and one coroutine empties, with one wake-up per burst."""
+"""Where deliveries wait: one mailbox for tasks of one event loop, one that other threads fill.
+
+Both wake their reader once for a burst, and not before it has what it needs.
+"""
 
 import asyncio
-import contextlib
+import threading
 from collections import deque
 
 from skinnet.transport.base import Delivery
 
-__all__ = ["Mailbox"]
+__all__ = ["TaskMailbox", "ThreadMailbox"]
 
 
-class Mailbox:
-    """Deliveries in order of arrival; `post` is safe from any thread, `receive` from one coroutine."""
+class TaskMailbox:
+    """A mailbox between tasks of one event loop."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Delivery] = []
+        self._enough = 1
+        self._wake = asyncio.Event()
+
+    def post(self, delivery: Delivery) -> None:
+        """Adds a delivery."""
+        self._waiting.append(delivery)
+        if len(self._waiting) >= self._enough or delivery.payload is None:
+            self._wake.set()
+
+    async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
+        """See `Transport.receive`."""
+        self._enough = enough
+        if len(self._waiting) < enough:
+            self._wake.clear()
+            alarm = None
+            if timeout_s is not None:
+                alarm = asyncio.get_running_loop().call_later(max(timeout_s, 0.0), self._wake.set)
+            await self._wake.wait()
+            if alarm is not None:
+                alarm.cancel()
+        batch, self._waiting = self._waiting, []
+        return batch
+
+
+class ThreadMailbox:
+    """A mailbox that other threads fill. Its reader blocks: a process in the loop has nothing else to do."""
 
     def __init__(self) -> None:
         self._waiting: deque[Delivery] = deque()
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._wake: asyncio.Event = asyncio.Event()
-        self._asleep = False
         self._enough = 1
+        self._asleep = False
+        self._wake = threading.Semaphore(0)
 
     def post(self, delivery: Delivery) -> None:
-        """Adds a delivery; wakes the reader if it sleeps and this makes enough: bursts are cheap."""
+        """Adds a delivery; to be called from one thread at a time or from many."""
         self._waiting.append(delivery)
-        if self._asleep and self._loop is not None and self._is_enough(delivery):
+        if self._asleep and (len(self._waiting) >= self._enough or delivery.payload is None):
             self._asleep = False
-            with contextlib.suppress(RuntimeError):  # the loop has ended, nobody reads any more
-                self._loop.call_soon_threadsafe(self._wake.set)
-
-    def _is_enough(self, newest: Delivery) -> bool:
-        return len(self._waiting) >= self._enough or newest.payload is None
+            self._wake.release()
 
     async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
-        """Everything that waits; sleeps until something does, at most `timeout_s`.
-
-        Args:
-            timeout_s: Returns what there is after this time, possibly nothing.
-            enough: Need not wake for fewer deliveries than these, but for the loss of a process.
-        """
-        self._enough = enough
+        """See `Transport.receive`."""
         if len(self._waiting) < enough:
-            await self._sleep(timeout_s)
-        batch: list[Delivery] = []
-        with contextlib.suppress(IndexError):
-            while True:
-                batch.append(self._waiting.popleft())
-        return batch
+            self._sleep(timeout_s, enough)
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
-    async def _sleep(self, timeout_s: float | None) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._wake.clear()
+    def _sleep(self, timeout_s: float | None, enough: int) -> None:
+        self._enough = enough
         self._asleep = True
-        if len(self._waiting) >= self._enough:  # came between the look and the flag: its poster saw us awake
-            self._asleep = False
-            return
-        alarm = None if timeout_s is None else self._loop.call_later(max(timeout_s, 0.0), self._wake.set)
-        try:
-            await self._wake.wait()
-        finally:
-            self._asleep = False
-            if alarm is not None:
-                alarm.cancel()
+        # what came between the look and the flag was posted to a reader that seemed awake
+        if len(self._waiting) < enough and not any(d.payload is None for d in self._waiting):
+            self._wake.acquire(timeout=timeout_s)
+        self._asleep = False
+        while self._wake.acquire(blocking=False):  # a wake-up that came too late for this sleep
+            pass

@@ -1,25 +1,23 @@
 """The in-memory twin: all processes of a run in one, with the same bytes on the same keys."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
-from skinnet.transport.base import Delivery, OnMessage, Transport
-from skinnet.transport.mailbox import Mailbox
+from skinnet.transport.base import Delivery, OnMessage, Transport, matches
+from skinnet.transport.mailbox import TaskMailbox
 
-__all__ = ["MemoryHub", "matches"]
+__all__ = ["MemoryHub"]
 
-
-def matches(expression: str, key: str) -> bool:
-    """Whether `key` matches the Zenoh key expression: `*` is one segment, `**` any number of them."""
-    return _matches(expression.split("/"), key.split("/"))
+ANYONE = frozenset[str]()
 
 
-def _matches(expression: list[str], key: list[str]) -> bool:
-    if not expression:
-        return not key
-    if expression[0] == "**":
-        return any(_matches(expression[1:], key[i:]) for i in range(len(key) + 1))
-    return bool(key) and expression[0] in ("*", key[0]) and _matches(expression[1:], key[1:])
+class _Ear:
+    """Someone who listens: to which keys, of which senders (none named: of all)."""
+
+    def __init__(self, expression: str, senders: frozenset[str], on_message: OnMessage) -> None:
+        self.expression = expression
+        self.senders = senders
+        self.on_message = on_message
 
 
 class MemoryHub:
@@ -27,35 +25,14 @@ class MemoryHub:
 
     def __init__(self) -> None:
         self._members: list[_MemoryTransport] = []
-        self._taps: list[tuple[str, OnMessage]] = []
-        self._routes: dict[str, list[OnMessage]] = {}
+        self._loop = _Board()
+        self._beside = _Board()
 
-    def connect(self) -> Transport:
+    def connect(self, name: str) -> Transport:
         """A transport for one more member."""
-        member = _MemoryTransport(self)
+        member = _MemoryTransport(self, name, self._loop, self._beside)
         self._members.append(member)
         return member
-
-    def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        """Adds a receiver; returns how to take it out."""
-        entry = (expression, on_message)
-        self._taps.append(entry)
-        self._routes.clear()
-
-        def undo() -> None:
-            self._taps.remove(entry)
-            self._routes.clear()
-
-        return undo
-
-    def deliver(self, key: str, payload: bytes) -> None:
-        """Hands a message to every receiver of `key`."""
-        receivers = self._routes.get(key)
-        if receivers is None:
-            receivers = [on_message for expression, on_message in self._taps if matches(expression, key)]
-            self._routes[key] = receivers
-        for on_message in receivers:
-            on_message(key, payload)
 
     def tokens(self) -> list[str]:
         """All liveliness tokens there are."""
@@ -64,7 +41,7 @@ class MemoryHub:
     def deliver_alive(self, key: str, payload: bytes | None) -> None:
         """Posts the coming (b"") or going (None) of a token."""
         for member in self._members:
-            if any(matches(e, key) for e in member.watched):
+            if any(matches(expression, key) for expression in member.watched):
                 member.mailbox.post(Delivery(key, payload))
 
     def leave(self, member: "_MemoryTransport") -> None:
@@ -75,20 +52,55 @@ class MemoryHub:
                 self.deliver_alive(token, None)
 
 
+class _Board:
+    """Who hears what; found once for every sender and key."""
+
+    def __init__(self) -> None:
+        self._ears: list[_Ear] = []
+        self._found: dict[tuple[str, str], list[OnMessage]] = {}
+
+    def add(self, ear: _Ear) -> Callable[[], None]:
+        self._ears.append(ear)
+        self._found.clear()
+
+        def undo() -> None:
+            with contextlib.suppress(ValueError):  # undone before
+                self._ears.remove(ear)
+            self._found.clear()
+
+        return undo
+
+    def deliver(self, sender: str, key: str, payload: bytes) -> None:
+        receivers = self._found.get((sender, key))
+        if receivers is None:
+            receivers = self._found[sender, key] = [
+                ear.on_message
+                for ear in self._ears
+                if (not ear.senders or sender in ear.senders) and matches(ear.expression, key)
+            ]
+        for on_message in receivers:
+            on_message(key, payload)
+
+
 class _MemoryTransport:
-    def __init__(self, hub: MemoryHub) -> None:
-        self.mailbox = Mailbox()
+    def __init__(self, hub: MemoryHub, name: str, loop: _Board, beside: _Board) -> None:
+        self.mailbox = TaskMailbox()
         self.watched: list[str] = []
         self.tokens: list[str] = []
-        self._hub = hub
+        self._hub, self._name, self._loop, self._beside = hub, name, loop, beside
         self._undo: list[Callable[[], None]] = []
         self.receive = self.mailbox.receive
 
-    def subscribe(self, expression: str) -> None:
-        self.tap(expression, lambda key, payload: self.mailbox.post(Delivery(key, payload)))
+    def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
+        chosen = frozenset(senders)
+        for expression in expressions:
+            self._listen(self._loop, _Ear(expression, chosen, self._post))
 
-    def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        self._undo.append(self._hub.tap(expression, on_message))
+    def _post(self, key: str, payload: bytes) -> None:
+        self.mailbox.post(Delivery(key, payload))
+
+    def _listen(self, board: _Board, ear: _Ear) -> Callable[[], None]:
+        self._undo.append(board.add(ear))
         return self._undo[-1]
 
     def watch_alive(self, expression: str) -> None:
@@ -101,11 +113,22 @@ class _MemoryTransport:
         self.tokens.append(key)
         self._hub.deliver_alive(key, b"")
 
-    def put(self, key: str, payload: bytes, *, flush: bool = False) -> None:
-        self._hub.deliver(key, payload)
+    def put(self, key: str, payload: bytes) -> None:
+        self._loop.deliver(self._name, key, payload)
+
+    def flush(self) -> None:
+        pass
+
+    def tell(self, key: str, payload: bytes) -> None:
+        self._beside.deliver(self._name, key, payload)
+
+    def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
+        return self._listen(self._beside, _Ear(expression, ANYONE, on_message))
+
+    def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
+        return self._listen(self._loop, _Ear(expression, ANYONE, on_message))
 
     def close(self) -> None:
         for undo in self._undo:
-            with contextlib.suppress(ValueError):  # undone before
-                undo()
+            undo()
         self._hub.leave(self)

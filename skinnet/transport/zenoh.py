@@ -4,32 +4,37 @@ A star: the hub listens as a peer, everybody else is its client. In a mesh, mess
 overtake each other. Everything in the loop has one priority and BLOCK, since mixed priorities
 break causal order. A receiver that sticks would make Zenoh close the transport after five
 seconds, so the wait before closing is set beyond any deadline of ours.
+
+Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
+puts in one period leave as one envelope, under `skinnet/<robot>/loop/<process>`, and are taken out where they
+arrive.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import msgspec
 import zenoh
 
 from skinnet.errors import PortInUseError, SkinnetError
-from skinnet.transport.base import Delivery, OnMessage
-from skinnet.transport.mailbox import Mailbox
+from skinnet.transport.base import Delivery, OnMessage, matches
+from skinnet.transport.mailbox import ThreadMailbox
 
-__all__ = ["ZenohTransport", "open_session"]
+__all__ = ["ZenohTransport"]
 
 _LEASE_MS = 2_000
 _WAIT_BEFORE_CLOSE_US = 120_000_000
 _CONNECT_TIMEOUT_MS = 60_000
+_KNOWN_KEYS = 100_000
+
+Envelope = list[tuple[str, bytes]]
+_seal = msgspec.msgpack.Encoder().encode
+_open = msgspec.msgpack.Decoder(Envelope).decode
 
 
-def open_session(*, listen: str | None = None, connect: str | None = None) -> Any:
-    """A Zenoh session that listens as a hub or connects as a client, and never scouts.
-
-    Raises:
-        PortInUseError: the endpoint to listen on is taken.
-        SkinnetError: the endpoint is no Zenoh endpoint, or nobody answers there.
-    """
+def _open_session(listen: str | None, connect: str | None) -> Any:
+    """A Zenoh session that listens as a hub or connects as a client, and never scouts."""
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
         "scouting/multicast/enabled": False,
@@ -45,14 +50,14 @@ def open_session(*, listen: str | None = None, connect: str | None = None) -> An
     if connect:
         settings["connect/endpoints"] = [connect]
     config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
     try:
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as error:
         if "in use" in str(error).lower():
             raise PortInUseError(
-                f"--listen {listen}: that port is already taken; choose another, or port 0 for a free one"
+                f"--listen {listen}: that port is already taken; choose another, or leave --listen out"
             ) from error
         verb = f"listen on {listen}" if listen else f"connect to {connect}"
         reason = str(error).splitlines()[0][:200]
@@ -60,18 +65,61 @@ def open_session(*, listen: str | None = None, connect: str | None = None) -> An
 
 
 class ZenohTransport:
-    """One session, one wildcard subscriber per expression, one mailbox."""
+    """One session of one process.
 
-    def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
-        self._session = open_session(listen=listen, connect=connect)
-        self._mailbox = Mailbox()
+    Args:
+        prefix: `skinnet/<robot>/`.
+        name: Name of the process.
+        listen: Endpoint to listen on as the hub.
+        connect: Endpoint of the hub.
+
+    Raises:
+        PortInUseError: the endpoint to listen on is taken.
+        SkinnetError: the endpoint is no Zenoh endpoint, or nobody answers there.
+    """
+
+    def __init__(
+        self, prefix: str, name: str, *, listen: str | None = None, connect: str | None = None
+    ) -> None:
+        self._session = _open_session(listen, connect)
+        self._loop_prefix = f"{prefix}loop/"
+        self._own_key = self._loop_prefix + name
+        self._mailbox = ThreadMailbox()
         self._entities: list[Any] = []
+        self._outbox: Envelope = []
         self.receive = self._mailbox.receive
+        self.malformed = 0
 
-    def subscribe(self, expression: str) -> None:
-        """Delivers what is put on keys that match `expression`."""
+    def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
+        """Takes the messages that match out of the envelopes of `senders`."""
         post = self._mailbox.post
-        self.tap(expression, lambda key, payload: post(Delivery(key, payload)))
+        chosen = tuple(expressions)
+        for sender in senders:
+            self._unpack(sender, chosen, lambda key, payload: post(Delivery(key, payload)))
+
+    def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
+        """Takes the messages that match out of everybody's envelopes."""
+        return self._unpack("*", (expression,), on_message)
+
+    def _unpack(self, sender: str, expressions: tuple[str, ...], on_message: OnMessage) -> Callable[[], None]:
+        wanted: dict[str, bool] = {}
+
+        def on_sample(_key: str, payload: bytes) -> None:
+            try:
+                envelope = _open(payload)
+            except msgspec.DecodeError:
+                self.malformed += 1
+                return
+            for key, message in envelope:
+                known = wanted.get(key)
+                if known is None:
+                    known = any(matches(expression, key) for expression in expressions)
+                    if len(wanted) < _KNOWN_KEYS:
+                        wanted[key] = known
+                if known:
+                    on_message(key, message)
+
+        return self.tap(self._loop_prefix + sender, on_sample)
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Calls `on_message` in a thread of Zenoh's."""
@@ -99,11 +147,20 @@ class ZenohTransport:
         """Declares the liveliness token `key`."""
         self._entities.append(self._session.liveliness().declare_token(key))
 
-    def put(self, key: str, payload: bytes, *, flush: bool = False) -> None:
-        """Sends `payload`; `flush` bypasses batching, for what closes a period."""
-        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK, express=flush)
+    def put(self, key: str, payload: bytes) -> None:
+        """Adds a message to the envelope of this period."""
+        self._outbox.append((key, payload))
 
-    def put_droppable(self, key: str, payload: bytes) -> None:
+    def flush(self) -> None:
+        """Sends the envelope, past Zenoh's own batching: whoever gets it is waiting for it."""
+        if self._outbox:
+            sealed = _seal(self._outbox)
+            self._outbox.clear()
+            self._session.put(
+                self._own_key, sealed, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+            )
+
+    def tell(self, key: str, payload: bytes) -> None:
         """Sends `payload` to whoever keeps up; never waits for a slow receiver."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
 
@@ -126,5 +183,6 @@ class ZenohTransport:
 
     def close(self) -> None:
         """Sends what is waiting and leaves."""
+        self.flush()
         self._entities.clear()
         self._session.close()

@@ -43,8 +43,8 @@ def touch_figures(deployment: Deployment, controller: Part, body: Part) -> dict[
 def reactions(controller: Part, body: Part) -> list[Reaction]:
     """Onsets of reactions, each with the true crossing of its threshold that caused it.
 
-    An onset belongs to the last crossing of the same channel before its sample. An onset without one (a channel
-    that hovers about the threshold) is left out.
+    An onset belongs to the last crossing of the same channel before its sample. An onset without one (a
+    channel that hovers about the threshold) is left out.
     """
     crossed: dict[tuple[int, int], list[int]] = {}
     for t_ns, cell, channel in body.facts["reaction_crossings"]:
@@ -88,8 +88,11 @@ def _force_figures(body: Part) -> dict[str, Any]:
 
 def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
     """Commanded and measured joint velocity while a single force cell holds a reading of 0.14 [M14, VI.B]."""
-    t_ns, touch = controller.arrays["t_ns"], controller.arrays["touch"].astype(np.float64)
-    velocity = controller.arrays["velocity_rad_s"].astype(np.float64)
+    t_ns, touch = controller.arrays["touch_t_ns"], controller.arrays["touch"].astype(np.float64)
+    if not len(t_ns):
+        return {}
+    ticks = np.searchsorted(controller.arrays["t_ns"], t_ns)
+    velocity = controller.arrays["velocity_rad_s"][ticks].astype(np.float64)
     held = np.zeros(len(t_ns), dtype=np.bool_)
     for name, start_ns, end_ns, stage in _guide_stages(deployment, controller):
         del name

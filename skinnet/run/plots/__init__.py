@@ -28,7 +28,7 @@ _PLOTS: tuple[tuple[str, _Plot], ...] = (
 
 
 def draw(deployment: Deployment, base: Path, outcome: Outcome, out: Path) -> list[str]:
-    """Draws what the parts allow into `out`; returns lines to tell, such as what could not be drawn and why."""
+    """Draws what the parts allow into `out`; returns lines to tell: what could not be drawn, and why."""
     parts = {part.name: part for part in outcome.parts}
     told = []
     for name, plot in _PLOTS:

@@ -19,11 +19,11 @@ def draw_picture(deployment: Deployment, base: Path, parts: dict[str, Part], out
     values = [0.0] * sum(patch.n_cells for patch in deployment.patches)
     position: list[float] | None = None
     controller, body = parts.get("controller"), parts.get("body")
-    if controller is not None and body is not None and len(controller.arrays["t_ns"]):
+    if controller is not None and body is not None and len(controller.arrays["touch_t_ns"]):
         touch = controller.arrays["touch"].astype(np.float64).max(axis=2)
         moment = int(np.argmax(touch.sum(axis=1)))
         values = np.minimum(touch[moment] / _FULL_COLOUR, 1.0).tolist()
-        index = int(np.searchsorted(body.arrays["joint_t_ns"], controller.arrays["t_ns"][moment]))
+        index = int(np.searchsorted(body.arrays["joint_t_ns"], controller.arrays["touch_t_ns"][moment]))
         position = body.arrays["joint_rad"][min(index, len(body.arrays["joint_rad"]) - 1)].tolist()
     path, reason = picture(deployment, base, out / "body.png", values, position)
     return None if path is not None else reason

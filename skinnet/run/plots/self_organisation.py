@@ -103,7 +103,7 @@ def _draw_joint(
 
 
 def _spots(parent_part: list[int]) -> dict[int, tuple[float, float]]:
-    """Place of each part: depth downwards, leaves side by side, parents above the middle of their children."""
+    """Place of each part: depth downwards, leaves side by side, parents above their children's middle."""
     children: dict[int, list[int]] = {}
     roots = []
     for part, parent in enumerate(parent_part):

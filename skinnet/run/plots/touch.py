@@ -24,9 +24,7 @@ def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     span_s = _guided_s(deployment, controller)
     if span_s is None:
         return None
-    t_s = controller.arrays["t_ns"] * 1e-9
-    chosen = (t_s >= span_s[0]) & (t_s <= span_s[1])
-    touch = controller.arrays["touch"][chosen].astype(np.float32)
+    touch = _on_every_tick(controller, span_s)
     figure = Figure(figsize=(11.0, 13.0), layout="constrained")
     force_axes, proximity_axes, *joint_axes = figure.subplots(
         4, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 2.2, 1.3, 1.3]}
@@ -54,6 +52,16 @@ def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     joint_axes[-1].set_xlabel("simulated time [s]")
     figure.suptitle("Touch and the joints' answer")
     return figure
+
+
+def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.float32]:
+    """(ticks, S, 4) what was felt in the span; nothing in between the stages that react."""
+    t_s = controller.arrays["t_ns"] * 1e-9
+    ticks = controller.arrays["t_ns"][(t_s >= span_s[0]) & (t_s <= span_s[1])]
+    felt = controller.arrays["touch"]
+    touch = np.zeros((len(ticks), *felt.shape[1:]), dtype=np.float32)
+    touch[np.searchsorted(ticks, controller.arrays["touch_t_ns"])] = felt
+    return touch
 
 
 def _guided_s(deployment: Deployment, controller: Part) -> tuple[float, float] | None:

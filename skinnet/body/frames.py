@@ -1,0 +1,34 @@
+"""Vectors between frames, as scalars: compiled code keeps them in registers.
+
+Compiled code indexes arrays element by element, and small functions take few arrays: every slice and every
+array handed to a function that is not inlined costs two atomic reference counts.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.compiled import compiled
+
+__all__ = ["rotated", "rotated_back"]
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Vector (x, y, z) turned by the rotation in row `index` of `matrices` (·, 9)."""
+    return (
+        matrices[index, 0] * x + matrices[index, 1] * y + matrices[index, 2] * z,
+        matrices[index, 3] * x + matrices[index, 4] * y + matrices[index, 5] * z,
+        matrices[index, 6] * x + matrices[index, 7] * y + matrices[index, 8] * z,
+    )
+
+
+@compiled
+def rotated_back(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Vector (x, y, z) turned by the inverse of the rotation in row `index` of `matrices` (·, 9)."""
+    return (
+        matrices[index, 0] * x + matrices[index, 3] * y + matrices[index, 6] * z,
+        matrices[index, 1] * x + matrices[index, 4] * y + matrices[index, 7] * z,
+        matrices[index, 2] * x + matrices[index, 5] * y + matrices[index, 8] * z,
+    )

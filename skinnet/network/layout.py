@@ -1,0 +1,133 @@
+"""How the kernel's records are laid out from a topology, and how they grow."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.network.records import (
+    COMPONENT,
+    FAR_NS,
+    FREE,
+    IN_FLIGHT,
+    LINK,
+    MAX_BUCKET_SHIFT,
+    N_ROUTES,
+    NODE,
+    NONE,
+    PACKET,
+    Outcome,
+    State,
+)
+from skinnet.network.routes import NO_LINK
+from skinnet.network.topology import UNBOUNDED, Topology
+from skinnet.seeding import hash64, key_of
+
+__all__ = ["bucket_shifts", "lay_out", "with_room", "with_routes"]
+
+Ints: TypeAlias = NDArray[np.int64]
+
+_FIRST_CAPACITY = 1024
+
+
+def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tuple[State, NDArray[np.int64]]:
+    """State of an idle network, and the rank of every link, (n_links,)."""
+    n_nodes = topology.n_nodes
+    at_node = np.concatenate((np.arange(n_nodes), topology.dst))
+    at_port = np.concatenate((np.full(n_nodes, -1), topology.dst_port))
+    order = np.lexsort((at_port, at_node, topology.component[at_node]))
+    rank = np.argsort(order)
+    entry, rank_of_link = rank[:n_nodes], rank[n_nodes:]
+
+    nodes = np.zeros(n_nodes, dtype=NODE)
+    root = key_of(seed, "network")
+    nodes["key"] = [hash64(root, key) for key in node_keys]
+    nodes["route_start"] = NONE
+    nodes["local"][topology.members] = (
+        np.arange(n_nodes) - topology.member_start[topology.component[topology.members]]
+    )
+    nodes["component"] = topology.component
+    nodes["entry"] = entry
+
+    links = np.zeros(order.size, dtype=LINK)
+    for name in ("head", "tail", "cursor", "chain"):
+        links[name] = NONE
+    links["queue_packets"] = UNBOUNDED
+    links["number"] = NO_LINK
+    links["up"] = 1
+    links["bits_per_s"] = links["bits_per_byte"] = 1
+    links["dst"][rank] = at_node
+    links["src"][entry] = np.arange(n_nodes)
+    links["number"][rank_of_link] = np.arange(topology.n_links)
+    for name in (
+        "src",
+        "bits_per_s",
+        "bits_per_byte",
+        "delay_ns",
+        "queue_packets",
+        "loss_probability",
+        "jitter_ns",
+    ):
+        links[name][rank_of_link] = getattr(topology, name)
+    # By node key and port, not by number, so that it does not matter which networks share an object.
+    links["key"][rank_of_link] = [
+        hash64(~nodes["key"][src], np.uint64(port))
+        for src, port in zip(topology.src, topology.src_port, strict=True)
+    ]
+
+    components = np.zeros(topology.member_start.size - 1, dtype=COMPONENT)
+    components["next_ns"] = FAR_NS
+    components["waiting"] = NONE
+    state = State(
+        links,
+        np.empty(0, dtype=PACKET),
+        nodes,
+        components,
+        routes=np.empty(0, dtype=np.uint32),
+        tally=np.zeros(len(Outcome), dtype=np.int64),
+        heap=np.array([NONE, 0, 0], dtype=np.int64),
+    )
+    return state, rank_of_link.astype(np.int64)
+
+
+def bucket_shifts(topology: Topology, size_bytes: int) -> NDArray[np.int64]:
+    """Log2 of the bucket width of each component [ns], if no packet is smaller than `size_bytes`.
+
+    The width is a quarter of the largest power of two not above the smallest hop time: up to this hop time is
+    correct, and with fewer arrivals in each bucket there is less to sort.
+    """
+    bits = np.int64(size_bytes) * topology.bits_per_byte * 1_000_000_000
+    hop_ns = -(-bits // topology.bits_per_s) + topology.delay_ns
+    least_ns = np.full(topology.member_start.size - 1, 1 << MAX_BUCKET_SHIFT, dtype=np.int64)
+    np.minimum.at(least_ns, topology.component[topology.src], hop_ns)
+    return np.asarray(np.maximum(np.frexp(least_ns)[1] - 3, 0), dtype=np.int64)
+
+
+def with_room(state: State, n: int) -> State:
+    """The same state with room for `n` more packets; the packet records double as often as they must."""
+    size = state.packets.size
+    needed = int(state.heap[IN_FLIGHT]) + n
+    if needed <= size:
+        return state
+    packets = np.zeros(max(_FIRST_CAPACITY, 2 * size, needed), dtype=PACKET)
+    packets[:size] = state.packets
+    packets["next"][size:] = np.arange(size + 1, packets.size + 1)
+    packets["next"][-1] = state.heap[FREE]
+    state.heap[FREE] = size
+    return state._replace(packets=packets)
+
+
+def with_routes(state: State, topology: Topology, node: Ints, dest: Ints, rank: Ints) -> State:
+    """The same state with these route entries; a destination gets its column with its first route."""
+    start = state.nodes["route_start"]
+    fresh = np.unique(dest[start[dest] == NONE])
+    sizes = np.diff(topology.member_start)[topology.component[fresh]]
+    ends = int(state.heap[N_ROUTES]) + np.cumsum(sizes)
+    start[fresh] = ends - sizes
+    routes = state.routes
+    if fresh.size:
+        state.heap[N_ROUTES] = ends[-1]
+    if (missing := int(state.heap[N_ROUTES]) - routes.size) > 0:
+        routes = np.concatenate((routes, np.full(max(missing, routes.size), NONE, dtype=np.uint32)))
+    routes[start[dest] + state.nodes["local"][node]] = rank
+    return state._replace(routes=routes)
