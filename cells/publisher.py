@@ -36,7 +36,7 @@ class PatchPublisher:
         return self._log.hexdigest()
 
     def topology(self, put: Put, topology: Topology) -> tuple[str, bytes]:
-        """Tells the network that was formed, in the period that the next frame closes; returns the message."""
+        """Tells the network that was formed, in the period that the next frame closes; returns it."""
         self.version = topology.version
         self._events += 1
         message = self._keys.of("topology", self.patch), encode(topology)

@@ -100,18 +100,15 @@ class SkinNetwork:
     def advance(self, until_ns: int) -> tuple[list[Delivered], list[tuple[int, Config]]]:
         """Lets time pass; returns data by patch, and configurations by cell, in the order of delivery."""
         if all(t_ns is not None for t_ns in self.formed_ns):
-            return self._sort(self.kernel.advance(until_ns))
-        data: list[Delivered] = []
-        configs: list[tuple[int, Config]] = []
+            return self._sort(self._let_form(self.kernel.advance(until_ns)))
+        rest = []
         while self.kernel.now_ns < until_ns:
             step_ns = self.formation.horizon_ns(until_ns)
-            finished = self.kernel.advance(step_ns)
-            more, some = self._sort(finished)
-            data += more
-            configs += some
+            rest.append(self._let_form(self.kernel.advance(step_ns)))
             self.formation.ring(step_ns)
         self._note_formed(until_ns)
-        return data, configs
+        # as one: what a formed patch says may not depend on others that still form
+        return self._sort(Finished._make(map(np.concatenate, zip(*rest, strict=True))))
 
     def topology(self, patch: int, t_ns: int) -> Topology:
         """What the cells of a formed patch found out."""
@@ -133,27 +130,38 @@ class SkinNetwork:
 
     def _note_formed(self, t_ns: int) -> None:
         for patch, gateway in enumerate(self.formation.gateways):
-            if self.formed_ns[patch] is None and gateway.phase is Phase.COMPLETE:
+            if self.formed_ns[patch] is None and gateway.phase in (Phase.COMPLETE, Phase.FAILED):
                 self.formed_ns[patch] = t_ns
                 self.kernel.set_routes(t_ns, formed_routes(self.wiring, self.formation, patch))
                 cells = np.array(gateway.forest().uid, dtype=np.int64)
                 self.reached[cells + self.wiring.first_cell[patch]] = True
 
+    def _let_form(self, finished: Finished) -> Finished:
+        """Hands the packets of formation to the agents that they reached; returns the others."""
+        forming = self._pool.rows["kind"][finished.packet_id] == PacketKind.FORMATION
+        if not forming.any():
+            return finished
+        heard = Finished._make(column[forming] for column in finished)
+        np.add.at(self._ended[PacketKind.FORMATION], heard.outcome, 1)
+        for i in np.flatnonzero(heard.outcome == Outcome.DELIVERED).tolist():
+            self.formation.receive(
+                int(heard.t_ns[i]), int(heard.node[i]), int(heard.link[i]), int(heard.packet_id[i])
+            )
+        self._pool.free(heard.packet_id)
+        return Finished._make(column[~forming] for column in finished)
+
     def _sort(self, finished: Finished) -> tuple[list[Delivered], list[tuple[int, Config]]]:
-        """Takes the packets that ended apart by what they are, and frees their rows."""
+        """Takes data and configurations that ended apart, and frees their rows."""
         if not len(finished.packet_id):
             return [], []
         rows = self._pool.rows[finished.packet_id]
         kind = rows["kind"]
         np.add.at(self._ended, (kind, finished.outcome), 1)
         arrived = finished.outcome == Outcome.DELIVERED
-        configs: list[tuple[int, Config]] = []
-        for i in np.flatnonzero(arrived & (kind >= PacketKind.CONFIG)).tolist():
-            packet_id, t_ns = int(finished.packet_id[i]), int(finished.t_ns[i])
-            if kind[i] == PacketKind.FORMATION:
-                self.formation.receive(t_ns, int(finished.node[i]), int(finished.link[i]), packet_id)
-            else:
-                configs.append((int(rows["cell"][i]), self._pool.contents[packet_id]))
+        configs: list[tuple[int, Config]] = [
+            (int(rows["cell"][i]), self._pool.contents[int(finished.packet_id[i])])
+            for i in np.flatnonzero(arrived & (kind == PacketKind.CONFIG))
+        ]
         data = [
             one
             for wanted in (PacketKind.EVENT, PacketKind.READING)

@@ -79,7 +79,6 @@ def wire(patches: tuple[PlacedPatch, ...], spec: NetworkSpec) -> Wiring:
         bits_per_byte=spec.bits_per_byte,
         delay_ns=round(spec.hop_delay_us * 1e3),
         queue_packets=_queues(links, interface, spec.queue_packets),
-        loss_probability=spec.loss,
         jitter_ns=round(spec.jitter_us * 1e3),
     )
     link_out = np.full((topology.n_nodes, int(topology.src_port.max()) + 1), -1, dtype=np.int64)

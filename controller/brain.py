@@ -9,19 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.knowledge import Knowledge, Onset
+from controller.drive_log import DriveLog
+from controller.knowledge import Knowledge
 from controller.skin_input import SkinInput, SkinRows
 from controller.stages import Stage, make_stage
-from controller.touch.fusion import COLUMNS, TactilePicture
+from controller.touch.fusion import TactilePicture
 from controller.touch.safety import SafetyClamp, SafetyLimits
 from skinnet.deployment.schema import ControllerSpec
-from skinnet.messages import Modality
 
 __all__ = ["Brain", "Tick"]
 
-_TOUCH_CHANNELS = 4
 _EVENT_FIELDS = ("t_sampled_ns", "modality", "channel", "kind", "level", "value")
-_FIRST_COLUMN = np.array([COLUMNS[modality].start for modality in Modality])
 
 
 class Tick(NamedTuple):
@@ -46,6 +44,7 @@ class Brain:
         self.knowledge = Knowledge(cut=control.map.cut)
         self.picture = TactilePicture(n_cells)
         self.stage_log: list[tuple[str, int]] = []
+        self.drives = DriveLog()
         self._control = control
         self._n_cells = n_cells
         self._clamp: SafetyClamp | None = None
@@ -54,9 +53,6 @@ class Brain:
         self._name = ""
         self._stage: Stage | None = None
         self._streaming = np.zeros(n_cells, dtype=np.bool_)
-        self._driving = np.zeros((n_cells, _TOUCH_CHANNELS), dtype=np.bool_)
-        self._t_sampled_ns = np.zeros((n_cells, _TOUCH_CHANNELS), dtype=np.int64)
-        self._t_delivered_ns = np.zeros((n_cells, _TOUCH_CHANNELS), dtype=np.int64)
 
     @property
     def done(self) -> bool:
@@ -108,7 +104,8 @@ class Brain:
         wanted = np.zeros(len(position_rad))
         if ready and self._stage is not None:
             wanted = self._stage.step(t_ns, position_rad, self.picture)
-            self._note_onsets(t_ns)
+            if (thresholds := self._stage.thresholds) is not None:
+                self.drives.add(t_ns, len(self.stage_log) - 1, events, stream, thresholds)
         velocity = self._clamp.clamp(t_ns, wanted, position_rad, t_joints_ns, t_skin_ns)
         return Tick(velocity, *self._switch_streams(t_ns)), events, stream
 
@@ -116,15 +113,9 @@ class Brain:
         cell, rows = events
         if len(cell):
             self.picture.apply_events(cell, *(rows[name] for name in _EVENT_FIELDS))
-            column = _FIRST_COLUMN[rows["modality"]] + rows["channel"]
-            touch = column < _TOUCH_CHANNELS
-            self._t_sampled_ns[cell[touch], column[touch]] = rows["t_sampled_ns"][touch]
-            self._t_delivered_ns[cell[touch], column[touch]] = rows["t_delivered_ns"][touch]
         cell, rows = stream
         if len(cell):
             self.picture.apply_stream(cell, rows["t_sampled_ns"], rows["values"])
-            self._t_sampled_ns[cell] = rows["t_sampled_ns"][:, None]
-            self._t_delivered_ns[cell] = rows["t_delivered_ns"][:, None]
             if self._stage is not None:
                 self._stage.take(stream)
 
@@ -133,7 +124,6 @@ class Brain:
         if self._stage is not None and self._stage.done:
             self._stage.finish(t_ns)
             self._stage = None
-            self._driving[:] = False
         if self._stage is None and self._program:
             self._name = self._program.pop(0)
             self.stage_log.append((self._name, t_ns))
@@ -145,18 +135,6 @@ class Brain:
                 n_cells=self._n_cells,
                 home_rad=self._home_rad,
             )
-
-    def _note_onsets(self, t_ns: int) -> None:
-        """Remembers which channels began to drive a reaction, for the latency figures."""
-        assert self._stage is not None
-        driving = self._stage.driving
-        if driving is None:
-            return
-        for cell, channel in np.argwhere(driving & ~self._driving).tolist():
-            sampled = int(self._t_sampled_ns[cell, channel])
-            delivered = int(self._t_delivered_ns[cell, channel])
-            self.knowledge.onsets.append(Onset(self._name, cell, channel, sampled, delivered, t_ns))
-        self._driving = driving
 
     def _switch_streams(self, t_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         stage = self._stage

@@ -69,6 +69,7 @@ class ControllerNode:
         self._patch_of_cell = [(patch, cell) for patch, n in sizes.items() for cell in range(n)]
         self._topology: dict[str, Topology] = {}
         self._brain = Brain(deployment.controller, SkinInput(sizes), len(self._patch_of_cell))
+        self._n_dofs = len(deployment.body.joints)
         self._t_ns = 0
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
@@ -94,8 +95,10 @@ class ControllerNode:
         if channel == "joints":
             joints = decode(payload, Joints)
             position = np.array(joints.position_rad, dtype=np.float64)
-            if not np.isfinite(position).all() or not len(position):
-                raise ProtocolError("joint positions that are not finite, or none")
+            if len(position) != self._n_dofs:
+                raise ProtocolError(f"positions of {len(position)} joints; this run has {self._n_dofs}")
+            if not np.isfinite(position).all():
+                raise ProtocolError("joint positions that are not finite")
             self._joints[joints.t_ns] = position
             self._body.close(joints.covered_ns)
             return
@@ -189,16 +192,12 @@ class ControllerNode:
             "done": brain.done,
             "stages": brain.stage_log,
             "end_ns": self._t_ns,
-            "onsets": [
-                (o.stage, o.cell, o.channel, o.t_sampled_ns, o.t_delivered_ns, o.t_ns)
-                for o in knowledge.onsets
-            ],
             "rejected": brain.picture.rejected,
             "cells": self._patch_of_cell,
             "command_delay_ns": self._delay_ns,
             "map_problems": knowledge.map_problems,
         }
-        arrays = self._trace.arrays()
+        arrays = self._trace.arrays() | {"drives": brain.drives.rows}
         if knowledge.structure is not None:
             structure = knowledge.structure
             facts["structure"] = {

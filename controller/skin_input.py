@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
-from skinnet.messages import STREAM_ROW, Events, Stream, unpack
+from skinnet.messages import FORCE_CHANNELS, STREAM_ROW, Events, Modality, Stream, unpack
 
 __all__ = ["EVENT_ROW", "SkinInput", "SkinRows"]
 
 _EVENT_COLUMNS = ("t_sampled_ns", "t_delivered_ns", "seq", "cell", "modality", "channel", "kind", "level")
 EVENT_ROW = np.dtype([(name, np.int64) for name in (*_EVENT_COLUMNS, "gateway")] + [("value", np.float64)])
 """One event, with the cell's number in its patch."""
+_CHANNELS = np.array([FORCE_CHANNELS, 1, 3, 1])
+"""Channels of each modality."""
 
 
 class SkinRows(NamedTuple):
@@ -53,7 +55,8 @@ class SkinInput:
         """Takes in events of a patch; returns how many.
 
         Raises:
-            ProtocolError: columns of different lengths, another patch, or a cell that it does not have.
+            ProtocolError: columns of different lengths, another patch, or a cell, a modality or a channel
+                that it does not have.
         """
         columns = [getattr(events, name) for name in (*_EVENT_COLUMNS, "value")]
         if len({len(column) for column in columns}) != 1:
@@ -65,6 +68,10 @@ class SkinInput:
             rows["gateway"] = events.gateway
         except OverflowError as error:
             raise ProtocolError(f"events of {patch} with a number beyond 64 bits") from error
+        modality, channel = rows["modality"], rows["channel"]
+        known = (modality >= 0) & (modality < len(Modality))
+        if not known.all() or (channel < 0).any() or (channel >= _CHANNELS[modality]).any():
+            raise ProtocolError(f"events of {patch} of a modality or a channel that no cell has")
         return self._add(self._events, patch, events.patch, rows)
 
     def add_stream(self, patch: str, stream: Stream) -> int:

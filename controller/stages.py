@@ -45,8 +45,8 @@ class Stage(Protocol):
         """(S, 4) gains of the reactions, whose cells should stream in contact; None without reactions."""
 
     @property
-    def driving(self) -> NDArray[np.bool_] | None:
-        """(S, 4) channels that drove the reaction of the last tick; None without reactions."""
+    def thresholds(self) -> NDArray[np.float64] | None:
+        """(S, 4) readings above which it reacts, inf where it never does; None without reactions."""
 
     @property
     def felt(self) -> NDArray[np.float64] | None:
@@ -68,7 +68,7 @@ class Explore:
     """A motion program of self-organisation: structure or map."""
 
     gains = None
-    driving = None
+    thresholds = None
     felt = None
 
     def __init__(self, program: StructuralExploration | MapExploration, knowledge: Knowledge) -> None:
@@ -123,7 +123,7 @@ class TakePosture:
     """Goes to a pose: equation (5)."""
 
     gains = None
-    driving = None
+    thresholds = None
     felt = None
     wants_stream = False
 
@@ -174,7 +174,6 @@ class Guide:
         self._max_age_ns = round(control.safety.stale_ms * 1e6)
         self._knowledge = knowledge
         self._reaction = TactileReaction(n_cells)
-        self.driving: NDArray[np.bool_] | None = None
         self.felt: NDArray[np.float64] | None = None
         if control.reactions.enabled:
             self.tune(Modality.FORCE, spec.force_threshold, spec.force_gain)
@@ -188,6 +187,11 @@ class Guide:
     def gains(self) -> NDArray[np.float64]:
         """(S, 4) gains."""
         return self._reaction.gains
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """(S, 4) thresholds, inf without a gain."""
+        return self._reaction.thresholds
 
     @property
     def done(self) -> bool:
@@ -210,7 +214,6 @@ class Guide:
         touch = picture.touch(t_ns, self._max_age_ns)  # cells in contact stream: an old reading is a lost one
         velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
         self.felt = touch
-        self.driving = self._reaction.driving(touch)
         return velocity
 
     def finish(self, t_ns: int) -> None:

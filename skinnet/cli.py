@@ -1,6 +1,7 @@
 """The command line."""
 
 import contextlib
+import signal
 import sys
 import time
 from pathlib import Path
@@ -135,6 +136,7 @@ def check(file: _File, settings: _Set = None) -> None:
 def main() -> None:
     """Entry point: one clear line for whatever a user can cause, and an exit code that tells."""
     code: object = 0
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
     except (DeploymentError, ModelError, PortInUseError) as error:
@@ -152,3 +154,7 @@ def main() -> None:
     with contextlib.suppress(BrokenPipeError):
         sys.stdout.flush()
     sys.exit(code)  # type: ignore[arg-type]
+
+
+if __name__ == "__main__":
+    main()

@@ -107,10 +107,11 @@ class _Loop:
                 self.take(await self.transport.receive(self.patience_s(missing), len(missing)))
             else:
                 wait_s = pace.wait_s(self.node.due_ns())
+                # who is late looks too: what came meanwhile would wait for a body that has caught up
+                self.take(await self.transport.receive(max(wait_s, 0.0)))
                 if wait_s <= 0.0:
-                    self.node.counters["late_frames"] += bool(missing)
+                    self.node.counters["late_frames"] += bool(self.missing(needs))
                     return
-                self.take(await self.transport.receive(wait_s))
             for up in missing:
                 self.judge(up)
 

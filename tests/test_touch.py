@@ -260,7 +260,7 @@ def test_areas_and_modalities_are_tuned_apart_and_inhibited() -> None:
     np.testing.assert_allclose(reaction.velocity(touched(2, 0, 0.4), MAP), np.array([0, 0, 0.6]))
     np.testing.assert_allclose(reaction.velocity(touched(0, 3, 0.4), MAP), np.array([-0.4, 0, 0]))
     assert not reaction.velocity(touched(2, 3, 0.9) + touched(0, 0, 0.9), MAP).any()
-    assert np.argwhere(reaction.driving(np.ones((S, 4)))).tolist() == [[0, 3], [2, 0], [2, 1], [2, 2]]
+    assert np.argwhere(np.ones((S, 4)) > reaction.thresholds).tolist() == [[0, 3], [2, 0], [2, 1], [2, 2]]
     reaction.gains[:] = 9.0  # a copy
     reaction.inhibit()
     assert not reaction.velocity(np.ones((S, 4)), MAP).any()

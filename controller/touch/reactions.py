@@ -63,14 +63,14 @@ class TactileReaction:
         """Sets all gains to zero."""
         self._gains[:] = 0.0
 
-    def driving(self, touch: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(S, 4) channels that are above their threshold and not inhibited, for readings (S, 4)."""
-        driving: NDArray[np.bool_] = (touch > self._thresholds) & (self._gains != 0.0)
-        return driving
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """(S, 4) readings of `TOUCH_COLUMNS` above which there is a reaction; inf without a gain."""
+        return np.where(self._gains != 0.0, self._thresholds, np.inf)
 
     def activation(self, touch: NDArray[np.float64]) -> NDArray[np.float64]:
         """(S,) sum over the channels of (ρ > t)·(ρ − t)·P, for readings (S, 4)."""
-        drive = np.where(self.driving(touch), (touch - self._thresholds) * self._gains, 0.0)
+        drive = np.where(touch > self.thresholds, (touch - self._thresholds) * self._gains, 0.0)
         total: NDArray[np.float64] = drive.sum(axis=1)
         return total
 

@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.simulation import Body
-from skinnet.body.truth import TouchTruth
+from skinnet.body.truth import Crossing, TouchTruth
 from skinnet.channels import Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
-from skinnet.messages import Command, Joints, Stimulus, decode, encode
+from skinnet.messages import FORCE_CHANNELS, Command, Joints, Modality, Stimulus, decode, encode
 from skinnet.part import Part
 from skinnet.upstream import Upstream
 
 __all__ = ["BodyNode", "build"]
+
+_FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: FORCE_CHANNELS}
 
 
 class BodyNode:
@@ -144,6 +146,12 @@ class BodyNode:
     def news(self) -> None:
         """All that the body has to say is part of the run."""
 
+    def _crossing_facts(self, crossing: Crossing) -> tuple[int, int, int, float]:
+        """When, which cell, which touch channel (0 to 2 force, 3 proximity), which reading."""
+        reading = self._body.thresholds[crossing.modality][crossing.level - 1]
+        channel = _FIRST_CHANNEL[crossing.modality] + crossing.channel
+        return crossing.t_ns, crossing.cell, channel, reading
+
     def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
         by_depth = self._touches[touch.touch].depth_m is not None
         public = {key: value for key, value in vars(touch).items() if not key.startswith("_")}
@@ -156,9 +164,8 @@ class BodyNode:
             "end_ns": self._body.t_ns,
             "late_frames": self.counters["late_frames"],
             "touches": [self._touch_facts(touch) for touch in self._body.teacher.truth],
-            "reaction_crossings": [],
+            "reaction_crossings": [self._crossing_facts(c) for c in self._body.reaction_crossings.crossings],
             "loop_s": time.monotonic() - self._start_s,
-            "crossings": [list(crossing) for crossing in self._body.crossings.crossings],
             "refused_commands": self._body.actuation.refused,
         }
         arrays: dict[str, NDArray[Any]] = {

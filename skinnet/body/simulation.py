@@ -19,6 +19,7 @@ from skinnet.body.truth import CrossingTruth, distance_thresholds_m, force_thres
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ModelError
+from skinnet.messages import Modality
 from skinnet.skin.placement import place
 
 __all__ = ["Body"]
@@ -43,6 +44,8 @@ class Body:
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
         crossings: Ground truth of forces and distances that crossed the event levels.
+        thresholds: Readings at which some stage of the program begins to react, by modality, ascending.
+        reaction_crossings: The same for these readings; a crossing's level counts through them.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -84,6 +87,15 @@ class Body:
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = CrossingTruth(
             force_thresholds_n(deployment.cells.force), distance_thresholds_m(proximity)
+        )
+        guides = [stage for stage in deployment.controller.stages.values() if stage.kind == "guide"]
+        self.thresholds = {
+            Modality.FORCE: sorted({stage.force_threshold for stage in guides}),
+            Modality.PROXIMITY: sorted({stage.proximity_threshold for stage in guides}),
+        }
+        self.reaction_crossings = CrossingTruth(
+            force_thresholds_n(deployment.cells.force, self.thresholds[Modality.FORCE]),
+            distance_thresholds_m(proximity, self.thresholds[Modality.PROXIMITY]),
         )
         self._evaluated = False
         self._stimulus: NDArray[np.float64] | None = None
@@ -132,7 +144,8 @@ class Body:
         if self._stimulus is None:
             self._evaluate()
             self._stimulus = self._sampler.sample()
-            self.crossings.see_stimulus(self.t_ns, self._stimulus)
+            for crossings in (self.crossings, self.reaction_crossings):
+                crossings.see_stimulus(self.t_ns, self._stimulus)
         return self._stimulus.copy()
 
     def joints(self) -> NDArray[np.float64]:
@@ -156,9 +169,9 @@ class Body:
         mujoco.mj_fwdVelocity(mj, data)
         self.teacher.tell_velocity()
         self._foundation.press(self._step_s)
-        self.crossings.see_forces(
-            self.t_ns, self._step_ns, self._foundation.pressed.force_n, self._foundation.touching > 0
-        )
+        force_n, touching = self._foundation.pressed.force_n, self._foundation.touching > 0
+        self.crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
+        self.reaction_crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
         mujoco.mj_fwdActuation(mj, data)
         mujoco.mj_fwdAcceleration(mj, data)
         mujoco.mj_fwdConstraint(mj, data)

@@ -7,10 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.foundation import Foundation, Pressed
+from skinnet.body.foundation import Foundation
 from skinnet.body.points import axis, lifted, near_patch, velocity
 from skinnet.body.scene import Motion, Scene, ray_m, within
 from skinnet.body.surface import Surface
+from skinnet.body.winkler import Pressed
 from skinnet.compiled import compiled
 from skinnet.messages import STIMULUS_NAMES
 

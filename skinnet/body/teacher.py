@@ -129,7 +129,7 @@ class Teacher:
             return
         step_s = step_ns / NS_PER_S
         felt_n = self._felt_n(touch)
-        finger_n = float(self._foundation.pressed.on_body_n[self._finger])
+        finger_n = float(self._foundation.pressed.on_body_n[self._finger]) + self._shell_n()
         touch.truth.observe(t_ns, step_s, finger_n, felt_n, self.phase is Phase.HOLD)
         if self.phase is Phase.WITHDRAW:
             touch.height_m += touch.spec.speed_m_s * step_s
@@ -186,6 +186,17 @@ class Teacher:
         if touch.spec.force_cell is None:
             return float(pressed.on_body_n[self._finger])
         return float(pressed.force_n[touch.aim.row, touch.spec.force_cell])
+
+    def _shell_n(self) -> float:
+        """Normal force [N] of the finger's rigid contacts: with the shell under fully pressed foam."""
+        data = self._data
+        wrench = np.zeros(6)
+        total_n = 0.0
+        for index in range(data.ncon):
+            if self._finger in data.model.geom_bodyid[data.contact[index].geom]:
+                mujoco.mj_contactForce(data.model, data, index, wrench)
+                total_n += float(wrench[0])
+        return total_n
 
     def _line(self, aim: _Aim) -> tuple[Floats, Floats]:
         """Point aimed at and outward normal, world, at the present pose of the cell."""

@@ -1,6 +1,7 @@
 """Ground truth that no cell and no controller ever sees: when forces really rose and things came near."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -86,20 +87,21 @@ class CrossingTruth:
             )
 
 
-def force_thresholds_n(spec: ForceSpec) -> Floats:
-    """Forces (l,) [N] at which a force cell without noise reads the levels of Table I [M14]."""
-    thresholds: Floats = np.interp(spec.levels, spec.calibration_reading, spec.calibration_n)
+def force_thresholds_n(spec: ForceSpec, readings: Sequence[float] | None = None) -> Floats:
+    """Forces (l,) [N] at which a force cell without noise reads `readings`, else Table I [M14]."""
+    wanted = spec.levels if readings is None else readings
+    thresholds: Floats = np.interp(wanted, spec.calibration_reading, spec.calibration_n)
     return thresholds
 
 
-def distance_thresholds_m(spec: ProximitySpec) -> Floats:
-    """Distances (m,) [m] at which a proximity sensor without noise reads the levels of Table I [M14].
+def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None = None) -> Floats:
+    """Distances (m,) [m] at which a proximity sensor without noise reads `readings`, else Table I [M14].
 
     The inverse of the law (d0 / (d0 + distance))² that `ProximitySpec` states.
     """
     root_at_reach = math.sqrt(spec.reading_at_reach)
     d0_m = spec.reach_m * root_at_reach / (1.0 - root_at_reach)
-    thresholds: Floats = d0_m * (1.0 / np.sqrt(np.array(spec.levels)) - 1.0)
+    thresholds: Floats = d0_m * (1.0 / np.sqrt(np.array(spec.levels if readings is None else readings)) - 1.0)
     return thresholds
 
 

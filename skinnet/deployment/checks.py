@@ -9,6 +9,9 @@ from skinnet.errors import DeploymentError
 
 __all__ = ["check"]
 
+_TAKEN = ("body", "cells", "controller", "outside")
+"""Names of other processes, of all cell hosts together, and of strangers (`skinnet.channels`)."""
+
 
 def check(deployment: Deployment) -> None:
     """Raises DeploymentError with key, value and what is allowed if the parts do not fit together."""
@@ -65,8 +68,8 @@ def _check_hosts(deployment: Deployment) -> None:
     names = [patch.name for patch in deployment.patches]
     placed: dict[str, str] = {}
     for host, patches in deployment.host_patches().items():
-        if host in ("body", "controller"):
-            raise DeploymentError(f"hosts.{host}: that name belongs to another process; choose another")
+        if host in _TAKEN:
+            raise DeploymentError(f"hosts.{host}: that name has a meaning of its own; choose another")
         if not patches:
             raise DeploymentError(f"hosts.{host}: has no patches; leave it out")
         for patch in patches:
@@ -103,6 +106,11 @@ def _check_sensors(cells: CellSpec) -> None:
         raise DeploymentError(
             f"cells.force.calibration_reading has {len(force.calibration_reading)} points, calibration_n has "
             f"{len(force.calibration_n)}; give at least two, and equally many"
+        )
+    warmth = cells.temperature
+    if not warmth.min_c < warmth.max_c:
+        raise DeploymentError(
+            f"cells.temperature.min_c = {warmth.min_c:g}: must be below max_c = {warmth.max_c:g}"
         )
     if not 0.0 < cells.proximity.reading_at_reach < 1.0:
         raise DeploymentError(

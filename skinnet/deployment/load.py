@@ -1,10 +1,12 @@
 """From a TOML file and `--set` overrides to a frozen deployment; errors name file, key and value."""
 
 import difflib
+import math
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, cast, get_args, get_origin
 
 import msgspec
 
@@ -13,9 +15,9 @@ from skinnet.errors import DeploymentError
 
 __all__ = ["apply_override", "build", "load", "resolved_json"]
 
-_AT = re.compile(r"^(?P<what>.*?)(?: - at `\$(?P<path>.*)`)?$", re.DOTALL)
+_AT = re.compile(r"^(?P<what>.*?)(?: - at (?P<in_key>`key` in )?`\$(?P<path>.*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(?P<field>[^`]*)`")
-_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|\[(\.\.\.)\]")
+_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|(\[\.\.\.\]|\[key\])")
 
 
 def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -> Deployment:
@@ -48,7 +50,10 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
 def build(raw: dict[str, Any], source: str) -> Deployment:
     """Deployment of a decoded TOML document; `source` names it in errors."""
     try:
+        _refuse_infinite(raw)
         return msgspec.convert(raw, Deployment)
+    except DeploymentError as error:
+        raise DeploymentError(f"{source}: {error}") from None
     except msgspec.ValidationError as error:
         raise DeploymentError(f"{source}: {_explain(raw, str(error))}") from None
 
@@ -104,43 +109,84 @@ def _value(text: str) -> Any:
         return text
 
 
+def _refuse_infinite(value: Any, key: str = "") -> None:
+    """TOML knows nan and inf; no quantity of a deployment may be one."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise DeploymentError(f"{key} = {value}: must be a finite number")
+    if isinstance(value, dict):
+        for name, item in value.items():
+            _refuse_infinite(item, f"{key}.{name}".lstrip("."))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _refuse_infinite(item, f"{key}[{index}]")
+
+
 def _explain(raw: dict[str, Any], message: str) -> str:
     """The message of msgspec as key = value: what is wrong, what is allowed."""
     match = _AT.match(message)
     assert match is not None
-    what, path = match["what"], match["path"] or ""
+    what = match["what"]
+    key, value, kind = _follow(raw, (match["path"] or "") + ("[key]" if match["in_key"] else ""))
     unknown = _UNKNOWN.search(what)
     if unknown is not None:
-        return _explain_unknown(path, unknown["field"])
-    value: Any = raw
-    for name, number, _ in _STEP.findall(path):
-        try:
-            value = value[int(number)] if number else value[name]
-        except (KeyError, IndexError, TypeError):
-            break
-    key = path.lstrip(".").replace("[...]", "") or "the file"
+        return _explain_unknown(key, kind, unknown["field"])
+    if what.startswith("Invalid enum value"):
+        what = f"allowed: {', '.join(_allowed(kind))}"
     shown = "" if isinstance(value, dict | list) else f" = {value!r}"
-    return f"{key}{shown}: {what[0].lower()}{what[1:]}"
+    return f"{key or 'the file'}{shown}: {what[0].lower()}{what[1:]}"
 
 
-def _explain_unknown(path: str, field: str) -> str:
-    kind: Any = Deployment
-    for name, _, _ in _STEP.findall(path):
-        if name and hasattr(kind, "__struct_fields__"):
-            kind = _table(kind.__annotations__.get(name))
-    known = list(getattr(kind, "__struct_fields__", ()))
+def _follow(raw: dict[str, Any], path: str) -> tuple[str, Any, Any]:
+    """Key, value and annotation at a path of msgspec's, which writes [...] for any entry of a table.
+
+    Of such a table, the first entry that does not hold is meant; after [key], its first name that does not.
+    """
+    key, value, kind = "", cast(Any, raw), cast(Any, Deployment)
+    for name, number, other in _STEP.findall(path):
+        if name:
+            table = _inside(kind, lambda annotation: hasattr(annotation, "__struct_fields__"))
+            key, value, kind = f"{key}.{name}".lstrip("."), value[name], table.__annotations__[name]
+        elif number:
+            key, value = f"{key}[{number}]", value[int(number)]
+        else:
+            kinds = get_args(_inside(kind, lambda annotation: get_origin(annotation) is dict))
+            if other == "[key]":
+                return key, next(name for name in value if not _holds(name, kinds[0])), kinds[0]
+            name = next(name for name, item in value.items() if not _holds(item, kinds[1]))
+            key, value, kind = f"{key}.{name}", value[name], kinds[1]
+    return key, value, kind
+
+
+def _holds(value: Any, kind: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+def _explain_unknown(key: str, kind: Any, field: str) -> str:
+    table = _inside(kind, lambda annotation: hasattr(annotation, "__struct_fields__"))
+    known = list(table.__struct_fields__)
     near = difflib.get_close_matches(field, known, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
-    key = f"{path.lstrip('.')}.{field}".lstrip(".")
-    return f"{key}: unknown key; {hint}allowed: {', '.join(known)}"
+    return f"{key}.{field}".lstrip(".") + f": unknown key; {hint}allowed: {', '.join(known)}"
 
 
-def _table(annotation: Any) -> Any:
-    """The struct inside an annotation such as tuple[PatchSpec, ...] or Annotated[...]."""
-    if hasattr(annotation, "__struct_fields__"):
+def _inside(annotation: Any, wanted: Callable[[Any], bool]) -> Any:
+    """The first part that is wanted of an annotation such as tuple[PatchSpec, ...]; None if there is none."""
+    if wanted(annotation):
         return annotation
-    for inner in get_args(annotation):
-        found = _table(inner)
-        if found is not None:
-            return found
-    return None
+    parts = (_inside(part, wanted) for part in get_args(annotation))
+    return next((part for part in parts if part is not None), None)
+
+
+def _allowed(annotation: Any) -> list[str]:
+    """What a choice may be."""
+    if get_origin(annotation) is Literal:
+        return [repr(choice) for choice in get_args(annotation)]
+    if annotation is int:
+        return ["a whole number"]
+    if get_origin(annotation) is dict:
+        return ["a table"]
+    return [choice for part in get_args(annotation) for choice in _allowed(part)]

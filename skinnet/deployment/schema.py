@@ -42,6 +42,8 @@ Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+$", min_length=1, max_length=64)]
 Vector = tuple[float, float, float]
+Levels = Annotated[tuple[float, ...], Meta(min_length=1, max_length=4)]
+"""Thresholds of one modality: as many as Table I [M14] has, or fewer."""
 
 
 def ns_of_ms(value_ms: float) -> int:
@@ -164,7 +166,7 @@ class ForceSpec(_Table, frozen=True, kw_only=True):
     noise: NonNegative = 0.004
     """Idle noise 0.003–0.005 (field report in FACTS.md)."""
     lsb: Positive = 0.0009765625
-    levels: tuple[float, ...] = (0.04, 0.10, 0.30, 0.45)
+    levels: Levels = (0.04, 0.10, 0.30, 0.45)
     """Low, medium, high and pain force: Table I [M14]."""
     hysteresis: NonNegative = 0.028
     """Seven times the noise: a reading at rest between two levels changes level less than once in 15 s."""
@@ -178,7 +180,7 @@ class ProximitySpec(_Table, frozen=True, kw_only=True):
     reading_at_reach: Positive = 0.01
     noise: NonNegative = 0.0008
     lsb: Positive = 0.0009765625
-    levels: tuple[float, ...] = (0.01, 0.02, 0.10, 0.80)
+    levels: Levels = (0.01, 0.02, 0.10, 0.80)
     """High, medium, low proximity and close contact: Table I [M14]."""
     hysteresis: NonNegative = 0.0056
     delta: Positive = 0.02
@@ -293,7 +295,6 @@ class NetworkSpec(_Table, frozen=True, kw_only=True):
     event_bytes: Annotated[int, Meta(gt=0)] = 8
     stream_bytes: Annotated[int, Meta(gt=0)] = 23
     control_bytes: Annotated[int, Meta(gt=0)] = 8
-    loss: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     jitter_us: NonNegative = 0.0
     bundle: bool = False
     """One event message per gateway and period instead of one per cell."""
@@ -380,7 +381,7 @@ class Deployment(_Table, frozen=True, kw_only=True):
     name: Name
     robot: Name
     seed: Annotated[int, Meta(ge=0)] = 1
-    hosts: int | Literal["per_patch"] | dict[str, tuple[str, ...]] = 2
+    hosts: int | Literal["per_patch"] | dict[Name, tuple[str, ...]] = 2
     """Cell hosts: how many, one for each patch, or the patches of each by name."""
     run: RunSpec = field(default_factory=RunSpec)
     body: BodySpec

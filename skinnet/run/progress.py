@@ -47,7 +47,7 @@ class Progress:
     def say(self, text: str) -> None:
         """Prints a line above the moving one."""
         if not self._quiet:
-            self._console.print(text, highlight=False, markup=False)
+            self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def _on_state(self, _key: str, payload: bytes) -> None:
         try:

@@ -1,7 +1,9 @@
 """Where the cells of a patch sit on their body, and which of their ports are wired together."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from skinnet.deployment.schema import CellSpec, LatticeSpec, PatchSpec, PlacedCe
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 
-__all__ = ["PlacedPatch", "place"]
+__all__ = ["PlacedPatch", "place", "place_all"]
 
 _OVERLAP = 0.90
 """Centres closer than this share of the pitch overlap (a curved lattice shortens chords a little)."""
@@ -65,6 +67,26 @@ def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
     interfaces = np.array([(i.cell, i.port) for i in patch.interfaces], dtype=np.int64)
     _check_interfaces(patch.name, len(position_m), wires, interfaces)
     return PlacedPatch(patch.name, patch.body, position_m, rotation, wires, interfaces)
+
+
+def place_all(patches: Iterable[PatchSpec], cells: CellSpec) -> tuple[PlacedPatch, ...]:
+    """Places all `patches` of a robot.
+
+    Raises:
+        DeploymentError: as `place`, or cells of two patches on one body overlap.
+    """
+    placed = tuple(place(patch, cells) for patch in patches)
+    reach = _OVERLAP * pitch_m(cells.side_m)
+    for one, other in combinations(placed, 2):
+        if one.body != other.body:
+            continue
+        near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach)
+        for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
+            if one.R_body_cell[a, :, 2] @ other.R_body_cell[b, :, 2] > 0.0:  # else back to back
+                raise DeploymentError(
+                    f"patches.{other.name}: cell {b} overlaps cell {a} of {one.name} on {one.body}"
+                )
+    return placed
 
 
 def _unit(name: str, key: str, vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,18 +18,20 @@ class TaskMailbox:
     def __init__(self) -> None:
         self._waiting: list[Delivery] = []
         self._enough = 1
+        self._urgent = False
         self._wake = asyncio.Event()
 
     def post(self, delivery: Delivery) -> None:
         """Adds a delivery."""
         self._waiting.append(delivery)
-        if len(self._waiting) >= self._enough or delivery.payload is None:
+        self._urgent |= delivery.payload is None
+        if self._urgent or len(self._waiting) >= self._enough:
             self._wake.set()
 
     async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
         """See `Transport.receive`."""
         self._enough = enough
-        if len(self._waiting) < enough:
+        if len(self._waiting) < enough and not self._urgent:
             self._wake.clear()
             alarm = None
             if timeout_s is not None:
@@ -37,6 +39,7 @@ class TaskMailbox:
             await self._wake.wait()
             if alarm is not None:
                 alarm.cancel()
+        self._urgent = False
         batch, self._waiting = self._waiting, []
         return batch
 
@@ -48,12 +51,15 @@ class ThreadMailbox:
         self._waiting: deque[Delivery] = deque()
         self._enough = 1
         self._asleep = False
+        self._urgent = False
         self._wake = threading.Semaphore(0)
 
     def post(self, delivery: Delivery) -> None:
         """Adds a delivery; to be called from one thread at a time or from many."""
         self._waiting.append(delivery)
-        if self._asleep and (len(self._waiting) >= self._enough or delivery.payload is None):
+        if delivery.payload is None:
+            self._urgent = True
+        if self._asleep and (self._urgent or len(self._waiting) >= self._enough):
             self._asleep = False
             self._wake.release()
 
@@ -61,13 +67,14 @@ class ThreadMailbox:
         """See `Transport.receive`."""
         if len(self._waiting) < enough:
             self._sleep(timeout_s, enough)
+        self._urgent = False
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def _sleep(self, timeout_s: float | None, enough: int) -> None:
         self._enough = enough
         self._asleep = True
         # what came between the look and the flag was posted to a reader that seemed awake
-        if len(self._waiting) < enough and not any(d.payload is None for d in self._waiting):
+        if len(self._waiting) < enough and not self._urgent:
             self._wake.acquire(timeout=timeout_s)
         self._asleep = False
         while self._wake.acquire(blocking=False):  # a wake-up that came too late for this sleep

@@ -8,13 +8,11 @@ from skinnet.transport.mailbox import TaskMailbox
 
 __all__ = ["MemoryHub"]
 
-ANYONE = frozenset[str]()
-
 
 class _Ear:
-    """Someone who listens: to which keys, of which senders (none named: of all)."""
+    """Someone who listens: to which keys, of which senders (None: of all)."""
 
-    def __init__(self, expression: str, senders: frozenset[str], on_message: OnMessage) -> None:
+    def __init__(self, expression: str, senders: frozenset[str] | None, on_message: OnMessage) -> None:
         self.expression = expression
         self.senders = senders
         self.on_message = on_message
@@ -76,7 +74,7 @@ class _Board:
             receivers = self._found[sender, key] = [
                 ear.on_message
                 for ear in self._ears
-                if (not ear.senders or sender in ear.senders) and matches(ear.expression, key)
+                if (ear.senders is None or sender in ear.senders) and matches(ear.expression, key)
             ]
         for on_message in receivers:
             on_message(key, payload)
@@ -123,10 +121,10 @@ class _MemoryTransport:
         self._beside.deliver(self._name, key, payload)
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        return self._listen(self._beside, _Ear(expression, ANYONE, on_message))
+        return self._listen(self._beside, _Ear(expression, None, on_message))
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        return self._listen(self._loop, _Ear(expression, ANYONE, on_message))
+        return self._listen(self._loop, _Ear(expression, None, on_message))
 
     def close(self) -> None:
         for undo in self._undo:

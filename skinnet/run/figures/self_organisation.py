@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
 from skinnet.part import Part
+from skinnet.run.figures.stages import stage_spans
 from skinnet.run.truth import Truth
 
 __all__ = ["map_figures", "structure_figures"]
@@ -21,7 +22,7 @@ def structure_figures(deployment: Deployment, controller: Part, truth: Truth) ->
         return {}
     found = controller.facts["structure"]
     activity = controller.arrays["activity"]
-    kinds = {name for name, stage in deployment.controller.stages.items() if stage.kind == "structure"}
+    spans = stage_spans(deployment, controller, "structure")
     return {
         "structure.wrong_entries": int(np.count_nonzero(activity != truth.activity)),
         "structure.entries": int(activity.size),
@@ -29,16 +30,8 @@ def structure_figures(deployment: Deployment, controller: Part, truth: Truth) ->
         "structure.joints": len(found["joints"]),
         "structure.is_tree": not found["problems"],
         "structure.problems": list(found["problems"]),
-        "structure.sim_s": _stage_s(controller, kinds),
+        "structure.sim_s": sum(span.end_ns - span.start_ns for span in spans) * 1e-9,
     }
-
-
-def _stage_s(controller: Part, names: set[str]) -> float:
-    """Simulated time spent in the stages of these names [s]."""
-    log = controller.facts["stages"]
-    ends = [t_ns for _, t_ns in log[1:]] + [controller.facts["end_ns"]]
-    spent: list[int] = [end - start for (name, start), end in zip(log, ends, strict=True) if name in names]
-    return float(sum(spent)) * 1e-9
 
 
 def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import StageSpec
 from skinnet.part import Part
+from skinnet.run.figures.stages import stage_spans
 
 __all__ = ["Reaction", "reactions", "touch_figures"]
 
 _HELD_READING = 0.14
 _HELD_WITHIN = 0.005
 _PROXIMITY_CHANNEL = 3
-_EARLIEST_NS = 20_000_000
-"""Noise can make a cell sample above the threshold a little before the stimulus truly crosses it."""
+_ANSWER_NS = 100_000_000
+"""A sample later than this after a crossing answers something else."""
 
 
 class Reaction(NamedTuple):
@@ -33,41 +34,55 @@ class Reaction(NamedTuple):
 def touch_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
     """Latencies of reactions with their parts, peak forces, guidance."""
     figures: dict[str, Any] = {}
-    figures |= _latency_figures(reactions(controller, body))
+    figures |= _latency_figures(*reactions(deployment, controller, body))
     figures |= _force_figures(body)
     figures |= _guidance_figures(deployment, controller, body)
     figures |= _proximity_figures(deployment, controller, body)
     return figures
 
 
-def reactions(controller: Part, body: Part) -> list[Reaction]:
-    """Onsets of reactions, each with the true crossing of its threshold that caused it.
+def reactions(deployment: Deployment, controller: Part, body: Part) -> tuple[list[Reaction], int]:
+    """For every true crossing of a reaction's threshold: the first sample after it that drove the robot.
 
-    An onset belongs to the last crossing of the same channel before its sample. An onset without one (a
-    channel that hovers about the threshold) is left out.
+    Samples before the crossing do not count, though noise lets some of them react early. Returns also the
+    number of crossings without an answer, because the touch was over before a sample was above.
     """
-    crossed: dict[tuple[int, int], list[int]] = {}
-    for t_ns, cell, channel in body.facts["reaction_crossings"]:
-        crossed.setdefault((cell, channel), []).append(t_ns)
+    stages = [deployment.controller.stages[name] for name, _ in controller.facts["stages"]]
+    spans = stage_spans(deployment, controller, "guide")
+    drives = controller.arrays["drives"]
     delay_ns = controller.facts["command_delay_ns"]
     found = []
-    used: set[tuple[int, int, int]] = set()
-    for _, cell, channel, sampled_ns, delivered_ns, tick_ns in controller.facts["onsets"]:
-        times = [t for t in crossed.get((cell, channel), []) if t <= sampled_ns + _EARLIEST_NS]
-        if times and (cell, channel, times[-1]) not in used:
-            used.add((cell, channel, times[-1]))
-            effect_ns = tick_ns + delay_ns
-            found.append(Reaction(cell, channel, times[-1], sampled_ns, delivered_ns, tick_ns, effect_ns))
-    return found
+    unanswered = 0
+    for t_ns, cell, channel, reading in body.facts["reaction_crossings"]:
+        if not any(s.start_ns <= t_ns < s.end_ns and _reacts(s.spec, channel, reading) for s in spans):
+            continue
+        mine = drives[(drives["cell"] == cell) & (drives["channel"] == channel)]
+        after = mine[(mine["t_sampled_ns"] >= t_ns) & (mine["t_sampled_ns"] < t_ns + _ANSWER_NS)]
+        after = [d for d in after if _reacts(stages[d["stage"]], channel, reading)]
+        if not after:
+            unanswered += 1
+            continue
+        first = min(after, key=lambda drive: int(drive["t_sampled_ns"]))
+        sampled_ns, delivered_ns = int(first["t_sampled_ns"]), int(first["t_delivered_ns"])
+        tick_ns = int(first["tick_ns"])
+        found.append(Reaction(cell, channel, t_ns, sampled_ns, delivered_ns, tick_ns, tick_ns + delay_ns))
+    return found, unanswered
 
 
-def _latency_figures(found: list[Reaction]) -> dict[str, Any]:
+def _reacts(spec: StageSpec, channel: int, reading: float) -> bool:
+    """Whether a stage reacts to a channel from just this reading on."""
+    if channel == _PROXIMITY_CHANNEL:
+        return spec.proximity_gain > 0.0 and spec.proximity_threshold == reading
+    return spec.force_gain > 0.0 and spec.force_threshold == reading
+
+
+def _latency_figures(found: list[Reaction], unanswered: int) -> dict[str, Any]:
     if not found:
-        return {"reaction.count": 0}
+        return {"reaction.count": 0, "reaction.unanswered": unanswered}
     t_ms = np.array([reaction[2:] for reaction in found], dtype=np.float64) * 1e-6
     parts = np.diff(t_ms, axis=1)
     total = t_ms[:, -1] - t_ms[:, 0]
-    figures: dict[str, Any] = {"reaction.count": len(found)}
+    figures: dict[str, Any] = {"reaction.count": len(found), "reaction.unanswered": unanswered}
     for name, values in (
         ("latency_ms", total),
         ("sampling_ms", parts[:, 0]),
@@ -94,11 +109,11 @@ def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> d
     ticks = np.searchsorted(controller.arrays["t_ns"], t_ns)
     velocity = controller.arrays["velocity_rad_s"][ticks].astype(np.float64)
     held = np.zeros(len(t_ns), dtype=np.bool_)
-    for name, start_ns, end_ns, stage in _guide_stages(deployment, controller):
-        del name
+    for span in stage_spans(deployment, controller, "guide"):
+        stage = span.spec
         if stage.force_gain == 0.0 or stage.proximity_gain != 0.0:
             continue
-        within = (t_ns >= start_ns) & (t_ns < end_ns)
+        within = (t_ns >= span.start_ns) & (t_ns < span.end_ns)
         force = touch[:, :, :_PROXIMITY_CHANNEL].reshape(len(t_ns), -1)
         alone = (force > stage.force_threshold).sum(axis=1) == 1
         held |= within & alone & (np.abs(force.max(axis=1, initial=0.0) - _HELD_READING) < _HELD_WITHIN)
@@ -115,17 +130,6 @@ def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> d
     }
 
 
-def _guide_stages(deployment: Deployment, controller: Part) -> list[tuple[str, int, int, StageSpec]]:
-    log = controller.facts["stages"]
-    ends = [t_ns for _, t_ns in log[1:]] + [controller.facts["end_ns"]]
-    specs = deployment.controller.stages
-    return [
-        (name, start, end, specs[name])
-        for (name, start), end in zip(log, ends, strict=True)
-        if specs[name].kind == "guide"
-    ]
-
-
 def _measured_velocity(body: Part, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """(n, D) [rad/s] joint velocities at `t_ns`, from the positions 50 ms before and after."""
     trace_ns, trace_rad = body.arrays["joint_t_ns"], body.arrays["joint_rad"].astype(np.float64)
@@ -140,9 +144,8 @@ def _measured_velocity(body: Part, t_ns: NDArray[np.int64]) -> NDArray[np.float6
 
 def _proximity_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
     """How far the arm had moved when the finger, held off by proximity guidance, touched or came closest."""
-    stages = {
-        name for name, _, _, stage in _guide_stages(deployment, controller) if stage.proximity_gain > 0.0
-    }
+    spans = stage_spans(deployment, controller, "guide")
+    stages = {span.name for span in spans if span.spec.proximity_gain > 0.0}
     touches = [touch for touch in body.facts["touches"] if touch["stage"] in stages]
     if not touches:
         return {}

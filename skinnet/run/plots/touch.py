@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
 from skinnet.part import Part
+from skinnet.run.figures.stages import stage_spans
 from skinnet.run.figures.touch import reactions
 from skinnet.run.plots.self_organisation import patch_ticks
 
@@ -66,13 +67,8 @@ def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.
 
 def _guided_s(deployment: Deployment, controller: Part) -> tuple[float, float] | None:
     """From the first to the last moment of guidance [s]."""
-    log = controller.facts["stages"]
-    ends = [t_ns for _, t_ns in log[1:]] + [controller.facts["end_ns"]]
-    stages = deployment.controller.stages
-    spans = [
-        (start, end) for (name, start), end in zip(log, ends, strict=True) if stages[name].kind == "guide"
-    ]
-    return (spans[0][0] * 1e-9, spans[-1][1] * 1e-9) if spans else None
+    spans = stage_spans(deployment, controller, "guide")
+    return (spans[0].start_ns * 1e-9, spans[-1].end_ns * 1e-9) if spans else None
 
 
 def _raster(
@@ -102,7 +98,9 @@ def _raster(
 def plot_reactions(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     """Where the time of each reaction went, from the stimulus to the command in effect."""
     controller, body = parts.get("controller"), parts.get("body")
-    found = reactions(controller, body) if controller is not None and body is not None else []
+    if controller is None or body is None:
+        return None
+    found, _ = reactions(deployment, controller, body)
     if not found:
         return None
     t_ms = np.array([reaction[2:] for reaction in found], dtype=np.float64) * 1e-6

@@ -1,0 +1,234 @@
+"""Fills the generated parts of docs/deployment.md and docs/wire.md: `python docs/generate.py`.
+
+A part stands between `<!-- generated: NAME -->` and `<!-- end -->`; the text around it is written by hand. A test
+fails while a page is behind the code.
+"""
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Iterable, Iterator
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import NODEFAULT, inspect as reflect
+
+from skinnet.channels import ALIVE, CHANNELS, Role
+from skinnet.deployment.schema import Deployment
+from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
+
+__all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
+
+_HERE = Path(__file__).parent
+PAGES = (_HERE / "deployment.md", _HERE / "wire.md")
+_PART = re.compile(r"(<!-- generated: (?P<name>\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_NAME_PATTERN = r"^[A-Za-z0-9_\-]+$"
+
+
+def fill(page: str) -> str:
+    """The text of a page with its generated parts made anew."""
+    return _PART.sub(lambda part: f"{part[1]}\n{_MAKERS[part['name']]()}\n{part[3]}", page)
+
+
+def defaults() -> dict[str, Any]:
+    """Default of every key of a deployment by its dotted name; entries of lists and tables go by `[]`."""
+    return {
+        f"{path}.{field.name}".lstrip("."): field.default
+        for path, struct in _tables("", reflect.type_info(Deployment))
+        for field in struct.fields
+    }
+
+
+def marked() -> set[str]:
+    """Dotted names of the tables and keys whose own words say that they are assumed."""
+    found = set()
+    for path, struct in _tables("", reflect.type_info(Deployment)):
+        if "assumed" in (inspect.getdoc(struct.cls) or ""):
+            found.add(path)
+        found |= {f"{path}.{name}" for name, doc in _field_docs(struct.cls).items() if "assumed" in doc}
+    return found
+
+
+def toml_value(value: Any) -> str:
+    """A default as one would write it in TOML."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case float() | int():
+            return str(value)
+        case str():
+            return f'"{value}"'
+        case dict():
+            return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + " }"
+        case _:
+            return "[" + ", ".join(map(toml_value, value)) + "]"
+
+
+def _schema() -> str:
+    parts = []
+    for path, struct in _tables("", reflect.type_info(Deployment)):
+        assert isinstance(struct, reflect.StructType)
+        title = f"`[{path}]`" if path else "Top level"
+        docs = _field_docs(struct.cls)
+        rows = (
+            (f"`{field.name}`", _kind(field.type), _default(field), docs.get(field.name, ""))
+            for field in struct.fields
+        )
+        head = f"### {title}\n\n{inspect.getdoc(struct.cls)}\n"
+        parts.append(f"{head}\n{_table(('key', 'type', 'default', 'meaning'), rows)}")
+    return "\n".join(parts)
+
+
+def _channels() -> str:
+    prefix = "skinnet/<robot>/"
+    rows = [
+        (
+            f"`{prefix}{row.pattern}`",
+            f"[{row.message.__name__}](#{row.message.__name__.lower()})",
+            row.sender.value,
+            ", ".join(role.value for role in row.receivers),
+            row.period,
+            "yes" if row.public else "",
+        )
+        for row in CHANNELS
+    ]
+    roles = ", ".join(role.value for role in Role)
+    rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", ""))
+    return _table(("key", "message", "from", "to", "period", "watchers"), rows)
+
+
+def _messages() -> str:
+    parts = []
+    for kind in dict.fromkeys(row.message for row in CHANNELS):
+        struct = reflect.type_info(kind)
+        assert isinstance(struct, reflect.StructType)
+        rows = ((f"`{f.name}`", _kind(f.type), _default(f)) for f in struct.fields)
+        tag = f"`{struct.tag_field}` is `{toml_value(struct.tag)}`."
+        head = f"### {kind.__name__}\n\n{inspect.getdoc(kind)}\n\n{tag}\n"
+        parts.append(f"{head}\n{_table(('field', 'type', 'default'), rows)}")
+    return "\n".join(parts)
+
+
+def _stream_row() -> str:
+    fields = STREAM_ROW.fields
+    assert fields is not None
+    rows = []
+    for name in STREAM_ROW.names or ():
+        dtype, offset = fields[name][:2]
+        count = int(np.prod(dtype.shape))
+        rows.append((str(offset), f"`{name}`", dtype.base.str, str(count), str(dtype.itemsize)))
+    return _table(("offset", "field", "type", "count", "bytes"), rows)
+
+
+def _columns() -> str:
+    rows = ((str(i), f"`{s}`", f"`{r}`") for i, (s, r) in enumerate(zip(STIMULUS_NAMES, READING_NAMES, strict=True)))
+    return _table(("column", "stimulus", "reading"), rows)
+
+
+def _numbers() -> str:
+    kinds: tuple[tuple[str, type[IntEnum]], ...] = (("modality", Modality), ("kind", EventKind))
+    rows = (
+        (f"`{column}`", str(int(member)), member.name.lower(), _field_docs(kind).get(member.name, ""))
+        for column, kind in kinds
+        for member in kind
+    )
+    return _table(("column", "number", "name", "meaning"), rows)
+
+
+_MAKERS = {
+    "schema": _schema,
+    "channels": _channels,
+    "messages": _messages,
+    "stream_row": _stream_row,
+    "columns": _columns,
+    "numbers": _numbers,
+}
+
+
+def _tables(path: str, kind: Any) -> Iterator[tuple[str, Any]]:
+    """Every table inside a type, outer ones first, with its dotted name."""
+    match kind:
+        case reflect.StructType():
+            yield path, kind
+            for field in kind.fields:
+                yield from _tables(f"{path}.{field.name}".lstrip("."), field.type)
+        case reflect.VarTupleType():
+            yield from _tables(f"{path}[]", kind.item_type)
+        case reflect.DictType():
+            yield from _tables(f"{path}[]", kind.value_type)
+        case reflect.UnionType():
+            for part in kind.types:
+                yield from _tables(path, part)
+        case _:
+            pass
+
+
+def _kind(kind: Any) -> str:
+    """A type in words."""
+    match kind:
+        case reflect.IntType():
+            return f"whole number{_bounds(kind)}"
+        case reflect.FloatType():
+            return f"number{_bounds(kind)}"
+        case reflect.StrType():
+            return "name" if kind.pattern == _NAME_PATTERN else "text"
+        case reflect.BoolType():
+            return "true or false"
+        case reflect.BytesType():
+            return "bytes"
+        case reflect.LiteralType():
+            return " or ".join(f"`{toml_value(value)}`" for value in kind.values)
+        case reflect.StructType():
+            return "table"
+        case reflect.DictType():
+            return f"table of {_kind(kind.value_type)} by {_kind(kind.key_type)}"
+        case reflect.TupleType():
+            return f"list of {len(kind.item_types)} × {_kind(kind.item_types[0])}"
+        case reflect.VarTupleType() | reflect.ListType():
+            return f"list of {_kind(kind.item_type)}"
+        case reflect.UnionType():
+            return ", or ".join(_kind(part) for part in kind.types if not isinstance(part, reflect.NoneType))
+    raise TypeError(f"no words for {kind}")
+
+
+def _bounds(kind: reflect.IntType | reflect.FloatType) -> str:
+    bounds = ((">", kind.gt), ("≥", kind.ge), ("<", kind.lt), ("≤", kind.le))
+    return "".join(f" {sign} {bound:g}" for sign, bound in bounds if bound is not None)
+
+
+def _default(field: reflect.Field) -> str:
+    if field.required:
+        return "**required**"
+    if field.default is None:
+        return "none"
+    if field.default is NODEFAULT:  # made by a factory: a table of its own, or an empty one
+        return "" if isinstance(field.type, reflect.StructType) else "empty"
+    return f"`{toml_value(field.default)}`"
+
+
+def _field_docs(kind: type) -> dict[str, str]:
+    """The string below each field of a class, which exists in its source only."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    docs = {}
+    for field, below in zip(tree.body, tree.body[1:], strict=False):
+        target = field.target if isinstance(field, ast.AnnAssign) else None
+        if isinstance(field, ast.Assign):
+            target = field.targets[0]
+        text = below.value if isinstance(below, ast.Expr) else None
+        if isinstance(target, ast.Name) and isinstance(text, ast.Constant) and isinstance(text.value, str):
+            docs[target.id] = inspect.cleandoc(text.value)
+    return docs
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [head, ("---",) * len(head), *rows]
+    return "".join(f"| {' | '.join(' '.join(cell.split()) for cell in line)} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        page.write_text(fill(page.read_text(encoding="utf-8")), encoding="utf-8")

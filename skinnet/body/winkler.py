@@ -1,0 +1,269 @@
+"""The elastic foundation (Winkler): what the foam between robot and cells feels, and does to both sides.
+
+Native contacts give a cylinder on a box two points; force cells need a pressure field. So every cell samples
+its foam at 27 points. Where a solid reaches below the face of the foam by the depth d, the pressure there is
+
+    p = max(0, k d + c ḋ),    d ≤ thickness,
+
+and friction is the foam's shear: it springs and damps sideways with half of k and c (the ratio of
+shear to normal stiffness of a foam with Poisson's ratio 0, assumed) and slides at μ p. The forces act on both
+bodies, equal and opposite, at the same point. MuJoCo's own contact takes over at the rigid surface,
+when the foam is fully compressed.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.frames import rotated_back
+from skinnet.body.geometry import entry_m
+from skinnet.body.points import axis, lifted, near_patch, velocity
+from skinnet.body.scene import Motion, Scene, into_solid, within
+from skinnet.body.surface import N_ELEMENTS, N_SAMPLES, Surface
+from skinnet.compiled import compiled
+
+__all__ = ["Foam", "Pressed", "Scratch", "press"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_BELOW_M = 0.004
+"""Rays start this far below the rigid surface: a solid that comes to lie there has not left the foam."""
+_SHEAR = 0.5
+_PER_ELEMENT = N_SAMPLES // N_ELEMENTS
+
+
+class Foam(NamedTuple):
+    """The foam of all cells.
+
+    Attributes:
+        thickness_m: From the rigid surface to the face [m].
+        stiffness_pa_per_m: k above.
+        damping_pa_s_per_m: c above.
+        friction: μ above.
+    """
+
+    thickness_m: float
+    stiffness_pa_per_m: float
+    damping_pa_s_per_m: float
+    friction: float
+
+
+class Pressed(NamedTuple):
+    """What the foundation found at the present time.
+
+    Attributes:
+        force_n: (n, 3) normal force on each force cell [N].
+        touch_c: (n,) mean temperature of what touches a cell [°C]; NaN where nothing does.
+        on_body_n: (nbody,) normal force that all cells together exert on a body, as a sum of magnitudes [N].
+        shear_m: (n, 27, 2) sideways strain of the foam at each point, plane of the cell [m].
+        loaded: (n,) does anything touch the cell?
+    """
+
+    force_n: Floats
+    touch_c: Floats
+    on_body_n: Floats
+    shear_m: Floats
+    loaded: NDArray[np.bool_]
+
+
+class Scratch(NamedTuple):
+    """Working memory of one call: solids near a patch, close to a cell, and what each point meets first."""
+
+    near: Indices
+    close: Indices
+    hit: Indices
+    nearest_m: Floats
+
+
+@compiled
+def press(
+    surface: Surface,
+    scene: Scene,
+    motion: Motion,
+    foam: Foam,
+    temperature_c: Floats,
+    step_s: float,
+    pressed: Pressed,
+    wrench: Floats,
+    scratch: Scratch,
+) -> int:
+    """Presses all cells against what is near them.
+
+    Args:
+        surface: The cells.
+        scene: The solids.
+        motion: Poses and velocities now.
+        foam: The foam.
+        temperature_c: (nbody,) temperatures of the bodies [°C].
+        step_s: Time by which friction strains the foam [s].
+        pressed: Filled with what is found.
+        wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; filled.
+        scratch: Working memory.
+
+    Returns:
+        Number of cells that something touches.
+    """
+    wrench[:] = 0.0
+    pressed.on_body_n[:] = 0.0
+    half_m = 0.5 * (foam.thickness_m + _BELOW_M)
+    corner_m = 0.0  # of the sample points, from the middle of the cell
+    for s in range(N_SAMPLES):
+        corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
+    ball_m = math.hypot(corner_m, half_m)
+    touching = 0
+    for p in range(len(surface.patch_body)):
+        n_near = near_patch(surface, scene, motion, p, foam.thickness_m + ball_m, scratch.near)
+        for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
+            n_close = 0
+            if n_near > 0:
+                x, y, z = lifted(surface, motion, i, half_m - _BELOW_M)
+                for j in range(n_near):
+                    if within(scene, motion, scratch.near[j], x, y, z, ball_m):
+                        scratch.close[n_close] = scratch.near[j]
+                        n_close += 1
+            if n_close > 0 or pressed.loaded[i]:
+                _press_cell(
+                    surface, scene, motion, foam, temperature_c, step_s, pressed, wrench, i, scratch, n_close
+                )
+                touching += pressed.loaded[i]
+    return touching
+
+
+@compiled
+def _push(
+    xipos: Floats, wrench: Floats, b: int, x: float, y: float, z: float, fx: float, fy: float, fz: float
+) -> None:
+    """Adds the force (fx, fy, fz) [N] at the point (x, y, z) to the wrench of body `b`."""
+    rx, ry, rz = x - xipos[b, 0], y - xipos[b, 1], z - xipos[b, 2]
+    wrench[b, 0] += fx
+    wrench[b, 1] += fy
+    wrench[b, 2] += fz
+    wrench[b, 3] += ry * fz - rz * fy
+    wrench[b, 4] += rz * fx - rx * fz
+    wrench[b, 5] += rx * fy - ry * fx
+
+
+@compiled
+def _probe(
+    surface: Surface, scene: Scene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
+) -> None:
+    """Where solid `k` is nearer to the 27 points of cell `i` than `nearest_m`, it becomes the `hit` there."""
+    g, axes = scene.geom[k], motion.geom_xmat
+    x, y, z = lifted(surface, motion, i, -_BELOW_M)
+    ox, oy, oz = into_solid(scene, motion, k, x, y, z)
+    u, v, w = axis(surface, motion, i, 0)
+    xx, xy, xz = rotated_back(axes, g, u, v, w)
+    u, v, w = axis(surface, motion, i, 1)
+    yx, yy, yz = rotated_back(axes, g, u, v, w)
+    u, v, w = axis(surface, motion, i, 2)
+    nx, ny, nz = rotated_back(axes, g, u, v, w)
+    kind, size_a, size_b, size_c = scene.kind[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
+    first, last, triangles_m = scene.first[k], scene.last[k], scene.triangles_m
+    for s in range(N_SAMPLES):
+        a, b = surface.sample_m[s, 0], surface.sample_m[s, 1]
+        x, y, z = ox + a * xx + b * yx, oy + a * xy + b * yy, oz + a * xz + b * yz
+        distance_m = entry_m(kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz)
+        if distance_m < nearest_m[s]:
+            hit[s], nearest_m[s] = k, distance_m
+
+
+@compiled
+def _press_cell(
+    surface: Surface,
+    scene: Scene,
+    motion: Motion,
+    foam: Foam,
+    temperature_c: Floats,
+    step_s: float,
+    pressed: Pressed,
+    wrench: Floats,
+    i: int,
+    scratch: Scratch,
+    n_close: int,
+) -> None:
+    """Presses the 27 points of cell `i` against the solids close to it."""
+    hit, nearest_m = scratch.hit, scratch.nearest_m
+    hit[:], nearest_m[:] = -1, _BELOW_M + foam.thickness_m
+    for j in range(n_close):
+        _probe(surface, scene, motion, i, scratch.close[j], hit, nearest_m)
+    own = surface.body[i]
+    area = surface.sample_area_m2
+    ox, oy, oz = lifted(surface, motion, i, -_BELOW_M)
+    xx, xy, xz = axis(surface, motion, i, 0)
+    yx, yy, yz = axis(surface, motion, i, 1)
+    nx, ny, nz = axis(surface, motion, i, 2)
+    pressed.force_n[i, :] = 0.0
+    contacts, warmth_c = 0, 0.0
+    for s in range(N_SAMPLES):
+        if hit[s] < 0:
+            pressed.shear_m[i, s, 0] = 0.0
+            pressed.shear_m[i, s, 1] = 0.0
+            continue
+        a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
+        x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
+        other = scene.body[hit[s]]
+        lift_m = max(nearest_m[s], _BELOW_M)
+        depth_m = _BELOW_M + foam.thickness_m - lift_m
+        x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
+        vx, vy, vz = velocity(motion, other, x, y, z)
+        wx, wy, wz = velocity(motion, own, x, y, z)
+        vx, vy, vz = vx - wx, vy - wy, vz - wz
+        rate_m_s = -(vx * nx + vy * ny + vz * nz)
+        normal_n = area * max(0.0, foam.stiffness_pa_per_m * depth_m + foam.damping_pa_s_per_m * rate_m_s)
+        along_x, along_y = _shear(
+            foam,
+            area,
+            normal_n,
+            vx * xx + vy * xy + vz * xz,
+            vx * yx + vy * yy + vz * yz,
+            step_s,
+            pressed.shear_m,
+            i,
+            s,
+        )
+        fx = normal_n * nx + along_x * xx + along_y * yx
+        fy = normal_n * ny + along_x * xy + along_y * yy
+        fz = normal_n * nz + along_x * xz + along_y * yz
+        _push(motion.xipos, wrench, other, x, y, z, fx, fy, fz)
+        _push(motion.xipos, wrench, own, x, y, z, -fx, -fy, -fz)
+        pressed.force_n[i, s // _PER_ELEMENT] += normal_n
+        pressed.on_body_n[other] += normal_n
+        warmth_c += temperature_c[other]
+        contacts += 1
+    pressed.loaded[i] = contacts > 0
+    pressed.touch_c[i] = warmth_c / contacts if contacts > 0 else math.nan
+
+
+@compiled
+def _shear(
+    foam: Foam,
+    area: float,
+    normal_n: float,
+    slip_x: float,
+    slip_y: float,
+    step_s: float,
+    strain_m: Floats,
+    i: int,
+    s: int,
+) -> tuple[float, float]:
+    """Friction [N] on what slides over the foam with (slip_x, slip_y) [m/s], plane of the cell.
+
+    The strain grows with the slip until the force reaches μ N; there the foam slides and the strain stays
+    behind, so that a body at rest on a slope stays at rest.
+    """
+    stiffness = _SHEAR * foam.stiffness_pa_per_m * area
+    damping = _SHEAR * foam.damping_pa_s_per_m * area
+    strain_x, strain_y = strain_m[i, s, 0] + slip_x * step_s, strain_m[i, s, 1] + slip_y * step_s
+    fx, fy = -stiffness * strain_x - damping * slip_x, -stiffness * strain_y - damping * slip_y
+    limit_n, force_n = foam.friction * normal_n, math.hypot(fx, fy)
+    if force_n > limit_n:
+        fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
+        held = foam.friction * normal_n / stiffness
+        stretch = math.hypot(strain_x, strain_y)
+        if stretch > held:
+            strain_x, strain_y = strain_x * held / stretch, strain_y * held / stretch
+    strain_m[i, s, 0], strain_m[i, s, 1] = strain_x, strain_y
+    return fx, fy

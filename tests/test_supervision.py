@@ -1,0 +1,74 @@
+"""Processes that die, launchers that are stopped: the run says so, and nothing is left behind."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+from launching import TOUCH, child, family, gone, launched, wait_for
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+EXPLORE = ('controller.program=["structure"]',)
+
+
+def test_a_host_that_may_not_be_lost_ends_the_run(tmp_path: Path) -> None:
+    with launched(TOUCH, tmp_path, settings=EXPLORE) as process:
+        wait_for(process, "structure")
+        members = family(process)
+        child(process, "left").kill()
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 1
+        assert "left was killed by signal 9" in errors
+        assert "Traceback" not in errors
+        assert gone(members)
+
+
+def test_a_host_that_may_be_lost_does_not(tmp_path: Path) -> None:
+    settings = (*EXPLORE, 'run.may_be_lost=["cells"]', "controller.structure.average_s=0.1")
+    with launched(TOUCH, tmp_path, settings=settings) as process:
+        wait_for(process, "structure")
+        child(process, "right").kill()
+        output, errors = process.communicate(timeout=200)
+        assert process.returncode == 0, errors
+        assert "right was killed by signal 9; the run goes on without it" in output
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["outcome"] == "completed_with_losses"
+    assert [fault["process"] for fault in summary["faults"]] == ["right"]
+    assert summary["counters"]["controller"]["lost_upstreams"] == 3
+    assert summary["figures"]["structure.problems"]  # cells of the right arm were not measured
+
+
+@pytest.mark.parametrize("name", ["controller", "body"])
+def test_the_loss_of_body_or_controller_is_named(tmp_path: Path, name: str) -> None:
+    with launched(TOUCH, tmp_path, settings=EXPLORE) as process:
+        wait_for(process, "structure")
+        members = family(process)
+        child(process, name).kill()
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 1
+        assert f"{name} was killed by signal 9" in errors
+        assert gone(members)
+
+
+def test_the_body_holds_still_when_the_controller_may_be_lost(tmp_path: Path) -> None:
+    settings = (*EXPLORE, 'run.may_be_lost=["controller"]', "run.max_s=12")
+    with launched(TOUCH, tmp_path, settings=settings) as process:
+        wait_for(process, "structure")
+        child(process, "controller").kill()
+        _, errors = process.communicate(timeout=200)
+        assert process.returncode == 0, errors
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["outcome"] == "completed_with_losses"
+    assert summary["sim_s"] == 12.0
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_launcher_that_is_stopped_leaves_no_orphans(tmp_path: Path, how: signal.Signals) -> None:
+    with launched(TOUCH, tmp_path, settings=EXPLORE) as process:
+        wait_for(process, "structure")
+        members = family(process)
+        process.send_signal(how)
+        _, errors = process.communicate(timeout=60)
+        assert "Traceback" not in errors
+        assert process.returncode == (-9 if how == signal.SIGKILL else 130)
+        assert gone(members)
