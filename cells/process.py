@@ -23,7 +23,7 @@ from skinnet.channels import Keys, Role
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
-from skinnet.messages import READING_NAMES, Command, Config, Stimulus, decode, unpack
+from skinnet.messages import READING_NAMES, Config, Stimulus, decode, unpack
 from skinnet.part import Part
 from skinnet.skin.placement import place
 from skinnet.upstream import Upstream
@@ -53,10 +53,10 @@ class HostNode:
         self._index = {patch: i for i, patch in enumerate(mine)}
         keys = Keys(deployment.robot)
         configs = [keys.of("config", patch, "*") for patch in mine]
-        self.subscriptions = (keys.of("stimulus", name), keys.of("command"), *configs)
+        self.subscriptions = (keys.of("stimulus", name), *configs)
         self._body = Upstream("body", "body", covered_ns=-1)
-        self._controller = Upstream("controller", "controller", deployment.controller.command_delay_ns)
-        self.upstreams = {"body": self._body, "controller": self._controller}
+        self.upstreams = {"body": self._body}
+        self.senders = frozenset({"body", "controller"})
         self.peers = frozenset({"body", "controller", *deployment.host_patches()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
@@ -84,29 +84,23 @@ class HostNode:
         self._network.start(0)
 
     def needs(self) -> dict[str, int] | None:
-        """The stimulus at both ends of the next period, and the configurations that begin in it."""
+        """The stimulus at both ends of the next period; with it come the configurations that begin in it."""
         end_ns = (self._frame + 1) * self._period_ns
         if end_ns > self._end_ns:
             return None
-        return {"body": end_ns, "controller": end_ns}
+        return {"body": end_ns}
 
     def due_ns(self) -> int:
         """End of the next period."""
         return (self._frame + 1) * self._period_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in a stimulus frame, a configuration or the controller's frame."""
+        """Takes in a stimulus frame or a configuration."""
         match channel:
             case "stimulus":
                 self._accept_stimulus(decode(payload, Stimulus))
             case "config":
                 self._accept_config(fields, decode(payload, Config))
-            case "command":
-                command = decode(payload, Command)
-                counts = [command.configs.get(patch.name, 0) for patch in self._patches]
-                self._controller.close(command.covered_ns, sum(counts))
-                if command.end_ns is not None:
-                    self._end_ns = min(self._end_ns, command.end_ns)
             case _:
                 raise ProtocolError(f"a cell host does not read {channel}")
 
@@ -115,7 +109,9 @@ class HostNode:
         if len(values) != self._wiring.n_cells:
             raise ProtocolError(f"stimulus of {len(values)} cells; this host has {self._wiring.n_cells}")
         self._stimuli[stimulus.t_ns] = values
-        self._body.close(stimulus.covered_ns)
+        self._body.close(stimulus.covered_ns, stimulus.configs)
+        if stimulus.end_ns is not None:
+            self._end_ns = min(self._end_ns, stimulus.end_ns)
 
     def _accept_config(self, fields: tuple[str, ...], config: Config) -> None:
         patch = self._index.get(config.patch)
@@ -126,13 +122,13 @@ class HostNode:
             raise ProtocolError(f"config of cell {config.cell}: {config.patch} has cells 0 to {n_cells - 1}")
         cell = int(self._wiring.first_cell[patch]) + config.cell
         if config.t_ns:
-            self._controller.arrive()
+            self._body.arrive()
         else:
             self.counters["configs_from_outside"] += 1
         self._configs.append((config.t_ns, cell, config))
 
     def lose(self, upstream: Upstream) -> None:
-        """Without a controller, cells go on as they are set; without the body there is nothing to feel."""
+        """Without the body there is nothing to feel; it may never be lost."""
 
     def step(self, put: Put) -> None:
         """Computes one period."""

@@ -12,6 +12,7 @@ from skinnet.deployment.schema import NetworkSpec
 from skinnet.network.network import Network
 from skinnet.network.topology import UNBOUNDED, Topology
 from skinnet.seeding import key_of
+from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import PlacedPatch
 
 __all__ = ["Wiring", "wire"]
@@ -81,7 +82,8 @@ def wire(patches: tuple[PlacedPatch, ...], spec: NetworkSpec) -> Wiring:
         queue_packets=_queues(links, interface, spec.queue_packets),
         jitter_ns=round(spec.jitter_us * 1e3),
     )
-    link_out = np.full((topology.n_nodes, int(topology.src_port.max()) + 1), -1, dtype=np.int64)
+    n_ports = max(N_PORTS, int(topology.src_port.max()) + 1)  # a cell sends on all of its ports, wired or not
+    link_out = np.full((topology.n_nodes, n_ports), -1, dtype=np.int64)
     link_out[topology.src, topology.src_port] = np.arange(topology.n_links)
     node_of_cell = np.concatenate([np.arange(n) + first_node[i] for i, n in enumerate(sizes)])
     patch_of_node = np.repeat(np.arange(len(patches)), sizes + 1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from controller.brain import Brain, Tick
 from controller.skin_input import SkinInput, SkinRows
 from skinnet.channels import Keys, Role
+from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
@@ -55,6 +56,7 @@ class ControllerNode:
         self._body = Upstream("body", "body", covered_ns=-1)
         self._patches = {patch: Upstream(patch, host_of[patch]) for patch in sizes}
         self.upstreams = {"body": self._body, **self._patches}
+        self.senders = frozenset({"body", *hosts})
         self.peers = frozenset({"body", name, *hosts})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         if "cells" in self.tolerated:
@@ -137,7 +139,8 @@ class ControllerNode:
         tick, events, stream = self._brain.tick(t_ns, position, t_ns, t_skin_ns, ready=ready)
         self._finished = self._brain.done
         effect_ns = t_ns + self._delay_ns
-        end_ns = -(-effect_ns // self._frame_ns) * self._frame_ns
+        # not at once: who had come so far would wait for frames that nobody sends any more
+        end_ns = next_multiple(effect_ns, self._frame_ns)
         configs = self._send_configs(put, tick, effect_ns)
         command = Command(
             t_ns=t_ns,

@@ -1,7 +1,7 @@
 """Fills the generated parts of docs/deployment.md and docs/wire.md: `python docs/generate.py`.
 
-A part stands between `<!-- generated: NAME -->` and `<!-- end -->`; the text around it is written by hand. A test
-fails while a page is behind the code.
+A part stands between `<!-- generated: NAME -->` and `<!-- end -->`; the text around it is written by hand.
+A test fails while a page is behind the code.
 """
 
 import ast
@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import NODEFAULT, inspect as reflect
+from msgspec import NODEFAULT
+from msgspec import inspect as reflect
 
 from skinnet.channels import ALIVE, CHANNELS, Role
 from skinnet.deployment.schema import Deployment
@@ -124,7 +125,10 @@ def _stream_row() -> str:
 
 
 def _columns() -> str:
-    rows = ((str(i), f"`{s}`", f"`{r}`") for i, (s, r) in enumerate(zip(STIMULUS_NAMES, READING_NAMES, strict=True)))
+    rows = (
+        (str(i), f"`{s}`", f"`{r}`")
+        for i, (s, r) in enumerate(zip(STIMULUS_NAMES, READING_NAMES, strict=True))
+    )
     return _table(("column", "stimulus", "reading"), rows)
 
 
@@ -215,8 +219,10 @@ def _field_docs(kind: type) -> dict[str, str]:
     assert isinstance(tree, ast.ClassDef)
     docs = {}
     for field, below in zip(tree.body, tree.body[1:], strict=False):
-        target = field.target if isinstance(field, ast.AnnAssign) else None
-        if isinstance(field, ast.Assign):
+        target: ast.expr | None = None
+        if isinstance(field, ast.AnnAssign):
+            target = field.target
+        elif isinstance(field, ast.Assign):
             target = field.targets[0]
         text = below.value if isinstance(below, ast.Expr) else None
         if isinstance(target, ast.Name) and isinstance(text, ast.Constant) and isinstance(text.value, str):

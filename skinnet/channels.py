@@ -58,7 +58,7 @@ class Channel:
 CHANNELS = (
     Channel("stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", public=False),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
-    Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY, Role.CELLS), "control"),
+    Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
     Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("bundle", "skin/<patch>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("stream", "skin/<patch>/stream", Stream, Role.CELLS, (Role.CONTROLLER,), "on request"),
@@ -72,6 +72,7 @@ CHANNELS = (
 ALIVE = "alive"
 OUTSIDE = "outside"
 """Sender of what strangers bring into the loop: configuration of cells."""
+_KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
 for _row in CHANNELS:
@@ -91,12 +92,22 @@ class Keys:
     def __init__(self, robot: str) -> None:
         self.prefix = f"skinnet/{robot}/"
         self._parsed: dict[str, tuple[Channel, tuple[str, ...]]] = {}
+        self._lanes: dict[str, str] = {}
 
     def of(self, name: str, *fields: str | int) -> str:
         """Key of channel `name` with its fields filled in; "*" and "**" make it an expression."""
         parts = _BY_NAME[name].pattern.split("/")
         values = iter(fields)
         return self.prefix + "/".join(str(next(values)) if p.startswith("<") else p for p in parts)
+
+    def lane(self, key: str) -> str:
+        """Receivers of what is put on `key`, maybe an expression: what they share travels together."""
+        lane = self._lanes.get(key)
+        if lane is None:
+            lane = "-".join(role.value for role in self.parse(key)[0].receivers)
+            if len(self._lanes) < _KNOWN_KEYS:
+                self._lanes[key] = lane
+        return lane
 
     def alive(self, role: Role | str, name: str) -> str:
         """Key of a liveliness token; "*" stands for any."""
@@ -118,7 +129,7 @@ class Keys:
                     s in (None, p) for s, p in zip(shape, parts, strict=True)
                 ):
                     parsed = row, tuple(parts[i] for i in fields)
-                    if len(self._parsed) < 100_000:  # a stranger may invent keys without end
+                    if len(self._parsed) < _KNOWN_KEYS:  # a stranger may invent keys without end
                         self._parsed[key] = parsed
                     return parsed
         raise ProtocolError(f"key {key}: no channel of this robot")

@@ -21,6 +21,7 @@ from skinnet.run.table import print_summary
 
 __all__ = ["app", "main"]
 
+_PLAIN_WIDTH = 120
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 _EXAMPLES = """
 Examples:
@@ -89,7 +90,7 @@ def run(
     """Runs a deployment."""
     overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
     order = Order(file, overrides, in_process, listen, plots)
-    console = Console(stderr=json == "-")
+    console = _console(stderr=json == "-")
     folder = out or Path("runs") / f"{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     if seeds is None:
         report = _run_seed(order, seed, folder, console)
@@ -105,6 +106,12 @@ def run(
         report = {"runs": reports}
         write_json(folder / "summary.json", report)
     _write(report, json)
+
+
+def _console(stderr: bool = False) -> Console:
+    """The terminal; what is not one gets lines that are wide enough."""
+    console = Console(stderr=stderr)
+    return console if console.is_terminal else Console(stderr=stderr, width=_PLAIN_WIDTH)
 
 
 def _run_seed(order: Order, seed: int | None, folder: Path, console: Console) -> dict[str, Any]:
@@ -130,7 +137,7 @@ def _write(report: dict[str, Any], target: str | None) -> None:
 def check(file: _File, settings: _Set = None) -> None:
     """Validates a deployment; prints its processes, channels, cells and periods."""
     order = Order(file, tuple(settings or ()))
-    explain(Console(), prepare(order))
+    explain(_console(), prepare(order))
 
 
 def main() -> None:

@@ -34,6 +34,7 @@ class Node(Protocol):
         name: Name of the process.
         role: Its role, for the liveliness token.
         subscriptions: Key expressions that it reads.
+        senders: Processes whose messages it reads.
         upstreams: Sources of frames by name.
         tolerated: Processes whose loss does not end this one.
         peers: Processes that must be there before the first period.
@@ -44,6 +45,7 @@ class Node(Protocol):
     name: str
     role: str
     subscriptions: tuple[str, ...]
+    senders: frozenset[str]
     upstreams: Mapping[str, Upstream]
     tolerated: frozenset[str]
     peers: frozenset[str]
@@ -178,8 +180,7 @@ async def run_loop(
     Raises:
         UpstreamLostError: a source that is not tolerated to be lost is gone or silent.
     """
-    senders = {up.process for up in node.upstreams.values()} | {OUTSIDE}
-    transport.subscribe(node.subscriptions, sorted(senders))
+    transport.subscribe(node.subscriptions, sorted(node.senders | {OUTSIDE}))
     transport.watch_alive(keys.alive("*", "*"))
     transport.announce(keys.alive(node.role, node.name))
     loop = _Loop(node, transport, keys, deadline_s)

@@ -96,12 +96,19 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
 
 
 class Stimulus(Message, frozen=True, kw_only=True, tag="stimulus"):
-    """What the cells of one host feel at `t_ns`: (cells, 8) float32 rows in `STIMULUS_NAMES` order."""
+    """What the cells of one host feel at `t_ns`: (cells, 8) float32 rows in `STIMULUS_NAMES` order.
+
+    The body knows all commands that took effect before `t_ns`. It passes on how many configurations they sent
+    to the host's patches since the last frame, and where the run ends, so that hosts need no frames of the
+    controller.
+    """
 
     host: str
     t_ns: int
     covered_ns: int
     values: bytes
+    configs: int = 0
+    end_ns: int | None = None
 
 
 class Joints(Message, frozen=True, kw_only=True, tag="joints"):

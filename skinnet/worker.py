@@ -55,6 +55,7 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument("--deployment", type=Path, required=True, help="resolved deployment, JSON")
     parser.add_argument("--base", type=Path, required=True, help="folder that relative paths start from")
     parser.add_argument("--name", required=True, help="name of this process in the deployment")
+    parser.add_argument("--cpu", type=int, help="core to run on")
     parser.add_argument("--parts", type=Path, required=True, help="folder for the result")
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint: be the hub")
@@ -73,6 +74,8 @@ def main(module: str) -> int:
         level=logging.INFO, stream=sys.stderr, format=f"{args.name}: %(levelname)s %(message)s"
     )
     _obey_launcher()
+    if args.cpu is not None:
+        os.sched_setaffinity(0, {args.cpu})
     try:
         asyncio.run(_run(module, args))
     except SkinnetError as error:
@@ -102,7 +105,7 @@ def _obey_launcher() -> None:
 async def _run(module: str, args: argparse.Namespace) -> None:
     deployment = msgspec.json.decode(args.deployment.read_bytes(), type=Deployment)
     keys = Keys(deployment.robot)
-    transport = ZenohTransport(keys.prefix, args.name, listen=args.listen, connect=args.connect)
+    transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
     try:
         node = build_node(module, deployment, args.name, args.base)
         gc.freeze()

@@ -73,7 +73,7 @@ def test_force_crossings_are_exact_between_physics_steps(tmp_path):
         }
         for body in (coarse, fine)
     )
-    assert len(ours) >= 6
+    assert len(ours) >= 3  # all force cells of the cell that is touched
     assert ours.keys() == theirs.keys()
     for key, t_ns in ours.items():
         assert t_ns == pytest.approx(theirs[key], abs=0.3 * MS), key

@@ -129,7 +129,10 @@ PER_PATCH = 'hosts="per_patch"'
             ("controller.stages.force_guidance={kind='guide'}",),
             ("controller.stages.force_guidance.duration_s", "needs"),
         ),
-        (("teacher.touches.1.force_n=1.0",), ("teacher.touches[1]", "either depth_m or force_n")),
+        (
+            ("teacher.touches.1={cell='torso/1', stage='map', start_s=0, depth_m=0.001, force_n=1.0}",),
+            ("teacher.touches[1]", "either depth_m or force_n"),
+        ),
         (("teacher.touches.0.stage='nap'",), ("teacher.touches[0].stage = 'nap'", "force_guidance")),
         (("teacher.touches.0.cell='tail/1'",), ("teacher.touches[0].cell = 'tail/1'", "torso")),
         (("patches.torso.interfaces.0.port=0",), ("patches.torso.interfaces[0]", "port 0", "free", "[2, 3]")),
@@ -162,7 +165,7 @@ def test_what_does_not_fit_together(overrides: tuple[str, ...], said: tuple[str,
         ("patches.tail.body='x'", "no entry tail; there are torso, left_upper_arm"),
         ("patches.7.body='x'", "no entry 7"),
         ("patches.-1.body='x'", "no entry -1"),
-        ("teacher.touches.10.hold_s=1", "no entry 10; there are 0 to 9"),
+        ("teacher.touches.999.hold_s=1", "no entry 999; there are 0 to "),
     ],
 )
 def test_a_setting_that_leads_nowhere(override: str, said: str) -> None:

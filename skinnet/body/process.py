@@ -44,6 +44,7 @@ class BodyNode:
         control = deployment.controller
         self._controller = Upstream("controller", "controller", covered_ns=control.command_delay_ns)
         self.upstreams = {"controller": self._controller}
+        self.senders = frozenset({"controller"})
         hosts = deployment.host_patches()
         self.peers = frozenset({"body", "controller", *hosts})
         self.tolerated = frozenset(deployment.run.may_be_lost)
@@ -53,6 +54,9 @@ class BodyNode:
         self._control_ns, self._delay_ns = control.period_ns, control.command_delay_ns
         self._end_ns = deployment.max_ns
         self._pending: deque[Command] = deque()
+        self._configs: Counter[str] = Counter()
+        self._ending = False
+        self._patches = hosts
         self._stage = ""
         self._joints_key = keys.of("joints")
         self._hosts = [
@@ -123,17 +127,23 @@ class BodyNode:
             if command.stage != self._stage:
                 self._stage = command.stage
                 self._body.begin_stage(command.stage)
+            self._configs.update(command.configs)
             if command.end_ns is not None:
-                self._end_ns = min(self._end_ns, command.end_ns)
+                self._end_ns, self._ending = min(self._end_ns, command.end_ns), True
 
     def _publish(self, put: Put) -> None:
         t_ns = self._body.t_ns
         if t_ns % self._stimulus_ns == 0:
             stimulus = self._body.stimulus()
             felt = stimulus.astype("<f4")
+            end_ns = self._end_ns if self._ending else None
             for host, key, rows in self._hosts:
                 values = felt[rows].tobytes()
-                put(key, encode(Stimulus(host=host, t_ns=t_ns, covered_ns=t_ns, values=values)))
+                configs = sum(self._configs.pop(patch, 0) for patch in self._patches[host])
+                frame = Stimulus(
+                    host=host, t_ns=t_ns, covered_ns=t_ns, values=values, configs=configs, end_ns=end_ns
+                )
+                put(key, encode(frame))
             self._log.update(felt.tobytes())
         if t_ns % self._joints_ns == 0:
             position = self._body.joints()
@@ -164,7 +174,7 @@ class BodyNode:
             "end_ns": self._body.t_ns,
             "late_frames": self.counters["late_frames"],
             "touches": [self._touch_facts(touch) for touch in self._body.teacher.truth],
-            "reaction_crossings": [self._crossing_facts(c) for c in self._body.reaction_crossings.crossings],
+            "reaction_crossings": [self._crossing_facts(c) for c in self._body.crossings.crossings],
             "loop_s": time.monotonic() - self._start_s,
             "refused_commands": self._body.actuation.refused,
         }

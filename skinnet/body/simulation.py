@@ -43,9 +43,8 @@ class Body:
         cells: Rows of each patch's cells in the stimulus, by the name of the patch.
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
-        crossings: Ground truth of forces and distances that crossed the event levels.
         thresholds: Readings at which some stage of the program begins to react, by modality, ascending.
-        reaction_crossings: The same for these readings; a crossing's level counts through them.
+        crossings: Ground truth of forces and distances that crossed these; a crossing's level counts them.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -85,15 +84,12 @@ class Body:
         proximity = deployment.cells.proximity
         reach_m = _SEEN_BEYOND_REACH * proximity.reach_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
-        self.crossings = CrossingTruth(
-            force_thresholds_n(deployment.cells.force), distance_thresholds_m(proximity)
-        )
         guides = [stage for stage in deployment.controller.stages.values() if stage.kind == "guide"]
         self.thresholds = {
             Modality.FORCE: sorted({stage.force_threshold for stage in guides}),
             Modality.PROXIMITY: sorted({stage.proximity_threshold for stage in guides}),
         }
-        self.reaction_crossings = CrossingTruth(
+        self.crossings = CrossingTruth(
             force_thresholds_n(deployment.cells.force, self.thresholds[Modality.FORCE]),
             distance_thresholds_m(proximity, self.thresholds[Modality.PROXIMITY]),
         )
@@ -144,8 +140,7 @@ class Body:
         if self._stimulus is None:
             self._evaluate()
             self._stimulus = self._sampler.sample()
-            for crossings in (self.crossings, self.reaction_crossings):
-                crossings.see_stimulus(self.t_ns, self._stimulus)
+            self.crossings.see_stimulus(self.t_ns, self._stimulus)
         return self._stimulus.copy()
 
     def joints(self) -> NDArray[np.float64]:
@@ -171,7 +166,6 @@ class Body:
         self._foundation.press(self._step_s)
         force_n, touching = self._foundation.pressed.force_n, self._foundation.touching > 0
         self.crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
-        self.reaction_crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
         mujoco.mj_fwdActuation(mj, data)
         mujoco.mj_fwdAcceleration(mj, data)
         mujoco.mj_fwdConstraint(mj, data)

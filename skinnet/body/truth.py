@@ -26,7 +26,7 @@ class Crossing(NamedTuple):
         cell: Row of the cell.
         modality: FORCE or PROXIMITY.
         channel: Force cell, or 0.
-        level: Which threshold, counted from 1 for the lowest, as the levels of events are.
+        level: Which threshold, counted from 1 for the least contact.
     """
 
     t_ns: int
@@ -53,6 +53,7 @@ class CrossingTruth:
     _distance_before: Floats | None = None
     _distance_ns: int = 0
     _quiet: bool = True
+    _nothing_near: bool = False
 
     def see_forces(self, t_ns: int, step_ns: int, force_n: Floats, touching: bool) -> None:
         """Forces (n, 3) [N] at `t_ns`, one physics step after the last call; `touching`: is there any."""
@@ -69,6 +70,11 @@ class CrossingTruth:
     def see_stimulus(self, t_ns: int, stimulus: Floats) -> None:
         """Stimulus (n, 8) at `t_ns`, later than the last one."""
         nearness = -stimulus[:, _DISTANCE : _DISTANCE + 1]
+        nothing_near = not np.isfinite(nearness).any()
+        if nothing_near and self._nothing_near:
+            self._distance_before, self._distance_ns = nearness, t_ns
+            return
+        self._nothing_near = nothing_near
         if self._distance_before is not None:
             step_ns = t_ns - self._distance_ns
             self._find(t_ns, step_ns, self._distance_before, nearness, -self.distance_m, Modality.PROXIMITY)

@@ -60,6 +60,9 @@ class RunSpec(_Table, frozen=True, kw_only=True):
 
     max_s: Positive = 300.0
     pace: Literal["lockstep", "realtime"] = "lockstep"
+    pin: bool = True
+    """Bind each process to one core, where the system can: processes that take turns then find their caches
+    warm. Turn it off to share a machine with other work."""
     deadline_s: Positive = 10.0
     """Wall time after which an upstream that sends no frame is given up."""
     may_be_lost: tuple[Name, ...] = ()

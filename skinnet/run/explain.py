@@ -46,21 +46,19 @@ def _patches(deployment: Deployment) -> Table:
 
 
 def _channels(deployment: Deployment) -> Table:
-    table = _table("channels", "key", "message", "from", "to", "period", "watchers")
     prefix = Keys(deployment.robot).prefix
+    table = _table(f"channels, keys below {prefix}", "key", "message", "from", "to", "period", "watchers")
     for row in CHANNELS:
         to = ", ".join(role.value for role in row.receivers)
         table.add_row(
-            f"{prefix}{row.pattern}",
+            row.pattern,
             row.message.__name__,
             row.sender.value,
             to,
             row.period,
             "yes" if row.public else "",
         )
-    table.add_row(
-        f"{prefix}alive/<role>/<name>", "liveliness", ", ".join(r.value for r in Role), "all", "on change"
-    )
+    table.add_row("alive/<role>/<name>", "liveliness", ", ".join(r.value for r in Role), "all", "on change")
     return table
 
 

@@ -10,17 +10,17 @@ from typing import Any
 
 from skinnet.body.simulation import Body
 from skinnet.channels import Keys
-from skinnet.deployment import Deployment, load
+from skinnet.deployment import Deployment, load, resolved_json
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError
-from skinnet.files import write_json
+from skinnet.files import write_bytes, write_json
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
 from skinnet.run.progress import Progress
 from skinnet.run.summary import summarise
 from skinnet.run.supervise import run_processes
 from skinnet.run.watch import Watch
-from skinnet.skin.placement import place
+from skinnet.skin.placement import place_all
 
 __all__ = ["Order", "prepare", "run_once"]
 
@@ -53,8 +53,7 @@ def prepare(order: Order, seed: int | None = None) -> Deployment:
     deployment = load(order.file, order.overrides, seed)
     try:
         check(deployment)
-        for patch in deployment.patches:
-            place(patch, deployment.cells)
+        place_all(deployment.patches, deployment.cells)
         Body(deployment, order.file.parent)
     except DeploymentError as error:
         raise DeploymentError(f"{order.file}: {error}") from None
@@ -68,6 +67,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         SkinnetError: the run failed; one clear line.
     """
     out.mkdir(parents=True, exist_ok=True)
+    write_bytes(out / "deployment.json", resolved_json(deployment))
     start_s = time.monotonic()
     base = order.file.parent.resolve()
     with contextlib.ExitStack() as stack:

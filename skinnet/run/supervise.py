@@ -16,9 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skinnet.channels import OUTSIDE, Keys
-from skinnet.deployment import Deployment, resolved_json
+from skinnet.deployment import Deployment
 from skinnet.errors import ProcessFailedError, SkinnetError
-from skinnet.files import write_bytes
 from skinnet.part import Part
 from skinnet.run.outcome import Fault, Outcome, ProcessReport
 from skinnet.run.processes import ProcessSpec, processes
@@ -68,7 +67,7 @@ async def run_processes(
     Args:
         deployment: What to run.
         base: Folder that relative paths in it start from.
-        out: Run folder; gets `deployment.json`, `logs/` and `parts/`.
+        out: Run folder; has `deployment.json`, gets `logs/` and `parts/`.
         progress: Where to show how it goes.
         watch: Window for outsiders.
 
@@ -78,12 +77,13 @@ async def run_processes(
     for folder in ("parts", "logs"):
         shutil.rmtree(out / folder, ignore_errors=True)  # what an earlier run left is not of this one
     resolved = out / "deployment.json"
-    write_bytes(resolved, resolved_json(deployment))
     with _hub_endpoint() as hub:
         children: list[_Child] = []
         try:
-            for spec in processes(deployment):
-                children.append(await _start(spec, hub, resolved, base, out))  # noqa: PERF401
+            specs = processes(deployment)
+            cpus = _cpus(len(specs)) if deployment.run.pin else [None] * len(specs)
+            for spec, cpu in zip(specs, cpus, strict=True):
+                children.append(await _start(spec, hub, resolved, base, out, cpu))
             follower = asyncio.create_task(_follow(deployment, hub, progress, watch))
             try:
                 faults = await _wait(children, progress)
@@ -94,7 +94,17 @@ async def run_processes(
     return _outcome(children, faults, out)
 
 
-async def _start(spec: ProcessSpec, hub: str, resolved: Path, base: Path, out: Path) -> _Child:
+def _cpus(n: int) -> list[int | None]:
+    """A core for each process, in turn; another first one in every launcher, so that runs spread."""
+    if not hasattr(os, "sched_getaffinity"):
+        return [None] * n
+    cores = sorted(os.sched_getaffinity(0))
+    return [cores[(os.getpid() + i) % len(cores)] for i in range(n)]
+
+
+async def _start(
+    spec: ProcessSpec, hub: str, resolved: Path, base: Path, out: Path, cpu: int | None
+) -> _Child:
     log = out / "logs" / f"{spec.name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     role = "--listen" if spec.name == "body" else "--connect"
@@ -107,6 +117,7 @@ async def _start(spec: ProcessSpec, hub: str, resolved: Path, base: Path, out: P
             *map(str, arguments),
             role,
             hub,
+            *(() if cpu is None else ("--cpu", str(cpu))),
             stdin=asyncio.subprocess.PIPE,
             stdout=stderr,
             stderr=stderr,
@@ -121,7 +132,7 @@ async def _follow(
     """Joins the loop to show how it goes and to copy it to outsiders."""
     keys = Keys(deployment.robot)
     await _appearance(Path(hub.removeprefix(_SCHEME)))
-    transport = await asyncio.to_thread(lambda: ZenohTransport(keys.prefix, OUTSIDE, connect=hub))
+    transport = await asyncio.to_thread(lambda: ZenohTransport(keys, OUTSIDE, connect=hub))
     progress.follow(transport, keys)
     if watch is not None:
         watch.open(transport)

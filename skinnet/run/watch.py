@@ -28,11 +28,11 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def _open(prefix: str, listen: str | None) -> tuple[str, ZenohTransport]:
+def _open(keys: Keys, listen: str | None) -> tuple[str, ZenohTransport]:
     for attempt in range(_TRIES):
         endpoint = listen or free_endpoint()
         try:
-            return endpoint, ZenohTransport(prefix, OUTSIDE, listen=endpoint)
+            return endpoint, ZenohTransport(keys, OUTSIDE, listen=endpoint)
         except PortInUseError:
             if listen or attempt == _TRIES - 1:
                 raise
@@ -52,7 +52,7 @@ class Watch:
 
     def __init__(self, keys: Keys, listen: str | None = None) -> None:
         self._keys = keys
-        self.endpoint, self._outer = _open(keys.prefix, listen)
+        self.endpoint, self._outer = _open(keys, listen)
         self.copied = 0
         self.configs = 0
         self._newest: dict[str, bytes] = {}

@@ -12,8 +12,10 @@ __all__ = ["MemoryHub"]
 class _Ear:
     """Someone who listens: to which keys, of which senders (None: of all)."""
 
-    def __init__(self, expression: str, senders: frozenset[str] | None, on_message: OnMessage) -> None:
-        self.expression = expression
+    def __init__(
+        self, expressions: tuple[str, ...], senders: frozenset[str] | None, on_message: OnMessage
+    ) -> None:
+        self.expressions = expressions
         self.senders = senders
         self.on_message = on_message
 
@@ -74,7 +76,8 @@ class _Board:
             receivers = self._found[sender, key] = [
                 ear.on_message
                 for ear in self._ears
-                if (ear.senders is None or sender in ear.senders) and matches(ear.expression, key)
+                if (ear.senders is None or sender in ear.senders)
+                and any(matches(expression, key) for expression in ear.expressions)
             ]
         for on_message in receivers:
             on_message(key, payload)
@@ -90,9 +93,7 @@ class _MemoryTransport:
         self.receive = self.mailbox.receive
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
-        chosen = frozenset(senders)
-        for expression in expressions:
-            self._listen(self._loop, _Ear(expression, chosen, self._post))
+        self._listen(self._loop, _Ear(tuple(expressions), frozenset(senders), self._post))
 
     def _post(self, key: str, payload: bytes) -> None:
         self.mailbox.post(Delivery(key, payload))
@@ -121,10 +122,10 @@ class _MemoryTransport:
         self._beside.deliver(self._name, key, payload)
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        return self._listen(self._beside, _Ear(expression, None, on_message))
+        return self._listen(self._beside, _Ear((expression,), None, on_message))
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        return self._listen(self._loop, _Ear(expression, None, on_message))
+        return self._listen(self._loop, _Ear((expression,), None, on_message))
 
     def close(self) -> None:
         for undo in self._undo:

@@ -6,17 +6,19 @@ break causal order. A receiver that sticks would make Zenoh close the transport 
 seconds, so the wait before closing is set beyond any deadline of ours.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
-puts in one period leave as one envelope, under `skinnet/<robot>/loop/<process>`, and are taken out where they
-arrive.
+puts in one period leave as one envelope for each kind of receivers, under
+`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive.
 """
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from itertools import product
 from typing import Any
 
 import msgspec
 import zenoh
 
+from skinnet.channels import Keys
 from skinnet.errors import PortInUseError, SkinnetError
 from skinnet.transport.base import Delivery, OnMessage, matches
 from skinnet.transport.mailbox import ThreadMailbox
@@ -68,7 +70,7 @@ class ZenohTransport:
     """One session of one process.
 
     Args:
-        prefix: `skinnet/<robot>/`.
+        keys: Keys of the robot.
         name: Name of the process.
         listen: Endpoint to listen on as the hub.
         connect: Endpoint of the hub.
@@ -79,14 +81,15 @@ class ZenohTransport:
     """
 
     def __init__(
-        self, prefix: str, name: str, *, listen: str | None = None, connect: str | None = None
+        self, keys: Keys, name: str, *, listen: str | None = None, connect: str | None = None
     ) -> None:
         self._session = _open_session(listen, connect)
-        self._loop_prefix = f"{prefix}loop/"
-        self._own_key = self._loop_prefix + name
+        self._keys = keys
+        self._loop_prefix = f"{keys.prefix}loop/"
+        self._own_prefix = f"{self._loop_prefix}{name}/"
         self._mailbox = ThreadMailbox()
         self._entities: list[Any] = []
-        self._outbox: Envelope = []
+        self._outbox: dict[str, Envelope] = {}
         self.receive = self._mailbox.receive
         self.malformed = 0
 
@@ -94,14 +97,17 @@ class ZenohTransport:
         """Takes the messages that match out of the envelopes of `senders`."""
         post = self._mailbox.post
         chosen = tuple(expressions)
-        for sender in senders:
-            self._unpack(sender, chosen, lambda key, payload: post(Delivery(key, payload)))
+        lanes = sorted({self._keys.lane(expression) for expression in chosen})
+        for sender, lane in product(senders, lanes):
+            self._unpack(f"{sender}/{lane}", chosen, lambda key, payload: post(Delivery(key, payload)))
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Takes the messages that match out of everybody's envelopes."""
-        return self._unpack("*", (expression,), on_message)
+        return self._unpack(f"*/{self._keys.lane(expression)}", (expression,), on_message)
 
-    def _unpack(self, sender: str, expressions: tuple[str, ...], on_message: OnMessage) -> Callable[[], None]:
+    def _unpack(
+        self, envelopes: str, expressions: tuple[str, ...], on_message: OnMessage
+    ) -> Callable[[], None]:
         wanted: dict[str, bool] = {}
 
         def on_sample(_key: str, payload: bytes) -> None:
@@ -119,7 +125,7 @@ class ZenohTransport:
                 if known:
                     on_message(key, message)
 
-        return self.tap(self._loop_prefix + sender, on_sample)
+        return self.tap(self._loop_prefix + envelopes, on_sample)
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Calls `on_message` in a thread of Zenoh's."""
@@ -148,17 +154,19 @@ class ZenohTransport:
         self._entities.append(self._session.liveliness().declare_token(key))
 
     def put(self, key: str, payload: bytes) -> None:
-        """Adds a message to the envelope of this period."""
-        self._outbox.append((key, payload))
+        """Adds a message to the envelope of this period for its receivers."""
+        self._outbox.setdefault(self._keys.lane(key), []).append((key, payload))
 
     def flush(self) -> None:
-        """Sends the envelope, past Zenoh's own batching: whoever gets it is waiting for it."""
-        if self._outbox:
-            sealed = _seal(self._outbox)
-            self._outbox.clear()
+        """Sends the envelopes, past Zenoh's own batching: whoever gets them is waiting for them."""
+        for lane, envelope in self._outbox.items():
             self._session.put(
-                self._own_key, sealed, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+                self._own_prefix + lane,
+                _seal(envelope),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
             )
+        self._outbox.clear()
 
     def tell(self, key: str, payload: bytes) -> None:
         """Sends `payload` to whoever keeps up; never waits for a slow receiver."""

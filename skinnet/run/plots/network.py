@@ -20,7 +20,7 @@ def plot_latency(deployment: Deployment, parts: dict[str, Part]) -> Figure | Non
     histogram = np.sum([host.arrays["latency_us"] for host in hosts], axis=0)
     if not histogram.sum():
         return None
-    last = int(percentile_us(histogram, _TAIL) * 1.05) + 2
+    last = int(percentile_us(histogram, _TAIL) * 1.25) + 2
     bins = max(1, last // 150)
     edges = np.arange(0, last + bins, bins)
     counts = np.add.reduceat(histogram[: edges[-1]], edges[:-1])
@@ -37,6 +37,6 @@ def plot_latency(deployment: Deployment, parts: dict[str, Part]) -> Figure | Non
         value = percentile_us(histogram, share)
         axes.axvline(value, color="#b3261e", linewidth=0.8, linestyle="--")
         label = f" p{share * 100:g} = {value:.0f} µs"
-        axes.annotate(label, (value, 0.97), xycoords=("data", "axes fraction"), fontsize=8)
+        axes.annotate(label, (value, 0.9), xycoords=("data", "axes fraction"), fontsize=8)
     axes.set_title(f"Packet latency, {int(histogram.sum())} data packets")
     return figure

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
@@ -13,7 +14,7 @@ from skinnet.run.plots.self_organisation import patch_ticks
 
 __all__ = ["plot_reactions", "plot_touch"]
 
-_COLUMNS = 1200
+_COLUMNS = 500
 _PROXIMITY = 3
 
 
@@ -26,33 +27,58 @@ def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     if span_s is None:
         return None
     touch = _on_every_tick(controller, span_s)
-    figure = Figure(figsize=(11.0, 13.0), layout="constrained")
-    force_axes, proximity_axes, *joint_axes = figure.subplots(
-        4, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 2.2, 1.3, 1.3]}
-    )
-    _raster(figure, force_axes, touch[:, :, :_PROXIMITY].max(axis=2), span_s, "force reading", 0.5)
-    _raster(figure, proximity_axes, touch[:, :, _PROXIMITY], span_s, "proximity reading", 0.5)
-    for axes in (force_axes, proximity_axes):
-        patch_ticks(axes, deployment)
-    joint_t_s, joint_rad = body.arrays["joint_t_ns"] * 1e-9, body.arrays["joint_rad"]
-    within = (joint_t_s >= span_s[0]) & (joint_t_s <= span_s[1])
-    half = (len(deployment.body.joints) + 1) // 2
-    for axes, first in zip(joint_axes, (0, half), strict=True):
-        for dof, name in list(enumerate(deployment.body.joints))[first : first + half]:
-            moved = joint_rad[within, dof] - joint_rad[within, dof][:1]
-            axes.plot(joint_t_s[within], moved, label=f"{dof}: {name}", linewidth=1.0)
-        axes.set_ylabel("joint moved by [rad]")
-        axes.legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        axes.grid(alpha=0.3)
-    for name, start_ns in controller.facts["stages"]:
-        if span_s[0] <= start_ns * 1e-9 <= span_s[1]:
-            joint_axes[0].axvline(start_ns * 1e-9, color="black", linewidth=0.6)
-            joint_axes[0].annotate(
-                name, (start_ns * 1e-9, 1.0), xycoords=("data", "axes fraction"), fontsize=7, va="bottom"
-            )
-    joint_axes[-1].set_xlabel("simulated time [s]")
+    figure = Figure(figsize=(12.0, 13.0), layout="constrained")
+    grid = figure.add_gridspec(4, 2, width_ratios=[1.0, 0.15], height_ratios=[2.2, 2.2, 1.3, 1.3])
+    main = [figure.add_subplot(grid[0, 0])]
+    main += [figure.add_subplot(grid[row, 0], sharex=main[0]) for row in range(1, 4)]
+    side = [figure.add_subplot(grid[row, 1]) for row in range(4)]
+    for axes in side:
+        axes.set_axis_off()
+    for axes in main[:-1]:
+        axes.tick_params(labelbottom=False)
+    force = touch[:, :, :_PROXIMITY].max(axis=2)
+    for row, (image, name, colours, most) in enumerate(
+        ((force, "force", "Reds", 0.3), (touch[:, :, _PROXIMITY], "proximity", "Blues", 0.5))
+    ):
+        shown = _raster(main[row], image, span_s, colours, most)
+        figure.colorbar(
+            shown, ax=side[row], label=f"{name} reading", fraction=0.9, aspect=25, location="left"
+        )
+        patch_ticks(main[row], deployment)
+    _plot_joints(deployment, body, span_s, main[2:], side[2:])
+    _mark_stages(main[0], controller, span_s)
+    main[-1].set_xlabel("simulated time [s]")
     figure.suptitle("Touch and the joints' answer")
     return figure
+
+
+def _plot_joints(
+    deployment: Deployment, body: Part, span_s: tuple[float, float], main: list[Axes], side: list[Axes]
+) -> None:
+    """How far each joint has moved since the begin of the span, the first half of them above the other."""
+    t_s, position_rad = body.arrays["joint_t_ns"] * 1e-9, body.arrays["joint_rad"]
+    within = (t_s >= span_s[0]) & (t_s <= span_s[1])
+    names = list(enumerate(deployment.body.joints))
+    half = (len(names) + 1) // 2
+    for axes, legend_axes, group in zip(main, side, (names[:half], names[half:]), strict=True):
+        for dof, name in group:
+            moved = position_rad[within, dof] - position_rad[within, dof][:1]
+            axes.plot(t_s[within], moved, label=f"{dof}: {name}", linewidth=1.2)
+        axes.set_ylabel("joint moved by [rad]")
+        axes.grid(alpha=0.3)
+        handles, labels = axes.get_legend_handles_labels()
+        if handles:
+            legend_axes.legend(handles, labels, fontsize=7, loc="upper left", frameon=False)
+
+
+def _mark_stages(axes: Axes, controller: Part, span_s: tuple[float, float]) -> None:
+    """Names of the stages above the first plot, two rows in turn so that short ones do not overlap."""
+    stages = [(name, t_ns * 1e-9) for name, t_ns in controller.facts["stages"]]
+    inside = [(name, t_s) for name, t_s in stages if span_s[0] <= t_s <= span_s[1]]
+    for index, (name, t_s) in enumerate(inside):
+        axes.axvline(t_s, color="black", linewidth=0.6)
+        height = 1.01 + 0.045 * (index % 2)
+        axes.annotate(name, (t_s, height), xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
 
 
 def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.float32]:
@@ -72,27 +98,21 @@ def _guided_s(deployment: Deployment, controller: Part) -> tuple[float, float] |
 
 
 def _raster(
-    figure: Figure,
-    axes: Axes,
-    readings: NDArray[np.float32],
-    span_s: tuple[float, float],
-    label: str,
-    most: float,
-) -> None:
-    """Cells over time as an image; each column shows the largest reading of its slice, so no peak is lost."""
+    axes: Axes, readings: NDArray[np.float32], span_s: tuple[float, float], colours: str, most: float
+) -> AxesImage:
+    """Cells over time as an image; each column shows the largest reading of its slice: no peak is lost."""
     columns = min(_COLUMNS, len(readings))
     edges = np.linspace(0, len(readings), columns + 1).astype(int)[:-1]
     image = np.maximum.reduceat(readings, edges, axis=0).T
-    shown = axes.imshow(
+    return axes.imshow(
         image,
         aspect="auto",
         interpolation="none",
-        cmap="magma_r",
+        cmap=colours,
         vmin=0.0,
         vmax=most,
         extent=(span_s[0], span_s[1], image.shape[0] - 0.5, -0.5),
     )
-    figure.colorbar(shown, ax=axes, label=label, pad=0.01, fraction=0.03)
 
 
 def plot_reactions(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:

@@ -1,0 +1,461 @@
+"""The controller in its order: first the skin, then the program, and never a command that makes no sense."""
+
+import itertools
+import math
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from small_robot import small
+
+from controller.brain import Brain, Tick
+from controller.process import ControllerNode
+from controller.skin_input import SkinInput
+from skinnet.channels import Keys
+from skinnet.deployment import Deployment
+from skinnet.errors import ProtocolError
+from skinnet.messages import (
+    STREAM_ROW,
+    Command,
+    Config,
+    EventKind,
+    Events,
+    Joints,
+    Message,
+    Modality,
+    SkinFrame,
+    Stream,
+    Topology,
+    decode,
+    encode,
+)
+from skinnet.part import Part
+
+Floats = NDArray[np.float64]
+TICK_NS = 5_000_000
+SIZES = {"arm": 3, "hand": 2}
+S = sum(SIZES.values())
+STAGES: dict[str, Any] = {
+    "home": {"kind": "posture"},
+    "bow": {"kind": "posture", "pose": "bow"},
+    "structure": {"kind": "structure"},
+    "map": {"kind": "map"},
+    "guide": {"kind": "guide", "duration_s": 2.0, "force_gain": 1.0, "force_threshold": 0.05},
+}
+FAST = {
+    "structure": {"settle_s": 0.0, "average_s": 0.01},
+    "map": {"settle_s": 0.0, "periods": 1, "frequency_hz": 10.0},
+    "poses_rad": {"bow": (0.3, -0.2)},
+    "stages": STAGES,
+}
+HOME_RAD = np.array([0.1, 0.2])
+WEIGHTS = np.zeros((S, 2))
+WEIGHTS[:, 0] = 1.0
+
+
+def events(patch: str, *rows: tuple[int, int, float], t_ns: int = 0, seq: int = 0, **columns: Any) -> Events:
+    """Level events of force cells: (cell, level, value), sampled at `t_ns` and delivered 1 µs later."""
+    n = len(rows)
+    message: dict[str, Any] = {
+        "cell": [row[0] for row in rows],
+        "t_sampled_ns": [t_ns] * n,
+        "t_delivered_ns": [t_ns + 1000] * n,
+        "seq": list(range(seq, seq + n)),
+        "modality": [int(Modality.FORCE)] * n,
+        "channel": [0] * n,
+        "kind": [int(EventKind.LEVEL)] * n,
+        "level": [row[1] for row in rows],
+        "value": [row[2] for row in rows],
+    }
+    return Events(patch=patch, gateway=0, **message | columns)
+
+
+class Robot:
+    """A brain whose joints move exactly as it says."""
+
+    def __init__(self, *program: str, **tables: Any) -> None:
+        control = small(controller=FAST | {"program": program} | tables).controller
+        self.skin = SkinInput(SIZES)
+        self.brain = Brain(control, self.skin, S)
+        self.t_ns = 0
+        self.position_rad = HOME_RAD.copy()
+
+    def know(self) -> "Robot":
+        """Gives it a map, so that it can react."""
+        self.brain.knowledge.map.add(HOME_RAD, WEIGHTS)
+        return self
+
+    def feel(self, patch: str, *rows: tuple[int, int, float], **more: Any) -> None:
+        self.skin.add_events(patch, events(patch, *rows, t_ns=self.t_ns - 2000, **more))
+
+    def tick(self, *, ready: bool = True, skin_lag_ns: int = 0) -> Tick:
+        t_ns = self.t_ns
+        tick, _, _ = self.brain.tick(t_ns, self.position_rad, t_ns, t_ns - skin_lag_ns, ready=ready)
+        self.position_rad = self.position_rad + tick.velocity_rad_s * TICK_NS * 1e-9
+        self.t_ns += TICK_NS
+        return tick
+
+    def live(self, ticks: int = 4000) -> list[Tick]:
+        """Ticks until the program is through."""
+        lived = []
+        while not self.brain.done:
+            lived.append(self.tick())
+            assert len(lived) < ticks
+        return lived
+
+
+def test_without_a_skin_the_robot_does_not_move() -> None:
+    robot = Robot("bow")
+    for _ in range(50):
+        tick = robot.tick(ready=False)
+        assert not tick.velocity_rad_s.any()
+        assert not len(tick.streams_on)
+    assert not robot.brain.stage_log
+    assert not robot.brain.done
+    assert robot.tick().velocity_rad_s.any()
+    assert robot.brain.stage_log == [("bow", 50 * TICK_NS)]
+
+
+def test_the_program_goes_in_its_order_and_the_robot_gets_there() -> None:
+    robot = Robot("bow", "structure", "map", "guide", "home")
+    robot.live()
+    names = [name for name, _ in robot.brain.stage_log]
+    starts_ns = [t_ns for _, t_ns in robot.brain.stage_log]
+    assert names == ["bow", "structure", "map", "guide", "home"]
+    assert starts_ns == sorted(set(starts_ns))
+    assert starts_ns[4] - starts_ns[3] == pytest.approx(2_000_000_000, abs=2 * TICK_NS)
+    np.testing.assert_allclose(robot.position_rad, HOME_RAD, atol=0.01)
+    assert robot.brain.knowledge.structure is not None
+    assert len(robot.brain.knowledge.map) == 1
+    assert robot.brain.progress == 1.0
+
+
+def test_a_pose_is_reached_before_the_next_stage_begins() -> None:
+    robot = Robot("bow", "guide").know()
+    while robot.brain.stage != "guide":
+        before = robot.position_rad
+        robot.tick()
+    np.testing.assert_allclose(before, (0.3, -0.2), atol=0.01)
+
+
+def test_all_cells_stream_while_the_robot_explores_and_not_after() -> None:
+    robot = Robot("structure", "bow")
+    streaming: set[int] = set()
+    most = 0
+    while not robot.brain.done:
+        tick = robot.tick()
+        on, off = set(tick.streams_on.tolist()), set(tick.streams_off.tolist())
+        assert not streaming & on  # nobody is asked twice
+        assert off <= streaming
+        streaming = (streaming | on) - off
+        most = max(most, len(streaming))
+        assert robot.brain.stage == "structure" or not streaming
+    assert most == S
+    assert [name for name, _ in robot.brain.stage_log] == ["structure", "bow"]
+
+
+def test_a_cell_in_contact_streams_until_it_is_left_alone() -> None:
+    robot = Robot("guide").know()
+    robot.tick()
+    robot.feel("hand", (1, 2, 0.2))
+    on = robot.tick()
+    assert on.streams_on.tolist() == [4]
+    robot.feel("hand", (1, 0, 0.0), seq=1)
+    ticks = [robot.tick() for _ in range(150)]
+    off = [i for i, tick in enumerate(ticks) if len(tick.streams_off)]
+    assert len(off) == 1
+    assert ticks[off[0]].streams_off.tolist() == [4]
+    assert off[0] * TICK_NS == pytest.approx(500_000_000, abs=2 * TICK_NS)
+    assert not any(len(tick.streams_on) for tick in ticks)
+
+
+def test_guidance_is_that_of_the_paper() -> None:
+    """(0.14 − 0.05) × 1.0 = 0.09 rad/s on one DoF [M14]; cells add up; what is old is let go."""
+    robot = Robot("guide").know()
+    robot.tick()
+    robot.feel("arm", (0, 2, 0.14))
+    assert robot.tick().velocity_rad_s.tolist() == pytest.approx([0.09, 0.0])
+    robot.feel("hand", (0, 2, 0.14))
+    assert robot.tick().velocity_rad_s.tolist() == pytest.approx([0.18, 0.0])
+    drives = robot.brain.drives.rows
+    assert drives[["cell", "channel", "tick_ns"]].tolist() == [(0, 0, TICK_NS), (3, 0, 2 * TICK_NS)]
+    assert (drives["tick_ns"] - drives["t_sampled_ns"] == 2000).all()
+    for _ in range(12):  # nothing more is heard of that touch for longer than `stale_ms`
+        tick = robot.tick()
+    assert not tick.velocity_rad_s.any()
+
+
+def test_reactions_can_be_switched_off() -> None:
+    robot = Robot("guide", reactions={"enabled": False}).know()
+    robot.tick()
+    robot.feel("arm", (0, 4, 1.0))
+    tick = robot.tick()
+    assert not tick.velocity_rad_s.any()
+    assert not len(tick.streams_on)
+    assert not len(robot.brain.drives.rows)
+
+
+def test_a_silent_skin_slows_the_robot_down() -> None:
+    """50 ms are tolerated, then the speed falls to rest within 100 ms, until the skin is back."""
+    robot = Robot("bow", poses_rad={"bow": (30.0, 0.2)})
+    assert robot.tick(skin_lag_ns=50_000_000).velocity_rad_s.tolist() == [0.4, 0.0]
+    speeds = [robot.tick(skin_lag_ns=50_000_001).velocity_rad_s[0] for _ in range(30)]
+    assert all(b < a or a == 0.0 for a, b in itertools.pairwise(speeds))
+    assert speeds[18] > 0.0
+    assert speeds[20:] == [0.0] * 10
+    assert robot.tick().velocity_rad_s[0] > 0.0
+
+
+def test_lost_cells_feel_nothing_and_are_asked_for_nothing() -> None:
+    robot = Robot("guide", "structure").know()
+    robot.tick()
+    robot.feel("hand", (0, 4, 1.0))
+    assert robot.tick().velocity_rad_s[0] > 0.5
+    robot.brain.picture.set_found(robot.skin.cells("hand"), False)
+    assert not robot.tick().velocity_rad_s.any()
+    robot.feel("hand", (0, 4, 1.0), seq=1)
+    assert not robot.tick().velocity_rad_s.any()
+    asked = {cell for tick in robot.live() for cell in tick.streams_on.tolist()}
+    assert asked == {0, 1, 2}
+
+
+anything = st.floats(width=32) | st.sampled_from([0.0, 0.14, 1.0, math.nan, math.inf])
+felt = st.lists(
+    st.tuples(st.sampled_from(sorted(SIZES)), st.integers(0, 1), st.integers(0, 4), anything), max_size=6
+)
+
+
+@settings(max_examples=60)
+@given(
+    program=st.permutations(["bow", "structure", "map", "guide", "home"]),
+    ticks=st.lists(
+        st.tuples(felt, st.tuples(*[st.floats(-1e6, 1e6)] * 2), st.booleans()), min_size=1, max_size=20
+    ),
+)
+def test_whatever_comes_in_what_goes_out_is_finite_and_within_the_limit(
+    program: list[str], ticks: list[tuple[Any, tuple[float, float], bool]]
+) -> None:
+    robot = Robot(*program).know()
+    for rows, position_rad, streamed in ticks:
+        for seq, (patch, cell, level, value) in enumerate(rows):
+            robot.feel(patch, (cell, level, value), seq=seq)
+            if streamed:
+                full = np.zeros(1, dtype=STREAM_ROW)
+                full["t_sampled_ns"], full["cell"], full["values"] = robot.t_ns - 2000, cell, value
+                message = Stream(patch=patch, t_ns=0, covered_ns=0, events=0, rows=full.tobytes())
+                robot.skin.add_stream(patch, message)
+        robot.position_rad = np.array(position_rad)
+        velocity = robot.tick().velocity_rad_s
+        assert np.isfinite(velocity).all()
+        assert (np.abs(velocity) <= 1.2).all()
+
+
+arrivals = st.lists(
+    st.tuples(
+        st.sampled_from(sorted(SIZES)),
+        st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=4),
+    ),
+    max_size=6,
+)
+
+
+@given(arrivals=arrivals, random=st.randoms(use_true_random=False))
+def test_the_order_of_arrival_does_not_matter(
+    arrivals: list[tuple[str, list[tuple[int, int]]]], random: random.Random
+) -> None:
+    """Rows come out by (delivery, patch, gateway, number), at the tick after their delivery and only once."""
+    messages = [
+        events(
+            patch,
+            *[(cell, 1, 0.5)] * len(rows),
+            t_delivered_ns=[t * TICK_NS for t, _ in rows],
+            seq=10 * i,
+            channel=[channel for _, channel in rows],
+        )
+        for i, (patch, rows) in enumerate(arrivals)
+        for cell in [i % 2]
+    ]
+    taken = []
+    for jumbled in (messages, random.sample(messages, len(messages))):
+        skin = SkinInput(SIZES)
+        assert sum(skin.add_events(m.patch, m) for m in jumbled) == sum(len(m.cell) for m in messages)
+        ticks = [skin.take(t_ns)[0] for t_ns in range(0, 6 * TICK_NS, TICK_NS)]
+        taken.append([(tick.cell.tolist(), tick.rows.tolist()) for tick in ticks])
+        for t, tick in enumerate(ticks):
+            assert (tick.rows["t_delivered_ns"] == (t - 1) * TICK_NS).all()
+    assert taken[0] == taken[1]
+    assert sum(len(cells) for cells, _ in taken[0]) == sum(len(m.cell) for m in messages)
+    first = {"arm": 0, "hand": 3}
+    numbers = {first[m.patch] + cell for m in messages for cell in m.cell}
+    assert {cell for cells, _ in taken[0] for cell in cells} == numbers
+
+
+KEYS = Keys("bot")
+
+
+class Wired:
+    """A controller node whose skin is at rest; patches that are not named have lost their host."""
+
+    def __init__(self, *program: str, here: tuple[str, ...] = ("arm", "hand"), lost: bool = True) -> None:
+        control = FAST | {"program": program}
+        deployment: Deployment = small(controller=control, hosts="per_patch", run={"may_be_lost": ("cells",)})
+        self.node = ControllerNode(deployment, "controller", SIZES)
+        self.sent: list[tuple[str, bytes]] = []
+        self.position_rad = HOME_RAD
+        self.t_ns = 0
+        self.here = here
+        for patch in here:
+            n = SIZES[patch]
+            found = Topology(
+                patch=patch,
+                version=1,
+                t_ns=0,
+                network_id=[1] * n,
+                gateway=[0] * n,
+                master_port=[0] * n,
+                parent=[-1] * n,
+                depth=[1] * n,
+                neighbours=[[-1] * 4] * n,
+            )
+            self.accept("topology", found, patch)
+        for name, upstream in self.node.upstreams.items():
+            if lost and name not in (*here, "body"):
+                upstream.lost = True
+                self.node.lose(upstream)
+
+    def accept(self, channel: str, message: Message, *fields: str) -> None:
+        self.node.accept(channel, fields, encode(message))
+
+    def step(self) -> Command:
+        self.accept(
+            "joints", Joints(t_ns=self.t_ns, covered_ns=self.t_ns, position_rad=self.position_rad.tolist())
+        )
+        for patch in self.here:
+            frame = SkinFrame(patch=patch, t_ns=self.t_ns, covered_ns=self.t_ns, events=int(self.t_ns == 0))
+            self.accept("frame", frame, patch)
+        needs = self.node.needs()
+        assert needs is not None
+        ups = self.node.upstreams
+        assert all(ups[name].lost or ups[name].covered_ns >= t_ns for name, t_ns in needs.items())
+        self.sent.clear()
+        self.node.step(lambda key, payload: self.sent.append((key, payload)))
+        self.t_ns += TICK_NS
+        command = decode(self.sent[-1][1], Command)
+        self.position_rad = self.position_rad + 0.005 * np.array(command.velocity_rad_s)
+        return command
+
+    @property
+    def configs(self) -> list[Config]:
+        return [decode(payload, Config) for key, payload in self.sent if KEYS.parse(key)[0].name == "config"]
+
+    @property
+    def result(self) -> Part:
+        return self.node.result()
+
+
+def test_a_command_says_when_it_takes_effect_and_what_was_sent_with_it() -> None:
+    robot = Wired("structure", "bow")
+    counted = 0
+    for t_ns in range(0, 2000 * TICK_NS, TICK_NS):
+        command = robot.step()
+        assert (command.t_ns, command.effect_ns) == (t_ns, t_ns + TICK_NS)
+        assert all(config.t_ns == command.effect_ns for config in robot.configs)
+        by_patch = {patch: sum(c.patch == patch for c in robot.configs) for patch in SIZES}
+        assert command.configs == {patch: n for patch, n in by_patch.items() if n}
+        counted += len(robot.configs)
+        if command.end_ns is not None:
+            break
+        assert command.covered_ns == t_ns + 2 * TICK_NS
+    assert robot.node.needs() is None
+    # the end lies after the effect: until then, everybody still owes a frame to everybody
+    assert command.end_ns is not None
+    assert command.effect_ns < command.end_ns <= command.effect_ns + 20_000_000
+    assert command.end_ns % 20_000_000 == 0
+    assert command.covered_ns > command.end_ns
+    assert counted == 2 * S
+    assert robot.result.facts["done"]
+    assert [name for name, _ in robot.result.facts["stages"]] == ["structure", "bow"]
+
+
+def test_nothing_begins_before_every_patch_that_lives_has_formed() -> None:
+    waiting = Wired("bow", here=("arm",), lost=False)
+    waiting.here = ("arm", "hand")
+    for upstream in waiting.node.upstreams.values():
+        upstream.arrive()  # its frames come, its topology does not
+    for _ in range(20):
+        assert waiting.step().velocity_rad_s == [0.0, 0.0]
+        assert waiting.node.news() is None or waiting.result.facts["stages"] == []
+    assert any(Wired("bow").step().velocity_rad_s)
+
+
+def test_the_controller_goes_on_without_a_lost_patch() -> None:
+    robot = Wired("map", here=("arm",))
+    asked = []
+    while robot.node.needs() is not None:
+        robot.step()
+        asked += robot.configs
+    assert {config.patch for config in asked} == {"arm"}
+    assert robot.result.facts["done"]
+
+
+def test_two_controllers_that_hear_the_same_write_the_same_log() -> None:
+    logs = []
+    for value in (0.14, 0.14, 0.15):
+        robot = Wired("bow")
+        robot.step()
+        robot.accept("events", events("arm", (0, 1, value)), "arm", "0")
+        for _ in range(5):
+            robot.step()
+        logs.append(robot.result.facts["logs"]["controller"])
+    assert logs[0] == logs[1] != logs[2]
+
+
+two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("channel", "fields", "message", "said"),
+    [
+        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[0.0, math.nan]), "finite"),
+        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[-math.inf, 0.0]), "finite"),
+        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[0.0]), "1 joints; this run has 2"),
+        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[]), "0 joints"),
+        ("frame", ("leg",), SkinFrame(patch="leg", t_ns=0, covered_ns=9**9, events=0), "leg"),
+        ("frame", ("arm",), events("arm", (0, 1, 0.5)), "SkinFrame"),
+        ("events", ("arm", "3"), events("arm", (3, 1, 0.5)), "unknown cell of arm: .* 0 to 2"),
+        ("events", ("arm", "0"), events("arm", (-1, 1, 0.5)), "unknown cell"),
+        ("events", ("arm", "0"), events("hand", (0, 1, 0.5)), "hand under a key of arm"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), (1, 1, 0.5), value=[0.5]), "unequal"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), seq=2**63), "64 bits"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), modality=[4]), "modality"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), modality=[-1]), "modality"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), channel=[3]), "channel"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), channel=[-1]), "channel"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), modality=[1], channel=[1]), "channel"),
+        ("stream", ("arm",), Stream(patch="arm", t_ns=0, covered_ns=9, events=0, rows=bytes(61)), "61 bytes"),
+        (
+            "stream",
+            ("arm",),
+            Stream(patch="arm", t_ns=0, covered_ns=9, events=0, rows=b"\xff" * 60),
+            "unknown cell",
+        ),
+        ("config", ("arm", "0"), Config(patch="arm", cell=0), "does not read config"),
+    ],
+)
+def test_what_makes_no_sense_changes_nothing(
+    channel: str, fields: tuple[str, ...], message: Message, said: str
+) -> None:
+    calm, told = Wired("bow"), Wired("bow")
+    calm.step()
+    told.step()
+    with pytest.raises(ProtocolError, match=said):
+        told.accept(channel, message, *fields)
+    for name, upstream in told.node.upstreams.items():
+        assert upstream.covered_ns == calm.node.upstreams[name].covered_ns
+        assert upstream.missing == 0
+    assert [told.step() for _ in range(5)] == [calm.step() for _ in range(5)]
+    assert told.result.facts == calm.result.facts

@@ -1,0 +1,119 @@
+"""Every shipped deployment runs; the touch deployment keeps what the paper and the documentation promise."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from launching import ROOT, TOUCH, run
+
+pytestmark = pytest.mark.timeout(400)
+DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("path", DEPLOYMENTS, ids=lambda path: path.stem)
+def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
+    summary = run(path, tmp_path, settings=("run.max_s=1.0",))
+    assert summary["outcome"] == "completed"
+    assert summary["sim_s"] == pytest.approx(1.0, abs=0.02)
+    assert summary["figures"]["network.conserved"]
+    assert summary["figures"]["formation.unreached_cells"] == 0
+    assert {process["exit_code"] for process in summary["processes"]} == {0}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The main job from the first packet to the last touch."""
+    return run(TOUCH, tmp_path_factory.mktemp("whole"), "--in-process")["figures"]
+
+
+def test_the_robot_finds_its_structure(whole: dict[str, Any]) -> None:
+    assert whole["structure.wrong_entries"] == 0
+    assert whole["structure.is_tree"]
+    assert (whole["structure.body_parts"], whole["structure.joints"]) == (7, 6)
+    assert whole["structure.sim_s"] == pytest.approx(70.0, rel=0.03)
+
+
+def test_the_map_agrees_with_the_jacobian(whole: dict[str, Any]) -> None:
+    assert whole["smm.sign_agreement"] >= 0.97
+    assert whole["smm.correlation"] >= 0.9
+    assert whole["smm.correlation_normal"] >= 0.9
+
+
+def test_guidance_moves_as_in_the_paper(whole: dict[str, Any]) -> None:
+    assert whole["guidance.reading"] == pytest.approx(0.14, abs=0.005)
+    assert whole["guidance.velocity_rad_s"] == pytest.approx(0.09, rel=0.05)
+    assert whole["guidance.measured_rad_s"] == pytest.approx(0.09, rel=0.05)
+
+
+def test_reactions_are_not_faster_than_their_parts(whole: dict[str, Any]) -> None:
+    assert whole["reaction.count"] >= 30
+    assert whole["reaction.actuation_ms.p50"] == 5.0
+    # one hop of an event takes 8 bytes × 10 bit / 2 Mbit/s + 185 µs at least
+    assert whole["reaction.network_ms.p50"] >= 0.225
+    assert 5.0 < whole["reaction.latency_ms.p50"] < whole["reaction.latency_ms.p99"] < 50.0
+
+
+def test_proximity_guidance_moves_the_arm_before_contact(whole: dict[str, Any]) -> None:
+    assert whole["proximity.touches"] == 4
+    assert whole["proximity.contacts"] == 0
+    assert whole["proximity.moved_before_contact_rad.min"] > 0.01
+
+
+def test_reactions_spare_the_robot(whole: dict[str, Any], tmp_path: Path) -> None:
+    settings = ("controller.reactions.enabled=false", "controller.structure.average_s=0.1")
+    stiff = run(TOUCH, tmp_path, "--in-process", settings=settings)["figures"]
+    assert stiff["contact.peak_force_n"] >= 3.0 * whole["contact.peak_force_n"]
+    assert stiff["reaction.count"] == 0
+    assert stiff["proximity.moved_before_contact_rad.min"] < 1e-3
+
+
+def test_too_much_noise_is_reported_honestly(tmp_path: Path) -> None:
+    settings = ('controller.program=["structure"]', "cells.accelerometer.noise_g=0.4")
+    settings += ("controller.structure.average_s=0.2", "controller.structure.settle_s=0.2")
+    figures = run(TOUCH, tmp_path, "--in-process", settings=settings)["figures"]
+    assert figures["structure.wrong_entries"] > 0
+    assert not figures["structure.is_tree"]
+    assert figures["structure.problems"]
+
+
+def test_send_on_delta_and_clock_reach_the_controller(tmp_path: Path) -> None:
+    short = ('controller.program=["structure"]', "run.max_s=2.0")
+    delivered = {}
+    for kind in ("levels", "delta", "clock"):
+        # an idle controller: nothing asks for streams
+        settings = (*short, f"cells.encoding.kind={kind}", "controller.structure.average_s=0.004")
+        delivered[kind] = run(TOUCH, tmp_path / kind, "--in-process", settings=settings)
+    packets = {kind: summary["figures"]["network.data_packets"] for kind, summary in delivered.items()}
+    assert packets["clock"] >= packets["levels"]
+    assert packets["delta"] >= packets["levels"]
+
+
+def test_bundling_changes_the_messages_and_not_the_run(tmp_path: Path) -> None:
+    settings = (
+        'controller.program=["map", "force_guidance"]',
+        "controller.map.periods=1",
+        "controller.map.settle_s=0.05",
+        "controller.stages.force_guidance.duration_s=2.0",
+    )
+    one = run(TOUCH, tmp_path / "each", "--in-process", settings=settings)
+    other = run(TOUCH, tmp_path / "bundled", "--in-process", settings=(*settings, "network.bundle=true"))
+    assert one["figures"] == other["figures"]
+
+
+@pytest.mark.processes
+def test_real_time_keeps_to_the_wall_clock(tmp_path: Path) -> None:
+    settings = ('controller.program=["structure"]', "run.max_s=3.0")
+    summary = run(TOUCH, tmp_path, "--pace", "realtime", settings=settings)
+    assert summary["loop_s"] >= 3.0 - 0.01
+    assert summary["sim_s"] == pytest.approx(3.0, abs=0.02)
+    assert isinstance(summary["late_frames"], int)
+
+
+def test_the_summary_is_what_it_says(tmp_path: Path) -> None:
+    run(TOUCH, tmp_path, "--in-process", settings=("run.max_s=0.2",))
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    keys = ("outcome", "seed", "log_sha256", "sim_s", "wall_s", "rtf", "processes", "faults", "figures")
+    assert all(key in summary for key in keys)
+    assert all(not isinstance(value, dict) for value in summary["figures"].values())

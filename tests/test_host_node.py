@@ -1,0 +1,327 @@
+"""A cell host says what its cells have to say, whoever else lives with it, and obeys what makes sense."""
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from small_robot import SHIPPED, patch, small
+
+from cells.process import HostNode
+from cells.transducers import phases_ns
+from skinnet.channels import Keys
+from skinnet.deployment import Deployment, load
+from skinnet.errors import ProtocolError
+from skinnet.messages import (
+    STREAM_ROW,
+    Config,
+    Events,
+    Message,
+    SkinFrame,
+    Stimulus,
+    Stream,
+    Topology,
+    decode,
+    encode,
+    pack,
+    unpack,
+)
+from skinnet.seeding import key_of, stream
+
+MS = 1_000_000
+Floats = NDArray[np.float64]
+
+
+class Host:
+    """A host node with its wires in hand: the body's stimulus goes in, messages come out.
+
+    Touches come and go, of every cell at times of its own, from `quiet_ms` on.
+    """
+
+    def __init__(self, deployment: Deployment, name: str = "host0", quiet_ms: int = 0) -> None:
+        self.node = HostNode(deployment, name)
+        self.keys = Keys(deployment.robot)
+        self.period_ns = deployment.cells.period_ns
+        self.quiet_ns = quiet_ms * MS
+        self.patches = [p for p in deployment.patches if p.name in deployment.host_patches()[name]]
+        self.patches.sort(key=lambda p: deployment.host_patches()[name].index(p.name))
+        self.sent: list[tuple[str, bytes]] = []
+        self.t_ns = 0
+        self._announced = 0
+        self._feel(0)
+        self.node.start(self._put)
+
+    def _put(self, key: str, payload: bytes) -> None:
+        self.sent.append((key, payload))
+
+    def _felt(self, name: str, n: int, t_ns: int) -> Floats:
+        rest = np.array([0, 0, 0, np.inf, 0, 0, 9.81, 23.0])
+        felt = np.tile(rest, (n, 1))
+        if t_ns >= self.quiet_ns:
+            random = stream(t_ns, name)
+            felt[:, :3] = random.uniform(0.0, 5.0, (n, 3)) * (random.random((n, 1)) < 0.3)
+            felt[:, 3] = random.uniform(0.0, 0.06, n)
+            felt[:, 4:7] += random.normal(0.0, 1.0, (n, 3))
+        return felt
+
+    def _feel(self, t_ns: int, end_ns: int | None = None) -> None:
+        values = np.vstack([self._felt(p.name, p.n_cells, t_ns) for p in self.patches])
+        frame = Stimulus(
+            host=self.node.name,
+            t_ns=t_ns,
+            covered_ns=t_ns,
+            values=pack(values, "<f4"),
+            configs=self._announced,
+            end_ns=end_ns,
+        )
+        self._announced = 0
+        self.node.accept("stimulus", (self.node.name,), encode(frame))
+
+    def tell(self, config: Config) -> None:
+        """A configuration by the controller, or by a stranger if it has no time."""
+        self.node.accept("config", (config.patch, str(config.cell)), encode(config))
+        self._announced += bool(config.t_ns)
+
+    def run(self, n_periods: int) -> "Host":
+        for _ in range(n_periods):
+            self.t_ns += self.period_ns
+            self._feel(self.t_ns)
+            assert self.ready
+            self.node.step(self._put)
+        return self
+
+    @property
+    def ready(self) -> bool:
+        needs = self.node.needs()
+        assert needs is not None
+        return all(self.node.upstreams[name].covered_ns >= t_ns for name, t_ns in needs.items())
+
+    def heard(self, *kinds: type[Message]) -> list[Any]:
+        """What was said, of some kinds, in order."""
+        messages = [(self.keys.parse(key)[0].message, payload) for key, payload in self.sent]
+        return [decode(payload, kind) for kind, payload in messages if kind in kinds]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        return self.node.result().facts
+
+
+def together(deployment_settings: Sequence[str], hosts: str, n_periods: int) -> dict[str, Any]:
+    """Logs by patch, summed counters and all messages by patch of the shipped skin, spread over `hosts`."""
+    deployment = load(SHIPPED, (*deployment_settings, f"hosts={hosts}"))
+    logs: dict[str, str] = {}
+    said: dict[str, list[tuple[str, bytes]]] = {patch.name: [] for patch in deployment.patches}
+    counters: dict[str, int] = {}
+    for name in deployment.host_patches():
+        host = Host(deployment, name).run(n_periods)
+        logs |= host.facts["logs"]
+        for key, payload in host.sent:
+            said[host.keys.parse(key)[1][0]].append((key, payload))
+        for kind, entry in host.facts["network"].items():
+            for what, count in entry.items():
+                counters[f"{kind}.{what}"] = counters.get(f"{kind}.{what}", 0) + count
+    return {"logs": logs, "said": said, "counters": counters}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("network.bundle=true", 'cells.encoding.kind="delta"', "network.jitter_us=20.0"),
+        ('cells.encoding.kind="clock"', "network.queue_packets=2", "network.bits_per_s=500000"),
+    ],
+    ids=["levels", "delta, bundled", "clock, crowded"],
+)
+def test_patches_say_the_same_whoever_lives_with_them(settings: tuple[str, ...]) -> None:
+    """From power on: while one patch still forms its network, another is already talking."""
+    alone = together(settings, '"per_patch"', 30)
+    assert alone["counters"]["event.delivered"] + alone["counters"]["reading.delivered"] > 300
+    assert bool(alone["counters"]["reading.queue_full"]) == ("clock" in str(settings))
+    for hosts in ("1", "3"):
+        other = together(settings, hosts, 30)
+        for name, messages in alone["said"].items():
+            assert other["said"][name] == messages, name
+        assert other["logs"] == alone["logs"]
+        assert other["counters"] == alone["counters"]
+    assert together((*settings, "seed=2"), "1", 30)["logs"] != alone["logs"]
+
+
+@pytest.mark.parametrize("bundle", [False, True])
+def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None:
+    host = Host(small(hosts=1, network={"bundle": bundle}))
+    for cell in range(6):
+        host.tell(Config(patch="arm", cell=cell, t_ns=40 * MS, stream=True))
+    host.run(60)
+    network = host.facts["network"]
+    published = {"event": 0, "reading": 0}
+    for name in ("arm", "hand"):
+        seqs: list[int] = []
+        closed_ns, waiting = 0, 0
+        for key, payload in host.sent:
+            row, fields = host.keys.parse(key)
+            if fields[0] != name:
+                continue
+            message: Any = decode(payload, row.message)
+            if isinstance(message, Events):
+                n = len(message.cell)
+                waiting += n
+                published["event"] += n
+                assert len(fields) == (1 if bundle else 2)
+                assert bundle or set(message.cell) == {int(fields[1])}
+                times_ns = message.t_delivered_ns
+                seqs += message.seq
+                assert all(a < b for a, b in zip(message.t_sampled_ns, times_ns, strict=True))
+            elif isinstance(message, Topology):
+                waiting += 1
+                continue
+            else:
+                assert message.t_ns == closed_ns
+                assert message.events == waiting
+                waiting = 0
+                times_ns = []
+                if isinstance(message, Stream):
+                    rows = unpack(message.rows, STREAM_ROW)
+                    published["reading"] += len(rows)
+                    times_ns = rows["t_delivered_ns"].tolist()
+                    seqs += rows["seq"].tolist()
+                closed_ns = message.covered_ns
+                begin_ns = message.t_ns
+            if isinstance(message, Events):
+                begin_ns = closed_ns
+            assert times_ns == sorted(times_ns)
+            assert all(begin_ns <= t_ns < begin_ns + host.period_ns for t_ns in times_ns)
+        assert closed_ns == host.t_ns
+        assert sorted(seqs) == list(range(len(seqs)))
+    for kind, n in published.items():
+        assert n == network[kind]["delivered"] > 50
+
+
+def test_the_topology_is_told_once_when_the_network_is_formed() -> None:
+    host = Host(small(hosts=1), quiet_ms=1000).run(20)
+    found = host.heard(Topology)
+    assert {topology.patch for topology in found} == {"arm", "hand"}
+    assert len(found) == 2
+    assert host.facts["formed_ns"] == {topology.patch: topology.t_ns for topology in found}
+    assert host.facts["unreached"] == 0
+    news = [host.node.news(), host.node.news()]
+    assert {entry[1] for entry in news if entry} == {encode(topology) for topology in found}
+    assert host.node.news() is None
+
+
+def streamed(host: Host, patch: str = "arm") -> list[tuple[int, int]]:
+    """(cell, time of the sample) of all full readings that were published."""
+    rows = [unpack(m.rows, STREAM_ROW) for m in host.heard(Stream) if m.patch == patch]
+    return [
+        (cell, t)
+        for part in rows
+        for cell, t in zip(part["cell"].tolist(), part["t_sampled_ns"], strict=True)
+    ]
+
+
+def test_a_configuration_holds_from_the_next_sample_on() -> None:
+    deployment = small(hosts=1)
+    host = Host(deployment, quiet_ms=1000).run(10)
+    cell, on_ns, off_ns = 4, 60 * MS, 85 * MS
+    host.tell(Config(patch="arm", cell=cell, t_ns=on_ns, stream=True))
+    host.tell(Config(patch="arm", cell=cell, t_ns=off_ns, stream=False))
+    host.run(20)
+    phase_ns = int(phases_ns(deployment.seed, "arm", 6, host.period_ns)[cell])
+    # it arrives in the period in which it leaves; the samples of that period are taken
+    first, last = on_ns // host.period_ns + 1, off_ns // host.period_ns
+    assert streamed(host) == [(cell, k * host.period_ns + phase_ns) for k in range(first, last + 1)]
+    assert host.facts["network"]["config"]["delivered"] == 2
+    assert not host.node.counters
+
+
+def test_thresholds_and_encoding_of_one_cell() -> None:
+    host = Host(small(hosts=1, cells={"proximity": {"noise": 0.0}}), quiet_ms=40).run(8)
+    host.tell(Config(patch="arm", cell=1, t_ns=32 * MS, levels={"force": [], "proximity": []}))
+    host.tell(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="clock"))
+    host.run(40)
+    events = [cell for message in host.heard(Events) if message.patch == "arm" for cell in message.cell]
+    assert set(events) == {0, 3, 4, 5}
+    assert {cell for cell, _ in streamed(host)} == {2}
+
+
+def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogCaptureFixture) -> None:
+    calm, told = (Host(small(hosts=1)) for _ in range(2))
+    with caplog.at_level(logging.WARNING, "cells.process"):
+        for cell in range(3):
+            told.tell(Config(patch="arm", cell=cell, t_ns=40 * MS, levels={"force": [0.5, 0.1]}, stream=True))
+        told.run(30)
+    assert told.node.counters == {"refused_configs": 3}
+    assert len(caplog.records) == 1  # once per source
+    assert "arm/0" in caplog.records[0].getMessage()
+    assert not streamed(told)
+    assert told.facts["logs"] == calm.run(30).facts["logs"]
+
+
+def test_strangers_configure_without_confusing_the_account() -> None:
+    """Nobody announces their messages, so they count for nothing but themselves."""
+    host = Host(small(hosts=1), quiet_ms=1000).run(10)
+    host.tell(Config(patch="hand", cell=1, stream=True))
+    host.tell(Config(patch="hand", cell=1, encoding="morse"))
+    host.run(5)
+    assert host.node.counters == {"configs_from_outside": 2, "refused_configs": 1}
+    sampled = [t_ns for _, t_ns in streamed(host, "hand")]
+    assert [t_ns // host.period_ns for t_ns in sampled] == [11, 12, 13, 14]
+    assert host.node.upstreams["body"].missing == 0
+
+
+def test_the_host_waits_for_configurations_that_were_announced() -> None:
+    host = Host(small(hosts=1))
+    host._announced = 1
+    host._feel(host.period_ns)
+    assert not host.ready
+    host.node.accept("config", ("arm", "0"), encode(Config(patch="arm", cell=0, stream=True)))
+    assert not host.ready  # a stranger's is not the one
+    host.node.accept("config", ("arm", "0"), encode(Config(patch="arm", cell=0, t_ns=1, stream=True)))
+    assert host.ready
+
+
+@pytest.mark.parametrize(
+    ("channel", "fields", "message", "said"),
+    [
+        ("config", ("arm", "6"), Config(patch="arm", cell=6), "cells 0 to 5"),
+        ("config", ("arm", "-1"), Config(patch="arm", cell=-1), "cells 0 to 5"),
+        ("config", ("leg", "0"), Config(patch="leg", cell=0), "leg/0"),
+        ("config", ("arm", "1"), Config(patch="arm", cell=2), "under the key of arm/1"),
+        ("config", ("hand", "0"), Config(patch="arm", cell=0), "under the key of hand/0"),
+        ("config", ("arm", "0"), SkinFrame(patch="arm", t_ns=0, covered_ns=0, events=0), "Config"),
+        ("stimulus", ("host0",), Stimulus(host="host0", t_ns=0, covered_ns=9, values=bytes(32)), "1 cells"),
+        ("stimulus", ("host0",), Stimulus(host="host0", t_ns=0, covered_ns=9, values=bytes(33)), "33 bytes"),
+        ("joints", (), SkinFrame(patch="arm", t_ns=0, covered_ns=0, events=0), "joints"),
+    ],
+)
+def test_what_makes_no_sense_changes_nothing(
+    channel: str, fields: tuple[str, ...], message: Message, said: str
+) -> None:
+    calm, told = (Host(small(hosts=1)) for _ in range(2))
+    with pytest.raises(ProtocolError, match=said):
+        told.node.accept(channel, fields, encode(message))
+    assert told.run(15).facts == calm.run(15).facts
+    assert told.sent == calm.sent
+
+
+def test_a_host_ends_where_the_body_says() -> None:
+    deployment = small(hosts=1, run={"max_s": 1.0})
+    host = Host(deployment).run(3)
+    host._feel(16 * MS, end_ns=20 * MS)
+    host.node.step(host._put)
+    assert host.node.needs() == {"body": 20 * MS}
+    host._feel(20 * MS, end_ns=20 * MS)
+    host.node.step(host._put)
+    assert host.node.needs() is None
+    whole = Host(deployment).run(250)
+    assert whole.node.needs() is None
+
+
+def test_noise_belongs_to_the_cell() -> None:
+    """One more patch, or other cells on the host, do not shift what a cell draws."""
+    assert key_of(1, "arm", 0, "noise") != key_of(1, "hand", 0, "noise")
+    one = Host(small(patch("hand", 2, 1), hosts=1)).run(20)
+    more = Host(small(patch("arm"), patch("hand", 2, 1), patch("leg"), hosts=1)).run(20)
+    assert one.facts["logs"]["hand"] == more.facts["logs"]["hand"]
+    assert len(one.heard(Events)) > 10

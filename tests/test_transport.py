@@ -1,0 +1,324 @@
+"""One contract for every transport: what is put arrives once, in the order of its sender, where it should."""
+
+import asyncio
+import socket
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from skinnet.channels import Keys
+from skinnet.errors import PortInUseError, SkinnetError
+from skinnet.transport.base import Delivery, Transport
+from skinnet.transport.mailbox import TaskMailbox, ThreadMailbox
+from skinnet.transport.memory import MemoryHub
+from skinnet.transport.zenoh import ZenohTransport
+
+KEYS = Keys("bot")
+LONG_S = 30.0
+"""Nobody ever waits as long, unless something is lost."""
+
+
+class Star:
+    """A hub and whoever joins it, all of one kind."""
+
+    def __init__(self, kind: str, endpoint: str) -> None:
+        self._kind, self._endpoint = kind, endpoint
+        self._memory = MemoryHub()
+        self.members: dict[str, Transport] = {}
+
+    def join(self, name: str) -> Transport:
+        member: Transport
+        if self._kind == "memory":
+            member = self._memory.connect(name)
+        elif not self.members:
+            member = ZenohTransport(KEYS, name, listen=self._endpoint)
+        else:
+            member = ZenohTransport(KEYS, name, connect=self._endpoint)
+        self.members[name] = member
+        return member
+
+    async def gather(self, *names: str) -> list[Transport]:
+        """Members that hear all that each of them puts; as in a run, subscriptions come before the token."""
+        for name in names:
+            member = self.join(name)
+            member.subscribe([key("*"), key("twice"), KEYS.of("stimulus", "*")], names)
+            member.watch_alive(KEYS.alive("*", "*"))
+        await self.agree("here")
+        return [self.members[name] for name in names]
+
+    async def agree(self, step: str) -> dict[str, list[Delivery]]:
+        """Everybody knows what each has declared and has heard what each has put before; returns that."""
+        for name, member in self.members.items():
+            member.announce(KEYS.alive(step, name))
+        tokens = {KEYS.alive(step, name) for name in self.members}
+        heard = {name: await self._until(name, tokens) for name in self.members}
+        for name, member in self.members.items():
+            member.put(key(f"{step}-{name}"), b"word")
+            member.flush()
+        words = {key(f"{step}-{name}") for name in self.members}
+        return {name: heard[name] + await self._until(name, words) for name in self.members}
+
+    async def _until(self, name: str, wanted: set[str]) -> list[Delivery]:
+        left = set(wanted)
+        others: list[Delivery] = []
+        while left:
+            batch = await self.members[name].receive(LONG_S, len(left))
+            assert batch, f"{name} misses {left}"
+            others += [delivery for delivery in batch if delivery.key not in left]
+            left -= {delivery.key for delivery in batch}
+        return others
+
+    def leave(self, name: str) -> None:
+        self.members.pop(name).close()
+
+
+@pytest.fixture
+def endpoint() -> Iterator[str]:
+    with tempfile.TemporaryDirectory(prefix="skin") as folder:  # a socket's path may have 108 bytes
+        yield f"unixsock-stream/{folder}/hub"
+
+
+@pytest.fixture(params=["memory", "zenoh"])
+def star(request: pytest.FixtureRequest, endpoint: str) -> Iterator[Star]:
+    star = Star(request.param, endpoint)
+    yield star
+    for name in reversed(list(star.members)):
+        star.leave(name)
+
+
+def key(word: str) -> str:
+    """A key that every member of `Star.gather` hears."""
+    return KEYS.of("frame", word)
+
+
+async def hear(transport: Transport, n: int) -> list[Delivery]:
+    """Deliveries until there are `n`."""
+    heard: list[Delivery] = []
+    while len(heard) < n:
+        batch = await transport.receive(LONG_S, n - len(heard))
+        assert batch, f"only {heard}"
+        heard += batch
+    return heard
+
+
+async def test_messages_of_a_sender_arrive_once_and_in_order(star: Star) -> None:
+    """Among those for the same receivers: what is for the controller may overtake what is for the cells."""
+    members = await star.gather("hub", "a", "b")
+    n_periods, n_words = 50, 3
+    for t in range(n_periods):
+        for name, member in star.members.items():
+            for i in range(n_words):
+                member.put(key(f"{name}{i}"), f"{t}".encode())
+                member.put(KEYS.of("stimulus", f"{name}{i}"), f"{t}".encode())
+            member.flush()
+    for member in members:
+        heard = await hear(member, 2 * 3 * n_words * n_periods)
+        assert len(heard) == 2 * 3 * n_words * n_periods
+        for name in star.members:
+            for kind in ("frame", "stimulus"):
+                keys = [KEYS.of(kind, f"{name}{i}") for i in range(n_words)]
+                said = [delivery for delivery in heard if delivery.key in keys]
+                assert said == [Delivery(k, f"{t}".encode()) for t in range(n_periods) for k in keys]
+
+
+async def test_any_bytes_travel_unchanged(star: Star) -> None:
+    hub, a = await star.gather("hub", "a")
+    payloads = [b"x", bytes(range(256)), b"\x00" * 200_000, b"\x00" * 200_000, b"end"]
+    for payload in payloads:
+        hub.put(key("twice"), payload)  # it matches two expressions
+        hub.flush()
+    assert [delivery.payload for delivery in await hear(a, len(payloads))] == payloads
+
+
+async def test_expressions_choose_messages_and_names_choose_senders(star: Star) -> None:
+    senders = await star.gather("hub", "a", "b")
+    picky = star.join("picky")
+    picky.subscribe([KEYS.of("events", "*", "1"), KEYS.of("topology", "*")], ["hub", "b"])
+    deaf = star.join("deaf")
+    deaf.subscribe([KEYS.of("events", "*", "*"), KEYS.of("topology", "*")], [])
+    keys = [
+        KEYS.of("events", "p", "1"),
+        KEYS.of("events", "p", "2"),
+        KEYS.of("bundle", "p"),
+        KEYS.of("stream", "1"),
+    ]
+    wanted = [keys[0], KEYS.of("topology", "p")]
+    for member in (picky, deaf):
+        member.subscribe([key("*")], [*star.members])
+        member.watch_alive(KEYS.alive("*", "*"))
+    for member in senders:
+        member.subscribe([key("*")], ["picky", "deaf"])
+    await star.agree("listen")
+    for name, member in zip(star.members, senders, strict=False):
+        for one in (*keys, wanted[1]):
+            member.put(one, name.encode())
+        member.flush()
+    heard = await star.agree("heard")
+    assert sorted(heard["picky"]) == sorted(Delivery(one, name) for one in wanted for name in (b"hub", b"b"))
+    assert heard["deaf"] == []
+
+
+async def test_what_is_put_is_overheard_and_what_is_told_is_tapped(star: Star) -> None:
+    hub, a = await star.gather("hub", "a")
+    overheard: list[Delivery] = []
+    tapped: list[Delivery] = []
+    came = threading.Semaphore(0)
+
+    def note(into: list[Delivery]) -> Callable[[str, bytes], None]:
+        def on_message(key: str, payload: bytes) -> None:
+            into.append(Delivery(key, payload))
+            came.release()
+
+        return on_message
+
+    undo = hub.overhear(key("p"), note(overheard)), hub.tap(key("p"), note(tapped))
+    for step in ("listen", "go on"):
+        await star.agree(step)
+        for _ in range(2):
+            a.tell(key("p"), b"told")
+            a.put(key("p"), b"put")
+        a.flush()
+        heard = await star.agree(f"after {step}")
+        for name in ("hub", "a"):  # whoever is in the loop hears nothing of what is told beside it
+            assert [delivery.payload for delivery in heard[name]] == [b"put", b"put"]
+        if step == "listen":
+            for _ in range(4):
+                assert came.acquire(timeout=LONG_S)
+            for stop in undo:
+                stop()
+    assert overheard == [Delivery(key("p"), b"put")] * 2
+    assert tapped == [Delivery(key("p"), b"told")] * 2
+
+
+async def test_liveliness_tells_who_was_there_who_comes_and_who_goes(star: Star) -> None:
+    hub = star.join("hub")
+    hub.announce(KEYS.alive("body", "hub"))
+    a = star.join("a")
+    a.watch_alive(KEYS.alive("*", "*"))
+    assert await hear(a, 1) == [Delivery(KEYS.alive("body", "hub"), b"")]
+    hub.watch_alive(KEYS.alive("cells", "*"))
+    a.announce(KEYS.alive("cells", "a"))
+    assert await hear(hub, 1) == [Delivery(KEYS.alive("cells", "a"), b"")]
+    assert await hear(a, 1) == [Delivery(KEYS.alive("cells", "a"), b"")]
+    star.leave("a")
+    assert await hear(hub, 1) == [Delivery(KEYS.alive("cells", "a"), None)]
+
+
+async def test_last_words_arrive(star: Star) -> None:
+    hub, a = await star.gather("hub", "a")
+    a.put(key("last"), b"words")
+    star.leave("a")
+    words = {Delivery(key("last"), b"words"), Delivery(KEYS.alive("here", "a"), None)}
+    assert set(await hear(hub, 2)) == words
+
+
+async def test_who_waits_in_vain_gets_nothing(star: Star) -> None:
+    hub = star.join("hub")
+    assert await hub.receive(0.0) == []
+    assert await hub.receive(0.01, 3) == []
+
+
+async def test_too_few_are_handed_out_when_time_is_over(star: Star) -> None:
+    (hub,) = await star.gather("hub")
+    hub.put(key("one"), b"1")
+    hub.flush()
+    assert await hear(hub, 1) == [Delivery(key("one"), b"1")]
+    hub.put(key("two"), b"2")
+    hub.flush()
+    heard: list[Delivery] = []
+    while not heard:  # by Zenoh it comes through another thread
+        heard = await hub.receive(0.001, 5)
+    assert heard == [Delivery(key("two"), b"2")]
+
+
+Mailbox = TaskMailbox | ThreadMailbox
+WORD, LOSS = Delivery("k", b"word"), Delivery("k", None)
+
+
+@pytest.fixture(params=[TaskMailbox, ThreadMailbox])
+def mailbox(request: pytest.FixtureRequest) -> Mailbox:
+    box: Mailbox = request.param()
+    return box
+
+
+async def test_a_loss_is_always_enough(mailbox: Mailbox) -> None:
+    mailbox.post(WORD)
+    mailbox.post(LOSS)
+    assert await mailbox.receive(None, enough=5) == [WORD, LOSS]
+    for _ in range(2):
+        mailbox.post(WORD)
+    assert await mailbox.receive(0.0, enough=5) == [
+        WORD,
+        WORD,
+    ]  # that loss is told, and is no reason any more
+    assert await mailbox.receive(0.0) == []
+
+
+async def test_who_needs_several_is_woken_once() -> None:
+    mailbox = TaskMailbox()
+    waiting = asyncio.create_task(mailbox.receive(None, enough=3))
+    for n in range(3):
+        await asyncio.sleep(0)
+        assert not waiting.done(), n
+        mailbox.post(WORD)
+    assert await waiting == [WORD] * 3
+    waiting = asyncio.create_task(mailbox.receive(None, enough=3))
+    await asyncio.sleep(0)
+    mailbox.post(LOSS)
+    assert await waiting == [LOSS]
+
+
+@pytest.mark.parametrize("enough", [1, 2, 7])
+def test_no_thread_loses_a_message_or_a_wake_up(enough: int) -> None:
+    n_threads, n = 4, 700
+    mailbox = ThreadMailbox()
+
+    def post(name: str) -> None:
+        for i in range(n):
+            mailbox.post(Delivery(name, str(i).encode()))
+
+    async def collect() -> list[Delivery]:
+        heard: list[Delivery] = []
+        while left := n_threads * n - len(heard):
+            batch = await mailbox.receive(None, min(enough, left))  # without an alarm: it must be woken
+            assert len(batch) >= min(enough, left)
+            heard += batch
+        return heard
+
+    with ThreadPoolExecutor(n_threads) as pool:
+        posts = [pool.submit(post, name) for name in "abcd"]
+        heard = asyncio.run(collect())
+        for done in posts:
+            done.result()
+    for name in "abcd":
+        assert [d.payload for d in heard if d.key == name] == [str(i).encode() for i in range(n)]
+
+
+def test_an_endpoint_that_is_none_is_named() -> None:
+    with pytest.raises(SkinnetError, match="cannot listen on nonsense"):
+        ZenohTransport(KEYS, "hub", listen="nonsense")
+
+
+def test_a_taken_port_is_named() -> None:
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        taken = f"tcp/127.0.0.1:{holder.getsockname()[1]}"
+        with pytest.raises(PortInUseError, match=taken):
+            ZenohTransport(KEYS, "hub", listen=taken)
+
+
+async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> None:
+    hub = ZenohTransport(KEYS, "hub", listen=endpoint)
+    try:
+        hub.subscribe([key("*")], ["hub"])
+        hub.tell(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
+        hub.put(key("x"), b"1")
+        hub.flush()
+        assert await hear(hub, 1) == [Delivery(key("x"), b"1")]
+        assert hub.malformed == 1
+    finally:
+        hub.close()

@@ -1,0 +1,470 @@
+"""The conservative loop: nobody computes a period before all that belongs to it is there, in any order."""
+
+import asyncio
+import logging
+import random
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_robot import small
+
+from cells.process import HostNode
+from controller.process import ControllerNode
+from skinnet.channels import OUTSIDE, Keys, Role
+from skinnet.clock import next_multiple
+from skinnet.deployment import Deployment
+from skinnet.errors import ProtocolError, UpstreamLostError
+from skinnet.loop import Node, Put, run_loop
+from skinnet.messages import Command, Joints, SkinFrame, Stimulus, decode, encode
+from skinnet.part import Part
+from skinnet.transport.base import Delivery, Transport
+from skinnet.transport.memory import MemoryHub
+from skinnet.upstream import Upstream
+
+KEYS = Keys("bot")
+PERIOD_NS = 1000
+
+counts = st.lists(st.integers(0, 3), min_size=1, max_size=6)
+
+
+@given(counts=counts, random=st.randoms(use_true_random=False))
+def test_a_period_is_covered_when_its_frame_and_all_messages_so_far_are_there(
+    counts: list[int], random: random.Random
+) -> None:
+    arrivals = ["frame"] * len(counts) + ["message"] * sum(counts)
+    random.shuffle(arrivals)
+    upstream = Upstream("p", "host")
+    frames = messages = 0
+    for arrival in arrivals:
+        if arrival == "frame":
+            upstream.close((frames + 1) * PERIOD_NS, counts[frames])
+            frames += 1
+        else:
+            upstream.arrive()
+            messages += 1
+        whole = [k for k in range(frames + 1) if sum(counts[:k]) <= messages]
+        assert upstream.covered_ns == max(whole) * PERIOD_NS
+        assert upstream.missing == max(0, sum(counts[:frames]) - messages)
+    assert upstream.covered_ns == len(counts) * PERIOD_NS
+
+
+@given(counts=counts, random=st.randoms(use_true_random=False))
+def test_in_the_end_no_order_of_arrival_matters(counts: list[int], random: random.Random) -> None:
+    upstream = Upstream("p", "host")
+    arrivals = [*enumerate(counts), *((None, n) for n in counts)]
+    random.shuffle(arrivals)
+    for period, n in arrivals:
+        if period is None:
+            upstream.arrive(n)
+        else:
+            upstream.close((period + 1) * PERIOD_NS, n)
+    assert upstream.covered_ns == len(counts) * PERIOD_NS
+    assert upstream.missing == 0
+
+
+class Talker:
+    """A node that closes each period with a frame, and remembers which frames it had when it computed.
+
+    Args:
+        name: Of its process and of its patch.
+        hears: The others; with a head start they cover one period before they have said a word.
+        periods: How many it computes.
+        silent_from: Period from which on it says nothing.
+        tolerated: Whom it can do without.
+        paced: Its periods follow the wall clock.
+    """
+
+    role = "cells"
+
+    def __init__(
+        self,
+        name: str,
+        hears: Sequence[str] = (),
+        *,
+        periods: int = 5,
+        silent_from: int = 99,
+        tolerated: Sequence[str] = (),
+        paced: bool = False,
+        peers: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.subscriptions = tuple(KEYS.of("frame", other) for other in hears)
+        self.upstreams: Mapping[str, Upstream] = {
+            other: Upstream(other, other, covered_ns=PERIOD_NS) for other in hears
+        }
+        self.senders = frozenset(hears)
+        self.tolerated = frozenset(tolerated)
+        self.peers = frozenset({name, *hears, *peers})
+        self.counters: Counter[str] = Counter()
+        self.paced = paced
+        self.periods, self.silent_from = periods, silent_from
+        self.t_ns = 0
+        self.heard: list[tuple[int, str]] = []
+        self.log: list[tuple[int, list[tuple[int, str]]]] = []
+        self.lost: list[str] = []
+
+    def start(self, put: Put) -> None: ...
+
+    def needs(self) -> Mapping[str, int] | None:
+        if self.t_ns >= self.periods * PERIOD_NS:
+            return None
+        return dict.fromkeys(self.upstreams, self.t_ns + PERIOD_NS)
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        frame = decode(payload, SkinFrame)
+        if frame.patch not in self.upstreams:
+            raise ProtocolError("who is that?")
+        self.heard.append((frame.t_ns, frame.patch))
+        self.upstreams[frame.patch].close(frame.covered_ns)
+
+    def lose(self, upstream: Upstream) -> None:
+        self.lost.append(upstream.name)
+
+    def due_ns(self) -> int:
+        return self.t_ns + PERIOD_NS
+
+    def step(self, put: Put) -> None:
+        due = sorted(frame for frame in self.heard if frame[0] < self.t_ns)
+        self.log.append((self.t_ns, due))
+        self.t_ns += PERIOD_NS
+        if self.t_ns <= self.silent_from * PERIOD_NS:
+            t_ns = self.t_ns - PERIOD_NS
+            frame = SkinFrame(patch=self.name, t_ns=t_ns, covered_ns=self.t_ns + PERIOD_NS, events=0)
+            put(KEYS.of("frame", self.name), encode(frame))
+
+    def news(self) -> tuple[str, bytes] | None:
+        return KEYS.of("state"), self.name.encode()
+
+    def result(self) -> Part:
+        return Part(self.name, self.role)
+
+
+class Jumbled:
+    """A transport that mixes what different senders sent; what one sent stays in its order."""
+
+    def __init__(self, transport: Transport, seed: int) -> None:
+        self._transport, self._random = transport, random.Random(seed)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+    async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
+        batch = await self._transport.receive(timeout_s, self._random.randint(1, enough))
+        by_key: dict[str, deque[Delivery]] = {}
+        for delivery in batch:
+            by_key.setdefault(delivery.key, deque()).append(delivery)
+        tickets = [delivery.key for delivery in batch]
+        self._random.shuffle(tickets)
+        return [by_key[key].popleft() for key in tickets]
+
+
+async def meet(
+    *nodes: Node, deadline_s: float = 20.0, seed: int | None = None, leave: bool = True
+) -> MemoryHub:
+    """Runs nodes together; each leaves when it is finished."""
+    hub = MemoryHub()
+
+    async def live(node: Node) -> None:
+        transport = hub.connect(node.name)
+        jumbled: Any = transport if seed is None else Jumbled(transport, seed)
+        await run_loop(node, jumbled, KEYS, deadline_s=deadline_s)
+        if leave:
+            transport.close()
+
+    async with asyncio.TaskGroup() as group:
+        for node in nodes:
+            group.create_task(live(node))
+    return hub
+
+
+TRIO = {"a": ("b", "c"), "b": ("a", "c"), "c": ("a", "b")}
+
+
+@pytest.mark.parametrize("seed", range(5))
+async def test_what_a_period_knows_does_not_depend_on_the_order_of_arrival(seed: int) -> None:
+    nodes = [Talker(name, hears, periods=12) for name, hears in TRIO.items()]
+    await meet(*nodes, seed=seed, leave=False)
+    for node in nodes:
+        everything = [
+            (t_ns, other) for t_ns in range(0, 12 * PERIOD_NS, PERIOD_NS) for other in TRIO[node.name]
+        ]
+        assert node.log == [
+            (k * PERIOD_NS, [frame for frame in everything if frame[0] < k * PERIOD_NS]) for k in range(12)
+        ]
+        assert not node.counters
+
+
+async def test_the_loop_begins_when_everybody_is_there() -> None:
+    hub = MemoryHub()
+    node = Talker("a", peers=("late",))
+    task = asyncio.create_task(run_loop(node, hub.connect("a"), KEYS, deadline_s=20.0))
+    for _ in range(10):
+        await asyncio.sleep(0)
+    assert not node.log
+    hub.connect("late").announce(KEYS.alive(Role.CELLS, "late"))
+    assert await task == {"a", "late"}
+    assert len(node.log) == 5
+
+
+async def test_watchers_hear_the_news() -> None:
+    hub = MemoryHub()
+    told: list[bytes] = []
+    hub.connect("watcher").tap(KEYS.of("state"), lambda _key, payload: told.append(payload))
+    await run_loop(Talker("a"), hub.connect("a"), KEYS, deadline_s=20.0)
+    assert told == [b"a"] * 5
+
+
+async def test_a_lost_upstream_that_is_tolerated() -> None:
+    a = Talker("a", ("b", "c"), periods=8, tolerated=("b",))
+    b, c = Talker("b", ("a", "c"), periods=3), Talker("c", ("a",), periods=8)
+    await meet(a, b, c)
+    assert a.lost == ["b"]
+    assert a.counters == {"lost_upstreams": 1}
+    assert len(a.log) == len(c.log) == 8
+    # its last words were heard, those of the others further on
+    assert {name: max(t for t, who in a.heard if who == name) for name in "bc"} == {"b": 2000, "c": 6000}
+
+
+async def test_a_lost_upstream_that_is_needed() -> None:
+    a, b = Talker("a", ("b",), periods=8), Talker("b", ("a",), periods=3)
+    with pytest.RaisesGroup(pytest.RaisesExc(UpstreamLostError, match=r"^a: b \(source of b\) is gone$")):
+        await meet(a, b)
+    assert len(a.log) == 4  # the head start, and the three periods that were closed
+
+
+async def test_a_silent_upstream_is_given_up_after_the_deadline() -> None:
+    a, b = Talker("a", ("b",)), Talker("b", ("a",), silent_from=2, periods=99, tolerated=("a",))
+    with pytest.RaisesGroup(pytest.RaisesExc(UpstreamLostError, match=r"a: b .*no frame for 0\.05 s")):
+        await meet(a, b, deadline_s=0.05)
+    assert len(a.log) == 3
+
+
+async def test_a_silent_upstream_that_is_tolerated() -> None:
+    a = Talker("a", ("b",), tolerated=("b",))
+    b = Talker("b", ("a",), silent_from=2, periods=3)
+    await meet(a, b, deadline_s=0.05, leave=False)
+    assert a.lost == ["b"]
+    assert len(a.log) == 5
+
+
+async def test_a_message_without_sense_is_counted_and_its_source_named_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    hub = MemoryHub()
+    stranger = hub.connect(OUTSIDE)
+    node = Talker("a", ("b",), periods=3)
+    node.subscriptions = (f"{KEYS.prefix}**",)
+    node.peers = frozenset({"a"})
+    task = asyncio.create_task(run_loop(node, hub.connect("a"), KEYS, deadline_s=20.0))
+    await asyncio.sleep(0)
+    good = [SkinFrame(patch="b", t_ns=t, covered_ns=t + PERIOD_NS, events=0) for t in (1000, 2000)]
+    other = encode(SkinFrame(patch="z", t_ns=0, covered_ns=10**9, events=0))
+    with caplog.at_level(logging.WARNING, "skinnet.loop"):
+        for frame in good:
+            stranger.put(KEYS.of("frame", "b"), b"\xc1 no message")
+            stranger.put(KEYS.of("frame", "b"), encode(Joints(t_ns=0, covered_ns=0, position_rad=[])))
+            stranger.put(KEYS.of("frame", "z"), other)
+            stranger.put(KEYS.prefix + "no/channel", b"x")
+            stranger.put(KEYS.of("frame", "b"), encode(frame))
+        await task
+    assert node.counters == {"malformed": 8}
+    assert len(caplog.records) == 3
+    for key in (KEYS.of("frame", "b"), KEYS.of("frame", "z"), KEYS.prefix + "no/channel"):
+        assert sum(f" {key}: " in record.getMessage() for record in caplog.records) == 1
+    assert [frame[0] for frame in node.heard] == [1000, 2000]
+
+
+class Behind:
+    """A wall clock that is always past the deadline."""
+
+    def wait_s(self, t_ns: int) -> float:
+        return -1.0
+
+
+async def alone(monkeypatch: pytest.MonkeyPatch, node: Talker, frames: int) -> None:
+    """Runs a node in real time that is behind; all frames of its only source came before it began."""
+    monkeypatch.setattr("skinnet.loop.WallPace", Behind)
+    hub = MemoryHub()
+    node.peers = frozenset({node.name})
+    transport = hub.connect(node.name)
+    transport.subscribe(node.subscriptions, ["b"])
+    node.subscriptions = ()
+    source = hub.connect("b")
+    for k in range(frames):
+        frame = SkinFrame(patch="b", t_ns=k * PERIOD_NS, covered_ns=(k + 2) * PERIOD_NS, events=0)
+        source.put(KEYS.of("frame", "b"), encode(frame))
+    await run_loop(node, transport, KEYS, deadline_s=20.0, realtime=True)
+
+
+async def test_who_is_behind_waits_for_nobody_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    node = Talker("a", ("b",), periods=6, paced=True)
+    await alone(monkeypatch, node, frames=0)
+    assert len(node.log) == 6
+    assert node.counters["late_frames"] == 5  # all but the head start
+    assert not node.lost
+
+
+async def test_who_is_behind_still_takes_in_what_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    node = Talker("a", ("b",), periods=6, paced=True)
+    await alone(monkeypatch, node, frames=3)
+    assert len(node.heard) == 3
+    assert node.counters["late_frames"] == 2  # periods 0 to 3 were covered
+
+
+async def test_a_body_that_is_behind_lets_the_others_of_its_process_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("skinnet.loop.WallPace", Behind)
+    hub = MemoryHub()
+    fast, steady = Talker("a", ("b",), periods=200, paced=True), Talker("b", ("a",), periods=20)
+    async with asyncio.TaskGroup() as group:
+        for node in (fast, steady):
+            group.create_task(run_loop(node, hub.connect(node.name), KEYS, deadline_s=20.0, realtime=True))
+    assert len(fast.heard) == 20
+    assert len(steady.log) == 20
+    assert steady.counters["late_frames"] == 0  # only the body follows the wall clock
+
+
+async def test_who_is_in_time_waits_for_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock moves only while somebody waits for it."""
+
+    class Asked:
+        now_s = 0.0
+
+        def wait_s(self, t_ns: int) -> float:
+            return t_ns * 1e-6 - Asked.now_s  # a period lasts a millisecond
+
+    class Waiting(Jumbled):
+        async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
+            assert timeout_s is not None
+            if timeout_s < 1.0:  # not the wait for peers
+                waits.append(timeout_s)
+                Asked.now_s += timeout_s
+            return await self._transport.receive(0.0)
+
+    monkeypatch.setattr("skinnet.loop.WallPace", Asked)
+    waits: list[float] = []
+    node = Talker("a", periods=4, paced=True)
+    transport: Any = Waiting(MemoryHub().connect("a"), 0)
+    await run_loop(node, transport, KEYS, deadline_s=20.0, realtime=True)
+    assert sum(waits) == pytest.approx(4e-3)
+    assert node.counters["late_frames"] == 0
+
+
+class RestingBody:
+    """A body that does not move: what it sends and when it waits is what matters."""
+
+    role = Role.BODY.value
+    paced = True
+
+    def __init__(self, deployment: Deployment) -> None:
+        self.name = "body"
+        self._spec = deployment
+        control = deployment.controller
+        self._controller = Upstream("controller", "controller", covered_ns=control.command_delay_ns)
+        self.upstreams: Mapping[str, Upstream] = {"controller": self._controller}
+        self.subscriptions = (KEYS.of("command"),)
+        self.peers = frozenset({"body", "controller", *deployment.host_patches()})
+        self.senders, self.tolerated = frozenset({"controller"}), frozenset[str]()
+        self.counters: Counter[str] = Counter()
+        self.t_ns, self.end_ns = 0, deployment.max_ns
+        self._pending: deque[Command] = deque()
+        self._configs: Counter[str] = Counter()
+        self._said_end: int | None = None
+        self._cells = {patch.name: patch.n_cells for patch in deployment.patches}
+
+    def start(self, put: Put) -> None:
+        self._publish(put)
+
+    def needs(self) -> dict[str, int] | None:
+        return {"controller": self.due_ns()} if self.t_ns < self.end_ns else None
+
+    def due_ns(self) -> int:
+        body, control = self._spec.body, self._spec.controller
+        return min(
+            next_multiple(self.t_ns, body.stimulus_ns),
+            next_multiple(self.t_ns, control.period_ns),
+            next_multiple(self.t_ns, control.period_ns, control.command_delay_ns),
+        )
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        command = decode(payload, Command)
+        self._controller.close(command.covered_ns)
+        self._pending.append(command)
+
+    def lose(self, upstream: Upstream) -> None: ...
+
+    def step(self, put: Put) -> None:
+        end_ns = self.due_ns()
+        while self._pending and self._pending[0].effect_ns <= self.t_ns:
+            command = self._pending.popleft()
+            self._configs.update(command.configs)
+            if command.end_ns is not None:
+                self.end_ns = self._said_end = command.end_ns
+        self.t_ns = end_ns
+        self._publish(put)
+
+    def _publish(self, put: Put) -> None:
+        t_ns = self.t_ns
+        if t_ns % self._spec.body.stimulus_ns == 0:
+            for host, patches in self._spec.host_patches().items():
+                felt = np.zeros((sum(self._cells[patch] for patch in patches), 8), dtype="<f4")
+                frame = Stimulus(
+                    host=host,
+                    t_ns=t_ns,
+                    covered_ns=t_ns,
+                    values=felt.tobytes(),
+                    configs=sum(self._configs.pop(patch, 0) for patch in patches),
+                    end_ns=self._said_end,
+                )
+                put(KEYS.of("stimulus", host), encode(frame))
+        if t_ns % self._spec.body.joints_ns == 0:
+            put(KEYS.of("joints"), encode(Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=[0.1, 0.2])))
+
+    def news(self) -> None: ...
+
+    def result(self) -> Part:
+        return Part(self.name, self.role)
+
+
+def robot(stimulus_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
+    """All nodes of a small robot, real but for the body."""
+    deployment = small(
+        hosts="per_patch",
+        run={"max_s": 0.2},
+        body={"stimulus_ms": stimulus_ms, "joints_ms": control_ms},
+        cells={"period_ms": stimulus_ms},
+        controller={"period_ms": control_ms, "command_delay_ms": delay_ms},
+    )
+    sizes = {patch.name: patch.n_cells for patch in deployment.patches}
+    hosts = [HostNode(deployment, name) for name in deployment.host_patches()]
+    return [RestingBody(deployment), *hosts, ControllerNode(deployment, "controller", sizes)]
+
+
+@pytest.mark.parametrize("periods_ms", [(4, 5, 3), (5, 4, 4), (4, 4, 1), (6, 4, 4), (4, 6, 2), (7, 1, 6)])
+async def test_cells_controller_and_body_need_no_longer_delay_than_is_asked_for(
+    periods_ms: tuple[int, int, int],
+) -> None:
+    nodes = robot(*periods_ms)
+    async with asyncio.timeout(60.0):  # and nobody sits out a deadline, not even at the end
+        await meet(*nodes, deadline_s=3600.0, leave=False)
+    assert nodes[-1].result().facts["done"]
+    assert nodes[0].t_ns == nodes[0].end_ns < 200_000_000
+    assert all(not node.counters for node in nodes)
+
+
+@pytest.mark.parametrize("periods_ms", [(4, 5, 2), (5, 4, 3), (6, 4, 3), (7, 1, 5)])
+async def test_with_a_shorter_delay_they_wait_for_each_other(periods_ms: tuple[int, int, int]) -> None:
+    """What `checks` refuses, and why."""
+    nodes = robot(*periods_ms)
+    with pytest.raises(ExceptionGroup) as group:
+        await meet(*nodes, deadline_s=0.2, leave=False)
+    for error in group.value.exceptions:  # who sees it first, and perhaps another
+        assert isinstance(error, UpstreamLostError)
+        assert "sent no frame" in str(error)
+    assert nodes[0].t_ns < 40_000_000
