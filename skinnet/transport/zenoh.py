@@ -11,6 +11,7 @@ puts in one period leave as one envelope for each kind of receivers, under
 """
 
 import json
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from typing import Any
@@ -29,6 +30,8 @@ _LEASE_MS = 2_000
 _WAIT_BEFORE_CLOSE_US = 120_000_000
 _CONNECT_TIMEOUT_MS = 60_000
 _KNOWN_KEYS = 100_000
+
+log = logging.getLogger(__name__)
 
 Envelope = list[tuple[str, bytes]]
 _seal = msgspec.msgpack.Encoder().encode
@@ -190,7 +193,10 @@ class ZenohTransport:
         self._entities.append(self._session.declare_queryable(expression, on_query))
 
     def close(self) -> None:
-        """Sends what is waiting and leaves."""
+        """Sends what is waiting and leaves, even if a peer is stuck and does not take the farewell."""
         self.flush()
         self._entities.clear()
-        self._session.close()
+        try:
+            self._session.close()
+        except zenoh.ZError as error:
+            log.warning("a peer did not answer when the session was closed: %s", str(error).splitlines()[0])
