@@ -176,13 +176,13 @@ class HostNode:
                 log.warning("%s/%d refused a configuration: %s", config.patch, config.cell, error)
 
     def _publish(self, put: Put, data: list[Delivered], start_ns: int, end_ns: int) -> None:
-        streams: dict[int, tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]] = {}
+        streams: dict[int, NDArray[Any]] = {}
         for patch, kind, rows, gateway, t_ns in data:
-            rows["cell"] -= self._wiring.first_cell[patch]
+            rows["cell"] -= rows["cell"].dtype.type(self._wiring.first_cell[patch])
             if kind == PacketKind.EVENT:
                 self._publishers[patch].events(put, rows, gateway, t_ns)
             else:
-                streams[patch] = rows, gateway, t_ns
+                streams[patch] = rows
         for patch, publisher in enumerate(self._publishers):
             formed_ns = self._network.formed_ns[patch]
             if formed_ns is not None and publisher.version == 0:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from skinnet.channels import Keys
 from skinnet.loop import Put
-from skinnet.messages import STREAM_ROW, Events, SkinFrame, Stream, Topology, encode
+from skinnet.messages import Events, SkinFrame, Stream, Topology, encode
 
 __all__ = ["PatchPublisher"]
 
@@ -74,7 +74,7 @@ class PatchPublisher:
         put: Put,
         t_ns: int,
         covered_ns: int,
-        stream: tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]] | None,
+        stream: NDArray[Any] | None,
     ) -> None:
         """Closes the period from `t_ns` to `covered_ns`.
 
@@ -82,24 +82,17 @@ class PatchPublisher:
             put: Where to send.
             t_ns: Begin of the period.
             covered_ns: Its end.
-            stream: Full readings of the period, in the order of delivery: rows of `PAYLOAD` with cells of
-                this patch, their gateways and times of delivery; None if nothing streamed.
+            stream: Full readings of the period, in the order of delivery: `STREAM_ROW` with cells of this
+                patch, without their sequence numbers; None if nothing streamed.
         """
         events, self._events = self._events, 0
         if stream is None:
             frame = SkinFrame(patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events)
             self._send(put, self._frame_key, encode(frame))
             return
-        rows, gateway, delivered_ns = stream
-        out = np.empty(len(rows), dtype=STREAM_ROW)
-        out["t_sampled_ns"] = rows["t_sampled_ns"]
-        out["t_delivered_ns"] = delivered_ns
-        out["seq"] = self._next_seq(len(rows))
-        out["values"] = rows["values"]
-        out["cell"] = rows["cell"]
-        out["gateway"] = gateway
+        stream["seq"] = self._next_seq(len(stream))
         message = Stream(
-            patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events, rows=out.tobytes()
+            patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events, rows=stream.tobytes()
         )
         self._send(put, self._stream_key, encode(message))
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cells.encoding import Emission
+from cells.exchange import enter, take_readings
 from cells.formation_driver import FormationDriver
 from cells.formation_gateway import Phase
 from cells.formation_packets import handshake_ns
@@ -14,12 +15,13 @@ from cells.packets import PacketKind, PacketPool
 from cells.routing import formed_routes
 from cells.wiring import Wiring
 from skinnet.deployment.schema import CellSpec, NetworkSpec
-from skinnet.messages import Config, Topology
+from skinnet.messages import STREAM_ROW, Config, Topology
 from skinnet.network.network import Finished
 from skinnet.network.records import Outcome
 
 __all__ = ["Delivered", "SkinNetwork"]
 
+_READING, _DELIVERED = int(PacketKind.READING), int(Outcome.DELIVERED)
 _LATENCY_BINS = 100_001
 """Microseconds up to 0.1 s; the last bin takes what is longer."""
 
@@ -27,7 +29,8 @@ _LATENCY_BINS = 100_001
 class Delivered(NamedTuple):
     """Data of one kind that reached the interface of a patch, in the order of delivery.
 
-    `rows` are rows of `PAYLOAD` whose cells are host-wide numbers; `gateway` is the interface's port.
+    `rows` are `PAYLOAD` of events, or `STREAM_ROW` of full readings, whose cells are host-wide numbers;
+    `gateway` is the interface's port.
     """
 
     patch: int
@@ -56,6 +59,7 @@ class SkinNetwork:
         )
         self.formed_ns: list[int | None] = [None] * len(wiring.patches)
         self.reached = np.zeros(wiring.n_cells, dtype=np.bool_)
+        self._interface_of_cell = wiring.interface[wiring.patch_of_node[wiring.node_of_cell]]
         self.latency_us = np.zeros(_LATENCY_BINS, dtype=np.int64)
         self.latency_max_ns = 0
         self._offered = np.zeros(len(PacketKind), dtype=np.int64)
@@ -69,25 +73,16 @@ class SkinNetwork:
         self, t_sampled_ns: NDArray[np.int64], emission: Emission, readings: NDArray[np.float32]
     ) -> None:
         """Cells send what they have to say of the samples that they took at `t_sampled_ns` (cells,)."""
-        cells = np.concatenate([emission.cell, emission.full])
         n_events = len(emission.cell)
-        ids = self._pool.take(len(cells))
-        rows = np.zeros(len(cells), dtype=self._pool.rows.dtype)
-        rows["t_sampled_ns"] = t_sampled_ns[cells]
-        rows["cell"] = cells
-        rows["kind"][n_events:] = PacketKind.READING
-        events = rows[:n_events]
-        events["modality"], events["channel"] = emission.modality, emission.channel
-        events["event_kind"], events["level"], events["value"] = emission.kind, emission.level, emission.value
-        rows["values"][n_events:] = readings[emission.full]
-        self._pool.rows[ids] = rows
+        n = n_events + len(emission.full)
+        ids = self._pool.take(n)
+        cell, t_ns = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+        enter(*emission, readings, t_sampled_ns, ids, self._pool.rows, cell, t_ns)
         self._offered[PacketKind.EVENT] += n_events
-        self._offered[PacketKind.READING] += len(cells) - n_events
-        size = np.full(len(cells), self._spec.stream_bytes)
+        self._offered[PacketKind.READING] += n - n_events
+        size = np.full(n, self._spec.stream_bytes)
         size[:n_events] = self._spec.event_bytes
-        node = self.wiring.node_of_cell[cells]
-        dest = self.wiring.interface[self.wiring.patch_of_node[node]]
-        self.kernel.offer(rows["t_sampled_ns"], node, dest, size, ids)
+        self.kernel.offer(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
 
     def send_config(self, t_ns: int, cell: int, config: Config) -> None:
         """The interface sends a configuration down to a cell (host-wide number)."""
@@ -100,7 +95,8 @@ class SkinNetwork:
     def advance(self, until_ns: int) -> tuple[list[Delivered], list[tuple[int, Config]]]:
         """Lets time pass; returns data by patch, and configurations by cell, in the order of delivery."""
         if all(t_ns is not None for t_ns in self.formed_ns):
-            return self._sort(self._let_form(self.kernel.advance(until_ns)))
+            finished = self.kernel.advance(until_ns)
+            return self._sort(finished if self._at_rest else self._let_form(finished))
         rest = []
         while self.kernel.now_ns < until_ns:
             step_ns = self.formation.horizon_ns(until_ns)
@@ -109,6 +105,11 @@ class SkinNetwork:
         self._note_formed(until_ns)
         # as one: what a formed patch says may not depend on others that still form
         return self._sort(Finished._make(map(np.concatenate, zip(*rest, strict=True))))
+
+    @property
+    def _at_rest(self) -> bool:
+        """No packet of formation is on its way."""
+        return self.formation.sent == int(self._ended[PacketKind.FORMATION].sum())
 
     def topology(self, patch: int, t_ns: int) -> Topology:
         """What the cells of a formed patch found out."""
@@ -152,39 +153,59 @@ class SkinNetwork:
 
     def _sort(self, finished: Finished) -> tuple[list[Delivered], list[tuple[int, Config]]]:
         """Takes data and configurations that ended apart, and frees their rows."""
-        if not len(finished.packet_id):
+        packet_id = finished.packet_id
+        if not len(packet_id):
             return [], []
-        rows = self._pool.rows[finished.packet_id]
-        kind = rows["kind"]
-        np.add.at(self._ended, (kind, finished.outcome), 1)
-        arrived = finished.outcome == Outcome.DELIVERED
-        configs: list[tuple[int, Config]] = [
-            (int(rows["cell"][i]), self._pool.contents[int(finished.packet_id[i])])
-            for i in np.flatnonzero(arrived & (kind == PacketKind.CONFIG))
-        ]
-        data = [
-            one
-            for wanted in (PacketKind.EVENT, PacketKind.READING)
-            for one in self._by_patch(wanted, rows, finished, arrived & (kind == wanted))
-        ]
-        self._pool.free(finished.packet_id)
+        kind = self._pool.rows["kind"][packet_id]
+        arrived = finished.outcome == _DELIVERED
+        is_reading = arrived & (kind == _READING)
+        data: list[Delivered] = []
+        configs: list[tuple[int, Config]] = []
+        if is_reading.all():
+            self._ended[_READING, _DELIVERED] += len(packet_id)
+        else:
+            np.add.at(self._ended, (kind, finished.outcome), 1)
+            for i in np.flatnonzero(arrived & (kind == PacketKind.CONFIG)).tolist():
+                row = int(packet_id[i])
+                configs.append((int(self._pool.rows["cell"][row]), self._pool.contents[row]))
+            data += self._events_by_patch(finished, np.flatnonzero(arrived & (kind == PacketKind.EVENT)))
+        data += self._readings_by_patch(finished, np.flatnonzero(is_reading))
+        self._pool.free(packet_id)
         return data, configs
 
-    def _by_patch(
-        self, kind: PacketKind, rows: NDArray[Any], finished: Finished, chosen: NDArray[np.bool_]
-    ) -> list[Delivered]:
-        index = np.flatnonzero(chosen)
+    def _events_by_patch(self, finished: Finished, index: NDArray[np.int64]) -> list[Delivered]:
         if not len(index):
             return []
-        patch = self.wiring.patch_of_node[finished.node[index]]
-        order = np.argsort(patch, kind="stable")
-        index, patch = index[order], patch[order]
-        rows, t_ns = rows[index], finished.t_ns[index]
-        gateway = self.wiring.topology.dst_port[finished.link[index]]
-        latency_ns = t_ns - rows["t_sampled_ns"]
+        patch, gateway = self._ends(finished)
+        self._note_latency(finished, index)
+        return [
+            Delivered(
+                int(p), PacketKind.EVENT, self._pool.rows[finished.packet_id[i]], gateway[i], finished.t_ns[i]
+            )
+            for p in np.unique(patch[index])
+            for i in (index[patch[index] == p],)
+        ]
+
+    def _readings_by_patch(self, finished: Finished, index: NDArray[np.int64]) -> list[Delivered]:
+        if not len(index):
+            return []
+        patch, gateway = self._ends(finished)
+        self._note_latency(finished, index)
+        rows = np.empty(len(index), dtype=STREAM_ROW)
+        start = np.empty(len(self.wiring.patches) + 1, dtype=np.int64)
+        take_readings(index, finished.packet_id, finished.t_ns, patch, gateway, self._pool.rows, start, rows)
+        return [
+            Delivered(p, PacketKind.READING, rows[a:b], rows["gateway"][a:b], rows["t_delivered_ns"][a:b])
+            for p, (a, b) in enumerate(pairwise(start.tolist()))
+            if b > a
+        ]
+
+    def _ends(self, finished: Finished) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Patch in which each packet ended, and the port of the node at which it came in."""
+        return self.wiring.patch_of_node[finished.node], self.wiring.topology.dst_port[finished.link]
+
+    def _note_latency(self, finished: Finished, index: NDArray[np.int64]) -> None:
+        sampled_ns = self._pool.rows["t_sampled_ns"][finished.packet_id[index]]
+        latency_ns = finished.t_ns[index] - sampled_ns
         np.add.at(self.latency_us, np.minimum(latency_ns // 1000, _LATENCY_BINS - 1), 1)
         self.latency_max_ns = max(self.latency_max_ns, int(latency_ns.max()))
-        bounds = [0, *(np.flatnonzero(patch[1:] != patch[:-1]) + 1).tolist(), len(patch)]
-        return [
-            Delivered(int(patch[a]), kind, rows[a:b], gateway[a:b], t_ns[a:b]) for a, b in pairwise(bounds)
-        ]
