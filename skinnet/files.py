@@ -11,6 +11,9 @@ import msgspec
 
 __all__ = ["replacing", "write_bytes", "write_json"]
 
+_UMASK = os.umask(0)
+os.umask(_UMASK)
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[IO[bytes]]:
@@ -19,6 +22,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
+            os.fchmod(handle, 0o666 & ~_UMASK)  # a temporary file is for its owner only
             yield file
             file.flush()
             os.fsync(file.fileno())

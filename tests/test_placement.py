@@ -226,3 +226,9 @@ def test_shipped_patches_are_each_in_one_piece() -> None:
         )
         assert connected_components(graph, directed=False)[0] == 1
         assert (pdist(placed.position_m) > 0.95 * PITCH_M).all()
+
+
+def test_islands_are_refused() -> None:
+    """One column of cells cannot be wired through: no port looks to where the third row is."""
+    with pytest.raises(DeploymentError, match=r"patches\.p: no wire leads from cell 2 \(2 in all\)"):
+        place_all([patch(columns=1, rows=4)], CELLS)

@@ -33,14 +33,14 @@ def test_the_log_is_the_same(
     assert other["sim_s"] == reference["sim_s"]
 
 
-@pytest.mark.parametrize("setting", ["seed=2", "network.hop_delay_us=186.0", "network.queue_packets=0"])
+@pytest.mark.parametrize("setting", ["seed=2", "network.hop_delay_us=186.0", "network.bits_per_s=500000"])
 def test_the_log_differs_when_anything_else_does(
     reference: dict[str, Any], tmp_path: Path, setting: str
 ) -> None:
     other = run(TOUCH, tmp_path, "--in-process", settings=(*SHORT, setting))
     assert other["log_sha256"] != reference["log_sha256"]
     assert other["figures"]["network.conserved"]
-    assert bool(other["figures"]["network.dropped"]) == setting.startswith("network.queue")
+    assert bool(other["figures"]["network.dropped"]) == setting.startswith("network.bits")
 
 
 def test_nothing_is_lost_and_touch_is_answered(reference: dict[str, Any]) -> None:

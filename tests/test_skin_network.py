@@ -18,7 +18,7 @@ from cells.wiring import wire
 from skinnet.deployment import Deployment
 from skinnet.messages import Config, Topology
 from skinnet.network.records import Outcome
-from skinnet.skin.placement import place_all
+from skinnet.skin.placement import place
 
 PERIOD_NS = 4_000_000
 PATCHES = (patch("arm", 4, 3, (0, 2), (11, 0)), patch("hand", 3, 1), patch("chest", 5, 4, (7, 0)))
@@ -27,7 +27,7 @@ PATCHES[2]["interfaces"] = [{"cell": 19, "port": 0}]
 
 def network_of(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, Deployment]:
     deployment = small(*(patches or PATCHES), **tables)
-    placed = place_all(deployment.patches, deployment.cells)
+    placed = tuple(place(patch, deployment.cells) for patch in deployment.patches)
     network = SkinNetwork(wire(placed, deployment.network), deployment.cells, deployment.network, 1)
     network.start(0)
     return network, deployment

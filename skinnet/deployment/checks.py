@@ -16,6 +16,7 @@ _TAKEN = ("body", "cells", "controller", "outside")
 def check(deployment: Deployment) -> None:
     """Raises DeploymentError with key, value and what is allowed if the parts do not fit together."""
     _check_periods(deployment)
+    _check_network(deployment)
     _check_patches(deployment)
     _check_hosts(deployment)
     _check_sensors(deployment.cells)
@@ -51,6 +52,15 @@ def _check_periods(deployment: Deployment) -> None:
         raise DeploymentError(
             f"controller.command_delay_ms = {control.command_delay_ns / 1e6:g}: body and controller would "
             f"wait for each other; at least {lag_ns / 1e6:g} with these periods"
+        )
+
+
+def _check_network(deployment: Deployment) -> None:
+    queue = deployment.network.queue_packets
+    if queue in (0, 1):
+        raise DeploymentError(
+            f"network.queue_packets = {queue}: cells report in bursts of three while the network forms; at "
+            "least 2, or -1 for no bound"
         )
 
 

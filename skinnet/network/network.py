@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skinnet.compiled import compiled
 from skinnet.network import kernel
 from skinnet.network.layout import bucket_shifts, lay_out, with_room, with_routes
+from skinnet.network.offers import require, survey
 from skinnet.network.records import ENDED, FAR_NS, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
 from skinnet.network.results import Counters, Finished, LinkCounters
 from skinnet.network.routes import NO_LINK, Routes
@@ -164,16 +164,14 @@ class Network:
             return
         local = link != NO_LINK
         last_node = self.topology.n_nodes - 1
-        sound, sorted_, any_local, least = _survey(
-            t_ns, node, dest, size_bytes, link, state.now_ns, last_node
-        )
+        sound, sorted_, any_local, least = survey(t_ns, node, dest, size_bytes, link, state.now_ns, last_node)
         if not sound:
-            _require("t_ns", t_ns, state.now_ns, FAR_NS - 1)
-            _require("node", node, 0, last_node)
-            _require("dest", np.where(local, 0, dest), 0, last_node)
-            _require("size_bytes", size_bytes, 1, kernel.MAX_SIZE_BYTES)
+            require("t_ns", t_ns, state.now_ns, FAR_NS - 1)
+            require("node", node, 0, last_node)
+            require("dest", np.where(local, 0, dest), 0, last_node)
+            require("size_bytes", size_bytes, 1, kernel.MAX_SIZE_BYTES)
         if any_local:
-            _require("link", link, NO_LINK, self.topology.n_links - 1)
+            require("link", link, NO_LINK, self.topology.n_links - 1)
             if (self.topology.src[link[local]] != node[local]).any():
                 raise ValueError("a packet is offered to a link that does not leave its node")
             rank[local] = self._rank[link[local]]
@@ -283,37 +281,6 @@ class Network:
                 links["jitter_ns"][rank] = jitter_ns
             case Routes(node, dest, rank):
                 state.arrays = with_routes(state.arrays, self.topology, node, dest, rank)
-
-
-@compiled
-def _survey(
-    t_ns: NDArray[np.int64],
-    node: NDArray[np.int64],
-    dest: NDArray[np.int64],
-    size_bytes: NDArray[np.int64],
-    link: NDArray[np.int64],
-    now_ns: int,
-    last_node: int,
-) -> tuple[bool, bool, bool, int]:
-    """Whether all is in range, in order of time, whether anything is for one link only; the least size."""
-    sound, in_order, any_local = True, True, False
-    least = size_bytes[0]
-    for i in range(t_ns.size):
-        local = link[i] != NO_LINK
-        any_local |= local
-        sound &= now_ns <= t_ns[i] < FAR_NS and 0 <= node[i] <= last_node
-        sound &= (local or 0 <= dest[i] <= last_node) and 1 <= size_bytes[i] <= kernel.MAX_SIZE_BYTES
-        in_order &= i == 0 or t_ns[i - 1] <= t_ns[i]
-        least = min(least, size_bytes[i])
-    return sound, in_order, any_local, least
-
-
-def _require(name: str, values: NDArray[np.int64], lowest: int, highest: int) -> None:
-    if values.min() < lowest or values.max() > highest:
-        raise ValueError(
-            f"{name} of offered packets goes from {values.min()} to {values.max()}; "
-            f"allowed are {lowest} to {highest}"
-        )
 
 
 def _columns(ended: Records) -> Finished:

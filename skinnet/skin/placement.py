@@ -7,6 +7,8 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skinnet.deployment.schema import CellSpec, LatticeSpec, PatchSpec, PlacedCell
@@ -73,9 +75,12 @@ def place_all(patches: Iterable[PatchSpec], cells: CellSpec) -> tuple[PlacedPatc
     """Places all `patches` of a robot.
 
     Raises:
-        DeploymentError: as `place`, or cells of two patches on one body overlap.
+        DeploymentError: as `place`, or no wire leads from a cell to an interface, or cells of two patches on
+            one body overlap.
     """
     placed = tuple(place(patch, cells) for patch in patches)
+    for one in placed:
+        _refuse_islands(one)
     reach = _OVERLAP * pitch_m(cells.side_m)
     for one, other in combinations(placed, 2):
         if one.body != other.body:
@@ -168,6 +173,21 @@ def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch
         if along_a[port_a] > _FACING and along_b[port_b] > _FACING:
             wires.append((a, port_a, b, port_b))
     return np.array(wires, dtype=np.int64).reshape(-1, 4)
+
+
+def _refuse_islands(patch: PlacedPatch) -> None:
+    """Every cell needs a way over wires to some interface."""
+    ones = np.ones(len(patch.wires), dtype=np.int8)
+    ends = (patch.wires[:, 0], patch.wires[:, 2])
+    graph = coo_array((ones, ends), shape=(patch.n_cells, patch.n_cells))
+    _, group = connected_components(graph, directed=False)
+    cut_off = np.flatnonzero(~np.isin(group, group[patch.interfaces[:, 0]]))
+    if len(cut_off):
+        raise DeploymentError(
+            f"patches.{patch.name}: no wire leads from cell {cut_off[0]} ({len(cut_off)} in all) to an "
+            "interface; ports sit on the edges at 0°, 60°, 180° and 240°: add columns, turn the cells, or wire "
+            "an interface to it"
+        )
 
 
 def _check_interfaces(
