@@ -185,7 +185,7 @@ def _refuse_islands(patch: PlacedPatch) -> None:
     if len(cut_off):
         raise DeploymentError(
             f"patches.{patch.name}: no wire leads from cell {cut_off[0]} ({len(cut_off)} in all) to an "
-            "interface; ports sit on the edges at 0°, 60°, 180° and 240°: add columns, turn the cells, or wire "
+            "interface; ports sit on the edges at 0°, 60°, 180° and 240°: add columns, turn cells, or wire "
             "an interface to it"
         )
 
