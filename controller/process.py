@@ -134,7 +134,7 @@ class ControllerNode:
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
         alive = [patch for patch in self._patches.values() if not patch.lost]
-        ready = all(patch.name in self._topology for patch in alive)
+        ready = all(self._formed(patch.name) for patch in alive)
         t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
         tick, events, stream = self._brain.tick(t_ns, position, t_ns, t_skin_ns, ready=ready)
         self._finished = self._brain.done
@@ -156,6 +156,11 @@ class ControllerNode:
         self._note(position, events, stream, payload)
         self._trace.add(t_ns, tick.velocity_rad_s, self._brain.felt)
         self._t_ns += self._period_ns
+
+    def _formed(self, patch: str) -> bool:
+        """Whether a patch was formed by this tick; a host that is ahead may tell of it before its time."""
+        topology = self._topology.get(patch)
+        return topology is not None and topology.t_ns <= self._t_ns
 
     def _send_configs(self, put: Put, tick: Tick, effect_ns: int) -> dict[str, int]:
         counts: Counter[str] = Counter()

@@ -300,7 +300,13 @@ KEYS = Keys("bot")
 class Wired:
     """A controller node whose skin is at rest; patches that are not named have lost their host."""
 
-    def __init__(self, *program: str, here: tuple[str, ...] = ("arm", "hand"), lost: bool = True) -> None:
+    def __init__(
+        self,
+        *program: str,
+        here: tuple[str, ...] = ("arm", "hand"),
+        lost: bool = True,
+        formed_ns: int = 0,
+    ) -> None:
         control = FAST | {"program": program}
         deployment: Deployment = small(controller=control, hosts="per_patch", run={"may_be_lost": ("cells",)})
         self.node = ControllerNode(deployment, "controller", SIZES)
@@ -313,7 +319,7 @@ class Wired:
             found = Topology(
                 patch=patch,
                 version=1,
-                t_ns=0,
+                t_ns=formed_ns,
                 network_id=[1] * n,
                 gateway=[0] * n,
                 master_port=[0] * n,
@@ -459,3 +465,9 @@ def test_what_makes_no_sense_changes_nothing(
         assert upstream.missing == 0
     assert [told.step() for _ in range(5)] == [calm.step() for _ in range(5)]
     assert told.result.facts == calm.result.facts
+
+
+def test_a_network_is_not_used_before_it_was_formed() -> None:
+    """A host that is ahead tells of it early; when its message arrives must not matter."""
+    wired = Wired("bow", formed_ns=2 * TICK_NS + 1)
+    assert [wired.step().stage for _ in range(5)] == ["", "", "", "bow", "bow"]
