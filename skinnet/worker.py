@@ -90,7 +90,7 @@ def _settle_on(cpu: int) -> None:
     """Stays on one core, and lets whoever computes there finish before it takes its turn.
 
     Each frame wakes threads in several processes. If they preempt each other, everybody computes with cold
-    caches: a run then takes 1.2 to 1.5 times as long.
+    caches (figures in docs/decisions.md).
     """
     os.sched_setaffinity(0, {cpu})
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
