@@ -51,7 +51,7 @@ def test_the_contracts_of_imports_hold() -> None:
         ("zenoh", ("skinnet/transport/zenoh.py",)),
         ("asyncio", ("skinnet/transport/mailbox.py", "skinnet/worker.py", "skinnet/run/")),
         ("mujoco", ("skinnet/body/",)),
-        ("typer", ("skinnet/cli.py",)),
+        ("typer", ("skinnet/cli/",)),
         ("numba", ("skinnet/compiled.py",)),
     ],
 )

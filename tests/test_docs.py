@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import typer.main
 
-from skinnet.cli import app
+from skinnet.cli.main import app
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
 from skinnet.skin.placement import place

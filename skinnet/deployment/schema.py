@@ -8,11 +8,17 @@ the integer nanoseconds that the properties give.
 import math
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, field
+
+from skinnet.deployment.faults import FaultRule
+from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.script import ScriptSpec
+from skinnet.deployment.table import Levels, Name, NonNegative, PortName, Positive, Table, Vector, ns_of_ms
 
 __all__ = [
     "AccelerometerSpec",
     "BodySpec",
+    "BridgeSpec",
     "CellSpec",
     "ControllerSpec",
     "Deployment",
@@ -35,27 +41,10 @@ __all__ = [
     "TeacherSpec",
     "TemperatureSpec",
     "TouchSpec",
-    "ns_of_ms",
 ]
 
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+$", min_length=1, max_length=64)]
-Vector = tuple[float, float, float]
-Levels = Annotated[tuple[float, ...], Meta(min_length=1, max_length=4)]
-"""Thresholds of one modality: as many as Table I [M14] has, or fewer."""
 
-
-def ns_of_ms(value_ms: float) -> int:
-    """Integer nanoseconds of a time in milliseconds."""
-    return round(value_ms * 1e6)
-
-
-class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A TOML table: unknown keys are refused."""
-
-
-class RunSpec(_Table, frozen=True, kw_only=True):
+class RunSpec(Table, frozen=True, kw_only=True):
     """How long and at which pace a run goes, and who may be lost on the way."""
 
     max_s: Positive = 300.0
@@ -69,7 +58,7 @@ class RunSpec(_Table, frozen=True, kw_only=True):
     """Processes whose loss does not end the run; "cells" stands for every cell host."""
 
 
-class ServoSpec(_Table, frozen=True, kw_only=True):
+class ServoSpec(Table, frozen=True, kw_only=True):
     """Stiff position servos that turn velocity commands into position targets *(assumed)*."""
 
     kp_nm_per_rad: Positive = 3000.0
@@ -78,7 +67,7 @@ class ServoSpec(_Table, frozen=True, kw_only=True):
     torque_limit_nm: Positive = 400.0
 
 
-class FoamSpec(_Table, frozen=True, kw_only=True):
+class FoamSpec(Table, frozen=True, kw_only=True):
     """Elastic foundation (Winkler) between the rigid surface and the face of the cells.
 
     Stiffness: pads of 1–2 MPa/m held well in the feasibility study; thickness and damping are assumed.
@@ -90,7 +79,7 @@ class FoamSpec(_Table, frozen=True, kw_only=True):
     friction: NonNegative = 0.6
 
 
-class SwaySpec(_Table, frozen=True, kw_only=True):
+class SwaySpec(Table, frozen=True, kw_only=True):
     """Motion of the reference part by a balancing lower body: one sine per listed joint *(assumed)*."""
 
     joints: tuple[str, ...] = ()
@@ -98,7 +87,7 @@ class SwaySpec(_Table, frozen=True, kw_only=True):
     frequency_hz: Positive = 0.3
 
 
-class BodySpec(_Table, frozen=True, kw_only=True):
+class BodySpec(Table, frozen=True, kw_only=True):
     """The MuJoCo body: any MJCF."""
 
     model: str
@@ -106,12 +95,12 @@ class BodySpec(_Table, frozen=True, kw_only=True):
     reference: str
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Controlled hinge joints, in the order of commands and feedback."""
-    home_rad: dict[str, float] = {}
+    home_rad: dict[str, float] = field(default_factory=dict)
     physics_ms: Positive = 1.0
     stimulus_ms: Positive = 4.0
     joints_ms: Positive = 5.0
     ambient_c: float = 23.0
-    body_temperature_c: dict[str, float] = {}
+    body_temperature_c: dict[str, float] = field(default_factory=dict)
     servo: ServoSpec = field(default_factory=ServoSpec)
     foam: FoamSpec = field(default_factory=FoamSpec)
     sway: SwaySpec = field(default_factory=SwaySpec)
@@ -132,7 +121,7 @@ class BodySpec(_Table, frozen=True, kw_only=True):
         return ns_of_ms(self.joints_ms)
 
 
-class TouchSpec(_Table, frozen=True, kw_only=True):
+class TouchSpec(Table, frozen=True, kw_only=True):
     """One touch of the teacher's finger on a cell, along the cell's normal.
 
     The finger appears `approach_m` above the face of the foam, approaches at `speed_m_s`, then holds a
@@ -153,7 +142,7 @@ class TouchSpec(_Table, frozen=True, kw_only=True):
     hold_s: NonNegative = 0.5
 
 
-class TeacherSpec(_Table, frozen=True, kw_only=True):
+class TeacherSpec(Table, frozen=True, kw_only=True):
     """A teacher's finger: a warm sphere on a scripted path."""
 
     tip_radius_m: Positive = 0.008
@@ -161,7 +150,7 @@ class TeacherSpec(_Table, frozen=True, kw_only=True):
     touches: tuple[TouchSpec, ...] = ()
 
 
-class ForceSpec(_Table, frozen=True, kw_only=True):
+class ForceSpec(Table, frozen=True, kw_only=True):
     """Force cells: reading 0.05 ≈ 0.6 N and 0.14 ≈ 1.0 N [M14]; the ends of the curve are assumed."""
 
     calibration_n: tuple[float, ...] = (0.0, 0.6, 1.0, 4.822)
@@ -176,7 +165,7 @@ class ForceSpec(_Table, frozen=True, kw_only=True):
     delta: Positive = 0.02
 
 
-class ProximitySpec(_Table, frozen=True, kw_only=True):
+class ProximitySpec(Table, frozen=True, kw_only=True):
     """Proximity sensor: reacts from about 5 cm [M14]; reading = (d0 / (d0 + distance))² *(assumed law)*."""
 
     reach_m: Positive = 0.05
@@ -189,7 +178,7 @@ class ProximitySpec(_Table, frozen=True, kw_only=True):
     delta: Positive = 0.02
 
 
-class AccelerometerSpec(_Table, frozen=True, kw_only=True):
+class AccelerometerSpec(Table, frozen=True, kw_only=True):
     """Tri-axial accelerometer: ±8 g, 4 mg per LSB [T11]."""
 
     range_g: Positive = 8.0
@@ -198,7 +187,7 @@ class AccelerometerSpec(_Table, frozen=True, kw_only=True):
     delta_g: Positive = 0.1
 
 
-class TemperatureSpec(_Table, frozen=True, kw_only=True):
+class TemperatureSpec(Table, frozen=True, kw_only=True):
     """Temperature sensor: 0.06 °C, −5…55 °C, time constant 2.6 s [T11]."""
 
     lsb_c: Positive = 0.06
@@ -209,13 +198,13 @@ class TemperatureSpec(_Table, frozen=True, kw_only=True):
     delta_c: Positive = 0.5
 
 
-class EncodingSpec(_Table, frozen=True, kw_only=True):
+class EncodingSpec(Table, frozen=True, kw_only=True):
     """How readings become packets."""
 
     kind: Literal["levels", "delta", "clock"] = "levels"
 
 
-class CellSpec(_Table, frozen=True, kw_only=True):
+class CellSpec(Table, frozen=True, kw_only=True):
     """The HEX-o-SKIN cell."""
 
     period_ms: Positive = 4.0
@@ -236,7 +225,7 @@ class CellSpec(_Table, frozen=True, kw_only=True):
         return ns_of_ms(self.period_ms)
 
 
-class LatticeSpec(_Table, frozen=True, kw_only=True):
+class LatticeSpec(Table, frozen=True, kw_only=True):
     """A hexagonal lattice of `rows` × `columns` cells on a plane, or wrapped around a cylinder.
 
     `origin_m` is the middle of the lattice on the rigid surface, `normal` points outwards and `up` along the
@@ -252,7 +241,7 @@ class LatticeSpec(_Table, frozen=True, kw_only=True):
     radius_m: Positive | None = None
 
 
-class PlacedCell(_Table, frozen=True, kw_only=True):
+class PlacedCell(Table, frozen=True, kw_only=True):
     """One cell placed by hand, on the rigid surface, in the frame of the body.
 
     `x_axis` points from the centre to the edge of port 0.
@@ -263,14 +252,14 @@ class PlacedCell(_Table, frozen=True, kw_only=True):
     x_axis: Vector
 
 
-class InterfaceSpec(_Table, frozen=True, kw_only=True):
+class InterfaceSpec(Table, frozen=True, kw_only=True):
     """A free port of a boundary cell that is wired to the computer."""
 
     cell: Annotated[int, Meta(ge=0)]
     port: Annotated[int, Meta(ge=0, le=3)]
 
 
-class PatchSpec(_Table, frozen=True, kw_only=True):
+class PatchSpec(Table, frozen=True, kw_only=True):
     """A patch of HEX-o-SKIN cells on one body, placed by a lattice or cell by cell."""
 
     name: Name
@@ -285,7 +274,14 @@ class PatchSpec(_Table, frozen=True, kw_only=True):
         return len(self.cells) if self.lattice is None else self.lattice.columns * self.lattice.rows
 
 
-class NetworkSpec(_Table, frozen=True, kw_only=True):
+class BridgeSpec(Table, frozen=True, kw_only=True):
+    """A wire from a free port of a cell to a free port of a cell of another patch: "patch/cell:port"."""
+
+    a: PortName
+    b: PortName
+
+
+class NetworkSpec(Table, frozen=True, kw_only=True):
     """Cell-to-cell links: UART of 2 Mbit/s, 10 bits a byte, packets of 8 and 23 bytes [T11].
 
     The hop delay makes a 23-byte packet take the measured 300 µs a hop [T11]; the queue is assumed.
@@ -303,7 +299,7 @@ class NetworkSpec(_Table, frozen=True, kw_only=True):
     """One event message per gateway and period instead of one per cell."""
 
 
-class StructureSpec(_Table, frozen=True, kw_only=True):
+class StructureSpec(Table, frozen=True, kw_only=True):
     """Structural exploration, with the paper's timing [M14, VI.A]."""
 
     step_rad: Positive = 0.1
@@ -313,7 +309,7 @@ class StructureSpec(_Table, frozen=True, kw_only=True):
     threshold_g: Positive = 0.01
 
 
-class MapSpec(_Table, frozen=True, kw_only=True):
+class MapSpec(Table, frozen=True, kw_only=True):
     """Exploration of the sensory-motor map by velocity sines of 0.3 rad/s (frequency: FACTS.md)."""
 
     amplitude_rad_s: Positive = 0.3
@@ -323,7 +319,7 @@ class MapSpec(_Table, frozen=True, kw_only=True):
     cut: NonNegative = 0.05
 
 
-class StageSpec(_Table, frozen=True, kw_only=True):
+class StageSpec(Table, frozen=True, kw_only=True):
     """One stage of the controller's program."""
 
     kind: Literal["structure", "map", "posture", "guide"]
@@ -337,13 +333,13 @@ class StageSpec(_Table, frozen=True, kw_only=True):
     accuracy_rad: Positive = 0.01
 
 
-class ReactionSpec(_Table, frozen=True, kw_only=True):
+class ReactionSpec(Table, frozen=True, kw_only=True):
     """Tactile reactions as a whole."""
 
     enabled: bool = True
 
 
-class SafetySpec(_Table, frozen=True, kw_only=True):
+class SafetySpec(Table, frozen=True, kw_only=True):
     """The last clamp before the body *(assumed)*."""
 
     joint_speed_rad_s: Positive = 1.2
@@ -353,7 +349,7 @@ class SafetySpec(_Table, frozen=True, kw_only=True):
     """From full speed to rest when input is stale, and back when it is fresh again."""
 
 
-class ControllerSpec(_Table, frozen=True, kw_only=True):
+class ControllerSpec(Table, frozen=True, kw_only=True):
     """The brain."""
 
     period_ms: Positive = 5.0
@@ -361,7 +357,7 @@ class ControllerSpec(_Table, frozen=True, kw_only=True):
     """From the tick to the moment a command takes effect; one control period unless set."""
     program: Annotated[tuple[Name, ...], Meta(min_length=1)]
     stages: dict[str, StageSpec]
-    poses_rad: dict[str, tuple[float, ...]] = {}
+    poses_rad: dict[str, tuple[float, ...]] = field(default_factory=dict)
     structure: StructureSpec = field(default_factory=StructureSpec)
     map: MapSpec = field(default_factory=MapSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
@@ -378,7 +374,7 @@ class ControllerSpec(_Table, frozen=True, kw_only=True):
         return ns_of_ms(self.period_ms if self.command_delay_ms is None else self.command_delay_ms)
 
 
-class Deployment(_Table, frozen=True, kw_only=True):
+class Deployment(Table, frozen=True, kw_only=True):
     """One complete run."""
 
     name: Name
@@ -391,6 +387,12 @@ class Deployment(_Table, frozen=True, kw_only=True):
     cells: CellSpec = field(default_factory=CellSpec)
     network: NetworkSpec = field(default_factory=NetworkSpec)
     patches: Annotated[tuple[PatchSpec, ...], Meta(min_length=1)]
+    bridges: tuple[BridgeSpec, ...] = ()
+    power: PowerSpec | None = None
+    """Solve the power network; without this table every cell has power."""
+    faults: tuple[FaultRule, ...] = ()
+    script: ScriptSpec | None = None
+    """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
     controller: ControllerSpec
 

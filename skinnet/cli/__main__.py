@@ -1,0 +1,5 @@
+"""`python -m skinnet.cli`."""
+
+from skinnet.cli.main import main
+
+main()

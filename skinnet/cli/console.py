@@ -1,0 +1,50 @@
+"""What commands share: the terminal, options of the same name, and where results go."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from rich.console import Console
+
+from skinnet.errors import DeploymentError
+from skinnet.files import write_json
+
+__all__ = ["File", "Json", "Out", "Set", "console", "seed_range", "write_report"]
+
+_PLAIN_WIDTH = 120
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="Deployment, a TOML file.")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Overrides a setting; may be repeated. Values are TOML."),
+]
+Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Writes the result as JSON.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; runs/NAME-TIME unless given.")]
+
+
+def console(stderr: bool = False) -> Console:
+    """The terminal; what is not one gets lines that are wide enough."""
+    terminal = Console(stderr=stderr)
+    return terminal if terminal.is_terminal else Console(stderr=stderr, width=_PLAIN_WIDTH)
+
+
+def write_report(report: dict[str, Any], target: str | None) -> None:
+    """Writes `report` as JSON to a file, or to standard output for "-"; nothing for None."""
+    if target == "-":
+        sys.stdout.write(msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
+    elif target is not None:
+        write_json(Path(target), report)
+
+
+def seed_range(text: str) -> range:
+    """The seeds of "A-B".
+
+    Raises:
+        DeploymentError: it is not written so.
+    """
+    first, dash, last = text.partition("-")
+    if not (dash and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
+        raise DeploymentError(f"--seeds {text}: write it as A-B with A not above B, for example 1-20")
+    return range(int(first), int(last) + 1)

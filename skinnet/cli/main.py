@@ -1,0 +1,65 @@
+"""The program `skinnet`: its commands, and what every failure looks like."""
+
+import contextlib
+import signal
+import sys
+from typing import Annotated
+
+import typer
+
+from skinnet import __version__
+from skinnet.cli import run
+from skinnet.errors import DeploymentError, ModelError, PortInUseError, SkinnetError
+
+__all__ = ["app", "main"]
+
+BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Simulates whole-body robot skin: contact, cell-to-cell network, Zenoh, controller, MuJoCo body.",
+    epilog=run.EXAMPLES,
+)
+app.command(epilog=run.EXAMPLES)(run.run)
+app.command()(run.check)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"skinnet {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Prints the version.")
+    ] = False,
+) -> None:
+    """Options of the program as a whole."""
+
+
+def main() -> None:
+    """Entry point: one clear line for whatever a user can cause, and an exit code that tells."""
+    code: object = 0
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
+    try:
+        app()
+    except (DeploymentError, ModelError, PortInUseError) as error:
+        sys.stderr.write(f"skinnet: {error}\n")
+        code = BAD_INPUT
+    except SkinnetError as error:
+        sys.stderr.write(f"skinnet: {error}\n")
+        code = FAILED
+    except OSError as error:
+        sys.stderr.write(f"skinnet: {error.filename or 'output'}: {error.strerror}\n")
+        code = FAILED
+    except KeyboardInterrupt:
+        sys.stderr.write("skinnet: stopped\n")
+        code = INTERRUPTED
+    with contextlib.suppress(BrokenPipeError):
+        sys.stdout.flush()
+    sys.exit(code)  # type: ignore[arg-type]

@@ -1,0 +1,83 @@
+"""`skinnet run` and `skinnet check`: one deployment, for one seed or many."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from skinnet.cli.console import File, Json, Out, Set, console, seed_range, write_report
+from skinnet.errors import DeploymentError
+from skinnet.files import write_json
+from skinnet.run.explain import explain
+from skinnet.run.launch import Order, prepare, run_once
+from skinnet.run.progress import Progress
+from skinnet.run.table import print_summary
+
+__all__ = ["EXAMPLES", "check", "run"]
+
+EXAMPLES = """
+Examples:
+
+  skinnet run deployments/hrp2_touch.toml
+
+  skinnet run deployments/hrp2_touch.toml --set controller.reactions.enabled=false --seed 3
+
+  skinnet run deployments/hrp2_touch.toml --seeds 1-20 --set 'controller.program=["structure"]' --json -
+
+  skinnet run deployments/hrp2_touch.toml --set hosts=per_patch --out runs/seven_hosts
+
+  skinnet check my_robot.toml
+"""
+
+
+def run(
+    file: File,
+    settings: Set = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed, instead of the deployment's.")] = None,
+    seeds: Annotated[str | None, typer.Option(metavar="A-B", help="Runs every seed from A to B.")] = None,
+    in_process: Annotated[
+        bool, typer.Option("--in-process", help="Everything in one process, without Zenoh.")
+    ] = False,
+    pace: Annotated[
+        str | None, typer.Option(metavar="lockstep|realtime", help="Instead of the deployment's.")
+    ] = None,
+    out: Out = None,
+    json: Json = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(metavar="ENDPOINT", help="Where watchers join, e.g. tcp/127.0.0.1:7447."),
+    ] = None,
+    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots and a picture.")] = True,
+) -> None:
+    """Runs a deployment."""
+    overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
+    order = Order(file, overrides, in_process, listen, plots)
+    terminal = console(stderr=json == "-")
+    folder = out or Path("runs") / f"{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    if seeds is None:
+        report = _run_seed(order, seed, folder, terminal)
+        print_summary(terminal, report, folder)
+    else:
+        if seed is not None:
+            raise DeploymentError("--seed and --seeds: give one of them")
+        reports = [
+            _run_seed(order, number, folder / f"seed-{number}", terminal) for number in seed_range(seeds)
+        ]
+        for number, single in zip(seed_range(seeds), reports, strict=True):
+            print_summary(terminal, single, folder / f"seed-{number}")
+        report = {"runs": reports}
+        write_json(folder / "summary.json", report)
+    write_report(report, json)
+
+
+def _run_seed(order: Order, seed: int | None, folder: Path, terminal: Console) -> dict[str, Any]:
+    deployment = prepare(order, seed)
+    return run_once(order, deployment, folder, Progress(terminal))
+
+
+def check(file: File, settings: Set = None) -> None:
+    """Validates a deployment; prints its processes, channels, cells and periods."""
+    order = Order(file, tuple(settings or ()))
+    explain(console(), prepare(order))

@@ -1,0 +1,45 @@
+"""What the tables of a deployment are made of: the frozen base, and types that say what is allowed."""
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+__all__ = [
+    "CellName",
+    "Levels",
+    "Name",
+    "NonNegative",
+    "PortName",
+    "Positive",
+    "Share",
+    "Table",
+    "Vector",
+    "ns_of_ms",
+    "ns_of_s",
+]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+$", min_length=1, max_length=64)]
+Vector = tuple[float, float, float]
+CellName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+$")]
+"""A cell: "patch/cell"."""
+PortName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+:[0-3]$")]
+"""A port of a cell: "patch/cell:port"."""
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Levels = Annotated[tuple[float, ...], Meta(min_length=1, max_length=4)]
+"""Thresholds of one modality: as many as Table I [M14] has, or fewer."""
+
+
+def ns_of_ms(value_ms: float) -> int:
+    """Integer nanoseconds of a time in milliseconds."""
+    return round(value_ms * 1e6)
+
+
+def ns_of_s(value_s: float) -> int:
+    """Integer nanoseconds of a time in seconds."""
+    return round(value_s * 1e9)
+
+
+class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A TOML table: unknown keys are refused."""
