@@ -1,0 +1,1 @@
+"""The link budget of a deployment, before it runs."""
