@@ -16,14 +16,16 @@ from skinnet.deployment.schema import CellSpec
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.messages import FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
 
-__all__ = ["ENCODINGS", "Emission", "Encoder"]
+__all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Emission", "Encoder", "EncoderState"]
 
 ENCODINGS = ("levels", "delta", "clock")
 _BY_LEVELS, _BY_DELTA, _BY_CLOCK = range(len(ENCODINGS))
 _N = len(READING_NAMES)
 _WIDTH = (FORCE_CHANNELS, 1, 3, 1)
-_MODALITY = tuple(int(modality) for modality in Modality for _ in range(_WIDTH[modality]))
-_CHANNEL = tuple(channel for width in _WIDTH for channel in range(width))
+MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_WIDTH[modality]))
+"""Modality of each column of a reading."""
+CHANNEL_OF = tuple(channel for width in _WIDTH for channel in range(width))
+"""Channel within its modality of each column of a reading."""
 _LEVEL_CHANNELS = FORCE_CHANNELS + 1
 _LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL), int(EventKind.DELTA)
 
@@ -42,6 +44,18 @@ class Emission(NamedTuple):
     level: NDArray[np.uint8]
     value: NDArray[np.float32]
     full: NDArray[np.int64]
+
+
+class EncoderState(NamedTuple):
+    """Settings of cells, and what each has last said; opaque, one entry a cell in each array."""
+
+    encoding: NDArray[np.uint8]
+    stream: NDArray[np.bool_]
+    levels: NDArray[np.float32]
+    hysteresis: NDArray[np.float64]
+    deltas: NDArray[np.float64]
+    level: NDArray[np.uint8]
+    sent: NDArray[np.float64]
 
 
 class Encoder:
@@ -68,15 +82,20 @@ class Encoder:
         try:
             # float32, as readings are: a reading that equals a threshold has reached it
             thresholds = np.array([checked_levels(levels)[m] for m in LEVELS], dtype=np.float32)
-            self._levels = np.tile(thresholds, (n_cells, 1, 1))
-            self._hysteresis = np.tile([checked_hysteresis(hysteresis)[m] for m in LEVELS], (n_cells, 1))
-            self._deltas = np.tile([checked_deltas(deltas)[m] for m in DELTAS], (n_cells, 1))
+            margins = np.array([checked_hysteresis(hysteresis)[m] for m in LEVELS])
+            steps = np.array([checked_deltas(deltas)[m] for m in DELTAS])
         except ValueError as error:
             raise DeploymentError(f"cells: {error}") from error
-        self._encoding = np.full(n_cells, ENCODINGS.index(spec.encoding.kind), dtype=np.uint8)
-        self._stream = np.zeros(n_cells, dtype=np.bool_)
-        self._level = np.zeros((n_cells, _LEVEL_CHANNELS), dtype=np.uint8)
-        self._sent = np.full((n_cells, _N), np.nan)
+        self._fresh = EncoderState(
+            encoding=np.array([ENCODINGS.index(spec.encoding.kind)], dtype=np.uint8),
+            stream=np.zeros(1, dtype=np.bool_),
+            levels=thresholds[None],
+            hysteresis=margins[None],
+            deltas=steps[None],
+            level=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
+            sent=np.full((1, _N), np.nan),
+        )
+        self._state = EncoderState._make(np.repeat(column, n_cells, axis=0) for column in self._fresh)
         room = n_cells * _N
         self._columns = Emission(
             cell=np.empty(room, dtype=np.int64),
@@ -91,24 +110,14 @@ class Encoder:
     @property
     def level(self) -> NDArray[np.uint8]:
         """Levels (n, 4) last sent: three force cells, proximity; a read-only view."""
-        view = self._level.view()
+        view = self._state.level.view()
         view.flags.writeable = False
         return view
 
     def encode(self, readings: NDArray[np.float32]) -> Emission:
         """What is sent of `readings` (n, 8), the next sample of every cell."""
-        assert readings.shape == self._sent.shape
-        events, full = _encode(
-            readings,
-            self._encoding,
-            self._stream,
-            self._levels,
-            self._hysteresis,
-            self._deltas,
-            self._level,
-            self._sent,
-            *self._columns,
-        )
+        assert readings.shape == self._state.sent.shape
+        events, full = _encode(readings, *self._state, *self._columns)
         columns: tuple[NDArray[Any], ...] = self._columns
         return Emission._make([*(column[:events] for column in columns[:-1]), self._columns.full[:full]])
 
@@ -118,8 +127,9 @@ class Encoder:
         Raises:
             ProtocolError: a setting does not hold; then none has changed.
         """
-        if not 0 <= cell < len(self._encoding):
-            raise ProtocolError(f"config of cell {cell}: the patch has cells 0 to {len(self._encoding) - 1}")
+        state = self._state
+        if not 0 <= cell < len(state.encoding):
+            raise ProtocolError(f"config of cell {cell}: the patch has cells 0 to {len(state.encoding) - 1}")
         if config.encoding is not None and config.encoding not in ENCODINGS:
             raise ProtocolError(
                 f"config of cell {cell}: encoding {config.encoding!r}; use one of {ENCODINGS}"
@@ -131,17 +141,31 @@ class Encoder:
         except ValueError as error:
             raise ProtocolError(f"config of cell {cell}: {error}") from error
         for name, thresholds in levels.items():
-            self._levels[cell, LEVELS.index(name)] = thresholds
+            state.levels[cell, LEVELS.index(name)] = thresholds
         for name, margin in hysteresis.items():
-            self._hysteresis[cell, LEVELS.index(name)] = margin
+            state.hysteresis[cell, LEVELS.index(name)] = margin
         for name, delta in deltas.items():
-            self._deltas[cell, DELTAS.index(name)] = delta
+            state.deltas[cell, DELTAS.index(name)] = delta
         if config.stream is not None:
-            self._stream[cell] = config.stream
+            state.stream[cell] = config.stream
         if config.encoding is not None:
-            if ENCODINGS.index(config.encoding) != self._encoding[cell]:
-                self._sent[cell] = np.nan
-            self._encoding[cell] = ENCODINGS.index(config.encoding)
+            if ENCODINGS.index(config.encoding) != state.encoding[cell]:
+                state.sent[cell] = np.nan
+            state.encoding[cell] = ENCODINGS.index(config.encoding)
+
+    def reset(self, cells: NDArray[np.int64]) -> None:
+        """`cells` are switched on again: they know the deployment's settings only and have said nothing."""
+        columns: tuple[NDArray[Any], ...] = self._state
+        for column, fresh in zip(columns, self._fresh, strict=True):
+            column[cells] = fresh
+
+    def snapshot(self) -> EncoderState:
+        """A copy of all that changes with time."""
+        return EncoderState._make(column.copy() for column in self._state)
+
+    def restore(self, state: EncoderState) -> None:
+        """Goes back, or forth, to the moment at which an encoder of as many cells gave `state`."""
+        self._state = EncoderState._make(column.copy() for column in state)
 
 
 @compiled
@@ -186,7 +210,7 @@ def _encode(
             channels = _N
         for channel in range(channels):
             reading = float(readings[cell, channel])
-            modality = _MODALITY[channel]
+            modality = MODALITY_OF[channel]
             level = 0
             if encoding[cell] == _BY_LEVELS:
                 kind = _LEVEL_EVENT
@@ -202,7 +226,7 @@ def _encode(
                 sent[cell, channel] = reading
             event_cell[events] = cell
             event_modality[events] = modality
-            event_channel[events] = _CHANNEL[channel]
+            event_channel[events] = CHANNEL_OF[channel]
             event_kind[events] = kind
             event_level[events] = level
             event_value[events] = readings[cell, channel]

@@ -1,208 +1,338 @@
-"""A cell's part in forming the network [UCD]: a state machine without I/O.
+"""A cell's part in forming the network [UCD] and in keeping it: a state machine without I/O.
 
-Four phases follow a sync of a new epoch, which resets the cell:
+The gateway starts an *epoch*. Its first is *cold*, no cell has a number:
 
-1. Sync: HELLO floods; after the handshake's time each cell knows its working links.
-2. Exploration: the first EXPLORE to arrive sets the master port and goes on over all other working links.
-   Tokens that meet on a link reject each other; a cell whose links have all answered sends DONE with the
-   size of its tree to its master (the echo algorithm of Chang, 1982), so the gateway learns when the
-   forest is complete, and its size, with no other knowledge.
-3. Identity: IDs are handed down depth first; the interval below each port is the routing table.
-4. Neighbours: IDs are exchanged over all working links. COLLECT walks the tree depth first, so one cell at
-   a time reports to the computer: reports do not pile up before the gateway's link, whatever its queue.
+1. Exploration: the first EXPLORE to arrive sets the master port and goes on over all other links. Tokens that
+   meet on a link reject each other; a cell whose links have all answered sends DONE with the size of its tree
+   to its master (the echo algorithm of Chang, 1982), so the gateway learns when the forest is complete.
+2. Identity: IDs are handed down depth first.
+3. Neighbours: IDs are exchanged over all links. COLLECT walks the tree depth first, so one cell at a time
+   reports to the computer: reports do not pile up before the gateway's link, whatever its queue.
+
+Whoever notices that a link has come or gone tells the gateway (CHANGE), which starts a *warm* epoch: cells
+keep their IDs, and each that finds its new master says so at once (JOINED), upwards, which is also how the
+nodes on the way learn where it is; then it tells its neighbours (LINKS). So it does not matter what an
+earlier epoch lost. A cell without ID asks for one (NEWCOMER) through its neighbour.
 
 Whoever drives a cell delivers packets at their times and, at one instant, in the order of ports. The first
-call wins a tie. Packets may be lost: the formation then halts, and the gateway starts another epoch.
+call wins a tie. The links below (`LinkLayer`) keep packets complete and in order.
 """
 
-from cells.formation_packets import (
-    ID_BITS,
-    REPORTS_PER_CELL,
-    FormationPacket,
-    Handshake,
-    Kind,
-    Sends,
-    is_newer,
-)
+from cells.formation_packets import ID_BITS, REPORTS_PER_CELL, FormationPacket, Kind, Sends, is_newer
+from cells.link_layer import LinkLayer
+from cells.neighbourhood import Neighbourhood
 from skinnet.skin.lattice import N_PORTS
 
 __all__ = ["CellFormation"]
 
 
 class CellFormation:
-    """One cell while the network forms, and what it has found out.
+    """One cell while the network forms and lives, and what it has found out.
 
     Attributes:
         uid: Hardware number of the cell.
         epoch: Formation that the cell takes part in; None before the first.
         master_port: Port towards the gateway; None while unreached.
         network_id: ID of the cell; 0 while it has none.
+        joined_ns: When it found its present master [ns].
+        route_changes: Routes that are new: (ID or 0 for the computer, port); the reader empties the list.
         ignored: Packets of other epochs, or out of turn, that were dropped.
     """
 
-    def __init__(self, uid: int, handshake_ns: int) -> None:
-        """A cell that waits `handshake_ns` for its neighbours to answer (see `handshake_ns`)."""
+    def __init__(self, uid: int, resend_ns: int, life: int = 0) -> None:
+        """A cell that is switched on, after `life` earlier times, with no line to hear yet."""
         self.uid = uid
+        self.links = LinkLayer(N_PORTS, resend_ns, life)
         self.epoch: int | None = None
-        self.ignored = 0
-        self._handshake_ns = handshake_ns
-        self._reset()
-
-    def _reset(self) -> None:
-        self.master_port: int | None = None
         self.network_id = 0
-        self._links = Handshake(N_PORTS)
-        self._settled_ns: int | None = None
-        self._early_tokens: list[int] = []
+        self.master_port: int | None = None
+        self.joined_ns: int | None = None
+        self.route_changes: list[tuple[int, int]] = []
+        self.ignored = 0
+        self._routes: dict[int, int] = {}
+        self._warm = False
+        self._hops = 0
+        self._neighbours = Neighbourhood()
+        self._newcomers: list[tuple[int, int]] = []
+        self._begin_epoch()
+
+    def _begin_epoch(self) -> None:
         self._unanswered: set[int] = set()
         self._tree_size = [0] * N_PORTS
-        self._first_below = [0] * N_PORTS
-        self._neighbour: list[int | None] = [None] * N_PORTS
         self._my_turn = False
         self._to_collect: list[int] = []
         self._expected_reports = 0
 
     def next_deadline(self) -> int | None:
         """When `on_deadline` is to be called [ns], if at all."""
-        return self._settled_ns
+        return self.links.next_deadline()
 
     def next_port(self, network_id: int) -> int | None:
         """Port towards the cell `network_id` (0: the computer); None if it is this cell."""
-        if network_id == self.network_id:
-            return None
-        for port, first in enumerate(self._first_below):
-            if first <= network_id < first + self._tree_size[port]:
-                return port
-        return self.master_port
+        return None if network_id == self.network_id else self._routes.get(network_id, self.master_port)
+
+    def set_carrier(self, port: int, present: bool, t_ns: int) -> Sends:
+        """What to send when the line at a port is heard from now on, or no longer."""
+        self.links.set_carrier(port, present, t_ns)
+        return self._after(t_ns)
+
+    def on_deadline(self, t_ns: int) -> Sends:
+        """What to send when something is overdue."""
+        self.links.on_deadline(t_ns)
+        return self._after(t_ns)
 
     def handle(self, packet: FormationPacket, port: int, t_ns: int) -> Sends:
         """What to send when `packet` arrives on `port`."""
-        if packet.epoch != self.epoch:
-            if packet.kind != Kind.HELLO or not is_newer(packet.epoch, self.epoch):
-                self.ignored += 1
-                return []
-            self._reset()
-            self.epoch = packet.epoch
-            self._settled_ns = t_ns + self._handshake_ns
-            return self._links.greet(packet.epoch, heard_on=port)
-        sends = self.on_deadline(t_ns)  # a deadline that is due comes before the packet
+        new = self.links.receive(port, packet, t_ns)
+        if new is not None:
+            self._dispatch(new, port, t_ns)
+        return self._after(t_ns)
+
+    def _dispatch(self, packet: FormationPacket, port: int, t_ns: int) -> None:
         match packet.kind:
-            case Kind.UNIT | Kind.LINKS:
-                sends += self._on_report(packet, port)
-            case Kind.HELLO:
-                sends += self._links.hear(packet, port)
             case Kind.EXPLORE:
-                sends += self._on_explore(port)
-            case Kind.DONE:
-                sends += self._on_done(packet.value, port)
-            case Kind.ASSIGN:
-                sends += self._on_assign(packet.cell, port)
+                self._on_explore(packet, port, t_ns)
             case Kind.IDENTITY:
-                sends += self._on_identity(packet.cell, port)
+                self._on_identity(packet, port, t_ns)
+            case Kind.LINKS if self._warm or packet.epoch != self.epoch:
+                self._up(packet, t_ns)
+            case Kind.CHANGE:
+                self._up(packet, t_ns)
+            case Kind.NEWCOMER:
+                self._on_newcomer(packet, port, t_ns)
+            case Kind.ADOPT:
+                self._on_adopt(packet, t_ns)
+            case _ if packet.epoch != self.epoch:
+                self.ignored += 1
+            case Kind.DONE:
+                self._on_done(packet.value, port, t_ns)
+            case Kind.ASSIGN:
+                self._on_assign(packet.cell, port, t_ns)
             case Kind.COLLECT:
-                sends += self._on_collect(port)
+                self._on_collect(port, t_ns)
+            case Kind.UNIT | Kind.LINKS:
+                self._on_report(packet, port, t_ns)
+            case Kind.JOINED:
+                self._learn(packet.cell, port)
+                self._up(packet, t_ns)
+            case _:
+                self.ignored += 1
+
+    def _after(self, t_ns: int) -> Sends:
+        """Lets links that came or went have their consequences; returns all that is to be sent."""
+        links = self.links
+        while links.changes:
+            port, is_up = links.changes.pop(0)
+            if is_up:
+                self._on_link_up(port, t_ns)
+            else:
+                self._on_link_down(port, t_ns)
+        sends, links.out = links.out, []
         return sends
 
-    def on_deadline(self, t_ns: int) -> Sends:
-        """What to send when the handshake's time is over; nothing before."""
-        if self._settled_ns is None or t_ns < self._settled_ns:
-            return []
-        self._settled_ns = None
-        return [send for port in self._early_tokens for send in self._on_explore(port)]
+    # links that come and go
+
+    def _on_link_up(self, port: int, t_ns: int) -> None:
+        if self.network_id:
+            self._send(port, self._identity(), t_ns)
+        self._tell_change(port, True, t_ns)
+
+    def _on_link_down(self, port: int, t_ns: int) -> None:
+        self._neighbours.lose(port)
+        if port in self._unanswered:
+            self._unanswered.remove(port)
+            self._echo(t_ns)
+        self._tell_change(port, False, t_ns)
+        self._tell_links(t_ns)
+
+    def _tell_change(self, port: int, is_up: bool, t_ns: int) -> None:
+        if self._has_way():
+            self._up(self._packet(Kind.CHANGE, self.network_id, port, int(is_up)), t_ns)
+
+    def _tell_links(self, t_ns: int) -> None:
+        """Tells the computer of neighbours that are others than it knows."""
+        if self._unanswered or not (self._warm and self.network_id and self._has_way()):
+            return  # where cells are comes first
+        for port, one, other in self._neighbours.untold():
+            self._up(self._packet(Kind.LINKS, self.network_id, port, one | other << ID_BITS), t_ns)
+
+    # exploration
+
+    def _on_explore(self, token: FormationPacket, port: int, t_ns: int) -> None:
+        if token.cell:
+            self._neighbours.note(port, token.cell, token.port >> 1)
+        if is_newer(token.epoch, self.epoch):
+            self._join(token, port, t_ns)
+        elif token.epoch != self.epoch:
+            self.ignored += 1
+        elif port in self._unanswered:
+            self._unanswered.remove(port)
+            self._echo(t_ns)
+        else:
+            self._send(port, self._token(), t_ns)
+        self._tell_links(t_ns)
+
+    def _join(self, token: FormationPacket, port: int, t_ns: int) -> None:
+        """A new epoch: the port of its first token is the master."""
+        self._begin_epoch()
+        self.epoch, self._warm, self._hops = token.epoch, bool(token.port & 1), token.value + 1
+        if not self._warm or self._neighbours.age != token.port >> 1:
+            self.network_id = 0  # what it has is from another formation
+        self._neighbours.age = token.port >> 1
+        self._neighbours.tell_all_again()
+        self.master_port, self.joined_ns = port, t_ns
+        self.route_changes.append((0, port))
+        others = [other for other in self.links.ports_up() if other != port]
+        self._unanswered = set(others)
+        for other in others:
+            self._send(other, self._token(), t_ns)
+        if self._warm and self.network_id:
+            self._tell_joined(t_ns)
+        elif self._warm:
+            self._send(port, self._packet(Kind.NEWCOMER, value=self.uid), t_ns)
+        self._echo(t_ns)
+
+    def _token(self) -> FormationPacket:
+        return self._packet(Kind.EXPLORE, self.network_id, self._neighbours.age << 1 | self._warm, self._hops)
+
+    def _on_done(self, tree_size: int, port: int, t_ns: int) -> None:
+        if port not in self._unanswered:
+            self.ignored += 1
+            return
+        self._unanswered.remove(port)
+        self._tree_size[port] = tree_size
+        self._echo(t_ns)
+
+    def _echo(self, t_ns: int) -> None:
+        if not self._unanswered:
+            self._up(self._packet(Kind.DONE, value=1 + sum(self._tree_size)), t_ns)
+            self._tell_links(t_ns)
+
+    # identity
+
+    def _on_assign(self, network_id: int, port: int, t_ns: int) -> None:
+        if port != self.master_port or self.network_id:
+            self.ignored += 1
+            return
+        self.network_id = network_id
+        first = network_id + 1
+        if not self._warm:
+            for child in self._children():
+                self._send(child, self._packet(Kind.ASSIGN, cell=first), t_ns)
+                first += self._tree_size[child]
+        for link in self.links.ports_up():
+            self._send(link, self._identity(), t_ns)
+        if self._warm:
+            self._tell_joined(t_ns)
+        newcomers, self._newcomers = self._newcomers, []
+        for below, uid in newcomers:
+            self._up(self._packet(Kind.NEWCOMER, network_id, below, uid), t_ns)
+
+    def _on_identity(self, packet: FormationPacket, port: int, t_ns: int) -> None:
+        is_news = self._neighbours.note(port, packet.cell, packet.port)
+        self._report(t_ns)
+        if is_news and port == self.master_port and self._warm and self.network_id:
+            self._tell_joined(t_ns)  # the parent had no ID yet when this cell joined
+        else:
+            self._tell_links(t_ns)
+
+    def _tell_joined(self, t_ns: int) -> None:
+        assert self.master_port is not None
+        parent = self._neighbours.at(self.master_port) or 0
+        value = self._hops | parent << ID_BITS
+        self._neighbours.tell_all_again()
+        self._up(self._packet(Kind.JOINED, self.network_id, self.master_port, value), t_ns)
+        self._tell_links(t_ns)
+
+    def _on_newcomer(self, packet: FormationPacket, port: int, t_ns: int) -> None:
+        """A neighbour without ID asks for one, or another cell passes on what its neighbour asked."""
+        if packet.cell:
+            self._up(packet, t_ns)
+        elif self.network_id:
+            self._up(packet._replace(cell=self.network_id, port=port), t_ns)
+        else:
+            self._newcomers.append((port, packet.value))
+
+    def _on_adopt(self, packet: FormationPacket, t_ns: int) -> None:
+        mine = packet.cell == self.network_id
+        port = packet.port if mine else self._routes.get(packet.cell)
+        if port is None or not self.links.is_up(port):
+            self.ignored += 1
+        elif mine:
+            self._send(port, self._packet(Kind.ASSIGN, cell=packet.value), t_ns)
+        else:
+            self._send(port, packet, t_ns)
+
+    def _learn(self, network_id: int, port: int) -> None:
+        """Packets for a cell go where its own came from."""
+        if self._routes.get(network_id) != port:
+            self._routes[network_id] = port
+            self.route_changes.append((network_id, port))
+
+    # reports of the first formation
+
+    def _on_collect(self, port: int, t_ns: int) -> None:
+        if port != self.master_port or not self.network_id:
+            self.ignored += 1
+            return
+        self._my_turn = True
+        self._report(t_ns)
+
+    def _report(self, t_ns: int) -> None:
+        """This cell's reports, once it is its turn and its neighbours are known, then its child's turn."""
+        if not self._my_turn or not self._neighbours.complete(self.links.ports_up()):
+            return
+        self._my_turn = False
+        assert self.master_port is not None
+        self._up(self._packet(Kind.UNIT, self.network_id, self.master_port, self.uid), t_ns)
+        for port, one, other in self._neighbours.untold():
+            self._up(self._packet(Kind.LINKS, self.network_id, port, one | other << ID_BITS), t_ns)
+        self._to_collect = self._children()
+        self._collect_next(t_ns)
+
+    def _collect_next(self, t_ns: int) -> None:
+        if self._to_collect:
+            child = self._to_collect[0]
+            self._expected_reports = REPORTS_PER_CELL * self._tree_size[child]
+            self._send(child, self._packet(Kind.COLLECT), t_ns)
+
+    def _on_report(self, packet: FormationPacket, port: int, t_ns: int) -> None:
+        if not self._to_collect or port != self._to_collect[0]:
+            self.ignored += 1
+            return
+        if packet.kind is Kind.UNIT:
+            self._learn(packet.cell, port)
+        self._expected_reports -= 1
+        self._up(packet, t_ns)
+        if self._expected_reports == 0:
+            self._to_collect.pop(0)
+            self._collect_next(t_ns)
+
+    # what all of these need
+
+    def _children(self) -> list[int]:
+        return [port for port, size in enumerate(self._tree_size) if size]
 
     def _packet(self, kind: Kind, cell: int = 0, port: int = 0, value: int = 0) -> FormationPacket:
         assert self.epoch is not None
         return FormationPacket(kind, self.epoch, cell, port, value)
 
-    def _to_master(self, packet: FormationPacket) -> Sends:
-        assert self.master_port is not None
-        return [(self.master_port, packet)]
+    def _identity(self) -> FormationPacket:
+        return self._packet(Kind.IDENTITY, self.network_id, self._neighbours.age)
 
-    def _on_explore(self, port: int) -> Sends:
-        if self._settled_ns is not None:
-            self._early_tokens.append(port)
-            return []
-        token = self._packet(Kind.EXPLORE)
-        self._links.up[port] = True  # a token proves the link, even if our last answer to HELLO was lost
-        if self.master_port is None:
-            self.master_port = port
-            others = [other for other in self._links.ports_up() if other != port]
-            self._unanswered = set(others)
-            return [(other, token) for other in others] + self._echo()
-        if port in self._unanswered:
-            self._unanswered.remove(port)
-            return self._echo()
-        return [(port, token)]
+    def _has_way(self) -> bool:
+        return self.master_port is not None and self.links.is_up(self.master_port)
 
-    def _on_done(self, tree_size: int, port: int) -> Sends:
-        if port not in self._unanswered:
-            return self._out_of_turn()
-        self._unanswered.remove(port)
-        self._tree_size[port] = tree_size
-        return self._echo()
+    def _send(self, port: int, packet: FormationPacket, t_ns: int) -> None:
+        if self.links.is_up(port):
+            self.links.send(port, packet, t_ns)
+        else:
+            self.ignored += 1
 
-    def _echo(self) -> Sends:
-        if self._unanswered:
-            return []
-        return self._to_master(self._packet(Kind.DONE, value=1 + sum(self._tree_size)))
-
-    def _on_assign(self, network_id: int, port: int) -> Sends:
-        if port != self.master_port or self.network_id:
-            return self._out_of_turn()
-        self.network_id = network_id
-        sends: Sends = []
-        first = network_id + 1
-        for child in self._children():
-            self._first_below[child] = first
-            sends.append((child, self._packet(Kind.ASSIGN, cell=first)))
-            first += self._tree_size[child]
-        links = self._links.ports_up()
-        return sends + [(link, self._packet(Kind.IDENTITY, cell=network_id, port=link)) for link in links]
-
-    def _on_identity(self, network_id: int, port: int) -> Sends:
-        self._neighbour[port] = network_id
-        return self._report()
-
-    def _on_collect(self, port: int) -> Sends:
-        if port != self.master_port or not self.network_id:
-            return self._out_of_turn()
-        self._my_turn = True
-        return self._report()
-
-    def _report(self) -> Sends:
-        """This cell's reports, once it is its turn and its neighbours are known, then its child's turn."""
-        neighbours = self._neighbour
-        if not self._my_turn or any(neighbours[link] is None for link in self._links.ports_up()):
-            return []
-        self._my_turn = False
-        assert self.master_port is not None
-        sends = self._to_master(self._packet(Kind.UNIT, self.network_id, self.master_port, self.uid))
-        for port in range(0, N_PORTS, 2):
-            pair = (neighbours[port] or 0) | (neighbours[port + 1] or 0) << ID_BITS
-            sends += self._to_master(self._packet(Kind.LINKS, self.network_id, port, pair))
-        self._to_collect = self._children()
-        return sends + self._collect_next()
-
-    def _collect_next(self) -> Sends:
-        if not self._to_collect:
-            return []
-        child = self._to_collect[0]
-        self._expected_reports = REPORTS_PER_CELL * self._tree_size[child]
-        return [(child, self._packet(Kind.COLLECT))]
-
-    def _on_report(self, packet: FormationPacket, port: int) -> Sends:
-        if not self._to_collect or port != self._to_collect[0]:
-            return self._out_of_turn()
-        self._expected_reports -= 1
-        sends = self._to_master(packet)
-        if self._expected_reports == 0:
-            self._to_collect.pop(0)
-            sends += self._collect_next()
-        return sends
-
-    def _children(self) -> list[int]:
-        return [port for port, size in enumerate(self._tree_size) if size]
-
-    def _out_of_turn(self) -> Sends:
-        self.ignored += 1
-        return []
+    def _up(self, packet: FormationPacket, t_ns: int) -> None:
+        """Towards the computer; what has no way is dropped: the next epoch asks again."""
+        if self._has_way():
+            assert self.master_port is not None
+            self.links.send(self.master_port, packet, t_ns)
+        else:
+            self.ignored += 1

@@ -1,21 +1,27 @@
-"""The gateway's part in forming the network [UCD], and what the computer knows at its end.
+"""The gateway's part in forming the network [UCD] and in keeping it: a state machine without I/O.
 
 The gateway is the computer's interface; each of its ports is wired to a free port of some cell and becomes
-the root of a tree. It starts all phases, and has no knowledge but what the packets bring.
+the root of a tree. It starts all epochs, and has no knowledge but what the packets bring. The first formation
+is cold; whatever comes or goes later starts a warm one, in which cells keep their IDs (`cells.formation`).
 """
 
-from dataclasses import dataclass
 from enum import Enum, auto
 
-from cells.formation_packets import ID_BITS, MAX_ID, FormationPacket, Handshake, Kind, Sends
-from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.messages import Topology
+from cells.forest import Forest, Member
+from cells.formation_packets import ID_BITS, MAX_ID, FormationPacket, Kind, Sends
+from cells.link_layer import LinkLayer
+from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS
 
-__all__ = ["Forest", "GatewayFormation", "Phase"]
+__all__ = ["MAX_PORTS", "GatewayFormation", "Phase"]
 
+MAX_PORTS = 16
 _PAIRS = range(0, N_PORTS, 2)
 """The first of each two ports that LINKS tells of."""
+_EPOCHS = 2**12
+_AGES = 8
+_HASTE = 10
+"""A warm epoch has nothing to walk cell by cell: it may take this much less *(assumed)*."""
 
 
 class Phase(Enum):
@@ -27,133 +33,104 @@ class Phase(Enum):
     REPORTS = auto()
     COMPLETE = auto()
     FAILED = auto()
-
-
-@dataclass(frozen=True)
-class Forest:
-    """The network as its cells reported it, by network ID − 1.
-
-    Attributes:
-        uid: Hardware number of each cell.
-        gateway: Port of the gateway that its tree hangs on.
-        master_port: Its port towards the gateway.
-        neighbours: IDs at its ports, 0 where there is no cell.
-    """
-
-    uid: tuple[int, ...]
-    gateway: tuple[int, ...]
-    master_port: tuple[int, ...]
-    neighbours: tuple[tuple[int, ...], ...]
-
-    def topology(self, patch: str, n_cells: int, version: int, t_ns: int) -> Topology:
-        """The message, as lists over the cells 0 to `n_cells` − 1, which are the hardware numbers.
-
-        `depth` counts the hops to the gateway, from 1. Cells that were not reached have ID 0, depth 0, and −1
-        elsewhere.
-
-        Raises:
-            ProtocolError: hardware numbers that repeat, or that the patch does not have.
-        """
-        if len(set(self.uid)) < len(self.uid) or any(uid >= n_cells for uid in self.uid):
-            raise ProtocolError(f"patch {patch}: hardware numbers repeat or exceed {n_cells - 1}: {self.uid}")
-        network_id, depth = [0] * n_cells, [0] * n_cells
-        gateway, master_port, parent = [-1] * n_cells, [-1] * n_cells, [-1] * n_cells
-        neighbours = [[-1] * N_PORTS for _ in range(n_cells)]
-        cell_of = (-1, *self.uid)
-        for index, cell in enumerate(self.uid):  # depth first: a parent comes before its children
-            network_id[cell] = index + 1
-            gateway[cell] = self.gateway[index]
-            master_port[cell] = self.master_port[index]
-            neighbours[cell] = [cell_of[neighbour] for neighbour in self.neighbours[index]]
-            parent[cell] = neighbours[cell][self.master_port[index]]
-            depth[cell] = 1 if parent[cell] < 0 else depth[parent[cell]] + 1
-        return Topology(
-            patch=patch,
-            version=version,
-            t_ns=t_ns,
-            network_id=network_id,
-            gateway=gateway,
-            master_port=master_port,
-            parent=parent,
-            depth=depth,
-            neighbours=neighbours,
-        )
+    """No cell answers, at any port."""
 
 
 class GatewayFormation:
-    """The gateway while the network forms: a state machine without I/O.
+    """The gateway while the network forms and lives.
 
-    A formation that nobody answers, or that is not complete after `patience_ns`, has lost packets or cells on
-    the way; another epoch starts, up to `attempts` in all. `start` may be called again at any time, as after
-    a broken link.
+    A formation that is not complete after `patience_ns` has lost something on the way; another epoch starts.
+    `start` may be called again at any time.
 
     Attributes:
         phase: Where it stands.
-        epoch: Number of the formation, modulo 256.
+        epoch: Number of the formation, modulo 4096.
+        forest: What the cells have reported.
+        version: How often what is known has changed, with the end of the first formation.
+        began_ns: When the present or last epoch began [ns].
+        route_changes: Routes that are new: (ID, port); whoever reads them empties the list.
         ignored: Packets of other epochs, or out of turn, that were dropped.
     """
 
     def __init__(
-        self, ports: int, handshake_ns: int, patience_ns: int = 10_000_000_000, attempts: int = 3
+        self,
+        ports: int,
+        *,
+        resend_ns: int,
+        settle_ns: int,
+        patience_ns: int = 10_000_000_000,
+        attempts: int = 3,
     ) -> None:
-        """A gateway of 1 to 16 ports; `patience_ns` and `attempts` are assumed.
+        """A gateway of 1 to 16 ports.
+
+        Args:
+            ports: Interfaces.
+            resend_ns: Time after which an answer over one link is overdue.
+            settle_ns: How long links may take to come up before the first epoch.
+            patience_ns: For one epoch *(assumed)*.
+            attempts: Cold epochs before it gives up *(assumed)*.
 
         Raises:
             DeploymentError: as many ports do not fit the packets.
         """
-        if not 1 <= ports <= 16:
-            raise DeploymentError(f"a gateway with {ports} ports: allowed are 1 to 16; split the patch")
+        if not 1 <= ports <= MAX_PORTS:
+            raise DeploymentError(
+                f"a gateway with {ports} ports: allowed are 1 to {MAX_PORTS}; split the patch"
+            )
         self.phase = Phase.IDLE
         self.epoch = 0
+        self.forest = Forest()
+        self.version = 0
+        self.began_ns = 0
+        self.route_changes: list[tuple[int, int]] = []
         self.ignored = 0
-        self._n_ports = ports
-        self._handshake_ns = handshake_ns
+        self.links = LinkLayer(ports, resend_ns)
+        self._settle_ns = settle_ns
         self._patience_ns = patience_ns
         self._attempts = attempts
         self._attempts_left = 0
-        self._settled_ns = self._give_up_ns = 0
-        self._reset()
+        self._warm = self._formed = False
+        self._age = 0
+        self._deadline_ns: int | None = None
+        self._routes: dict[int, int] = {}
+        self._begin_epoch()
 
-    def _reset(self) -> None:
-        self._links = Handshake(self._n_ports)
+    def _begin_epoch(self) -> None:
         self._unanswered: set[int] = set()
-        self._tree_size = [0] * self._n_ports
+        self._tree_size = [0] * len(self.links)
         self._unidentified: set[int] = set()
-        self._units: dict[int, FormationPacket] = {}
-        self._pairs: dict[tuple[int, int], int] = {}
 
     def start(self, t_ns: int) -> Sends:
-        """Begins a new epoch; returns what to send."""
+        """Begins from nothing; returns what to send."""
         self._attempts_left = self._attempts
-        return self._begin(t_ns)
+        self._settle(t_ns)
+        return self._after(t_ns)
 
-    def _begin(self, t_ns: int) -> Sends:
-        self._reset()
-        self._attempts_left -= 1
-        self.epoch = (self.epoch + 1) % 256
-        self.phase = Phase.SYNC
-        self._settled_ns = t_ns + self._handshake_ns
-        self._give_up_ns = self._settled_ns + self._patience_ns
-        return self._links.greet(self.epoch)
+    @property
+    def n_reached(self) -> int:
+        """Cells in the gateway's trees, once exploration is over."""
+        return sum(self._tree_size)
+
+    def next_port(self, network_id: int) -> int | None:
+        """Port towards the cell `network_id`; None if it was never heard of."""
+        return self._routes.get(network_id)
 
     def next_deadline(self) -> int | None:
         """When `on_deadline` is to be called [ns], if at all."""
-        if self.phase is Phase.SYNC:
-            return self._settled_ns
-        return self._give_up_ns if self.phase in (Phase.EXPLORATION, Phase.REPORTS) else None
+        both = (self._deadline_ns, self.links.next_deadline())
+        return min((t_ns for t_ns in both if t_ns is not None), default=None)
+
+    def set_carrier(self, port: int, present: bool, t_ns: int) -> Sends:
+        """What to send when the line at a port is heard from now on, or no longer."""
+        self.links.set_carrier(port, present, t_ns)
+        return self._after(t_ns)
 
     def on_deadline(self, t_ns: int) -> Sends:
-        """What to send when a deadline is over; nothing before."""
-        deadline_ns = self.next_deadline()
-        if deadline_ns is None or t_ns < deadline_ns:
-            return []
-        if self.phase is Phase.SYNC and self._links.ports_up():
-            return self._explore()
-        if self._attempts_left:
-            return self._begin(t_ns)
-        self._reset()
-        self.phase = Phase.FAILED
-        return []
+        """What to send when something is overdue."""
+        self.links.on_deadline(t_ns)
+        if self._deadline_ns is not None and t_ns >= self._deadline_ns:
+            self._on_overdue(t_ns)
+        return self._after(t_ns)
 
     def handle(self, packet: FormationPacket, port: int, t_ns: int) -> Sends:
         """What to send when `packet` arrives on `port`.
@@ -161,82 +138,159 @@ class GatewayFormation:
         Raises:
             DeploymentError: more cells than IDs of 14 bits.
         """
-        sends = self.on_deadline(t_ns)
-        if packet.epoch != self.epoch or self.phase in (Phase.IDLE, Phase.FAILED):
-            self.ignored += 1
-            return sends
+        new = self.links.receive(port, packet, t_ns)
+        if new is not None:
+            self._dispatch(new, port, t_ns)
+            if self.phase is Phase.REPORTS and self._all_told():
+                self.phase, self._deadline_ns, self._formed = Phase.COMPLETE, None, True
+                self.version += 1
+        return self._after(t_ns)
+
+    def _dispatch(self, packet: FormationPacket, port: int, t_ns: int) -> None:
+        forest, member = self.forest, self.forest.members.get(packet.cell)
         match packet.kind:
-            case Kind.HELLO:
-                sends += self._links.hear(packet, port)
+            case Kind.LINKS if member is not None and packet.port in _PAIRS:
+                pair = [packet.value & MAX_ID, packet.value >> ID_BITS]
+                is_news = forest.tell(packet.cell, packet.port, pair, packet.epoch)
+                self.version += is_news and self.phase is Phase.COMPLETE
+            case Kind.NEWCOMER if self._warm and (member is not None or not packet.cell):
+                self._adopt(packet, port, t_ns)
+            case _ if packet.epoch != self.epoch or self.phase in (Phase.IDLE, Phase.FAILED):
+                self.ignored += 1
+            case Kind.CHANGE:
+                self._begin(t_ns)
             case Kind.EXPLORE | Kind.DONE if port in self._unanswered:
-                sends += self._on_answer(packet.value, port)
+                self._on_answer(packet.value if packet.kind is Kind.DONE else 0, port, t_ns)
             case Kind.EXPLORE if self.phase is Phase.EXPLORATION:
-                self._links.up[port] = True  # a token proves the link, even if the answer to HELLO was lost
-                sends.append((port, FormationPacket(Kind.EXPLORE, self.epoch)))
-            case Kind.IDENTITY if port in self._unidentified:
-                self._unidentified.remove(port)
-            case Kind.UNIT if 0 < packet.cell <= self.n_reached:
-                self._units[packet.cell] = packet
-            case Kind.LINKS if 0 < packet.cell <= self.n_reached and packet.port in _PAIRS:
-                self._pairs[packet.cell, packet.port] = packet.value
+                self.links.send(port, self._token(), t_ns)
+            case Kind.IDENTITY:
+                self._unidentified.discard(port)
+            case Kind.UNIT if 0 < packet.cell <= self.n_reached and not self._warm:
+                forest.members[packet.cell] = Member(packet.value, port, packet.port)
+                forest.joined.add(packet.cell)
+                self._learn(packet.cell, port)
+            case Kind.JOINED if member is not None and self._warm:
+                hops, parent = packet.value & MAX_ID, packet.value >> ID_BITS
+                is_news = forest.join(packet.cell, port, packet.port, parent, hops)
+                self.version += is_news and self.phase is Phase.COMPLETE
+                self._learn(packet.cell, port)
             case _:
                 self.ignored += 1
-        if self.phase is Phase.REPORTS and self._all_told():
-            self.phase = Phase.COMPLETE
+
+    def _after(self, t_ns: int) -> Sends:
+        """Lets links that came or went have their consequences; returns all that is to be sent."""
+        links = self.links
+        while links.changes:
+            links.changes.clear()
+            if self.phase not in (Phase.IDLE, Phase.SYNC):
+                self._begin(t_ns)
+        sends, links.out = links.out, []
         return sends
 
-    @property
-    def n_reached(self) -> int:
-        """Cells in the gateway's trees, once exploration is over."""
-        return sum(self._tree_size)
+    # epochs
 
-    def forest(self) -> Forest:
-        """What the cells reported, once complete; no cell after a failure."""
-        assert self.phase in (Phase.COMPLETE, Phase.FAILED)
-        ids = range(1, self.n_reached + 1)
-        gateway = [port for port, size in enumerate(self._tree_size) for _ in range(size)]
-        pairs = [[self._pairs[i, port] for port in _PAIRS] for i in ids]
-        return Forest(
-            uid=tuple(self._units[i].value for i in ids),
-            gateway=tuple(gateway),
-            master_port=tuple(self._units[i].port for i in ids),
-            neighbours=tuple(
-                tuple(i for pair in row for i in (pair & MAX_ID, pair >> ID_BITS)) for row in pairs
-            ),
-        )
+    def _settle(self, t_ns: int) -> None:
+        self.forest = Forest()
+        self._warm = self._formed = False
+        self.phase = Phase.SYNC
+        self._deadline_ns = t_ns + self._settle_ns
 
-    def _explore(self) -> Sends:
+    def _on_overdue(self, t_ns: int) -> None:
+        if self._formed:
+            self._begin(t_ns)
+        elif self._attempts_left:
+            self._attempts_left -= 1
+            self._begin(t_ns)
+        else:
+            self._fail()
+
+    def _begin(self, t_ns: int) -> None:
+        """A new epoch, warm once cells have IDs."""
+        self._begin_epoch()
+        ports = self.links.ports_up()
+        if not ports:
+            self._fail()
+            return
+        self._warm = self._formed
+        if not self._warm:
+            self._age = (self._age + 1) % _AGES
+            self.forest = Forest()
+        self.forest.joined = set()
+        self.epoch = (self.epoch + 1) % _EPOCHS
         self.phase = Phase.EXPLORATION
-        ports = self._links.ports_up()
+        self.began_ns = t_ns
+        self._deadline_ns = t_ns + (self._patience_ns // _HASTE if self._warm else self._patience_ns)
         self._unanswered = set(ports)
-        return [(port, FormationPacket(Kind.EXPLORE, self.epoch)) for port in ports]
+        for port in ports:
+            self.links.send(port, self._token(), t_ns)
 
-    def _on_answer(self, tree_size: int, port: int) -> Sends:
+    def _token(self) -> FormationPacket:
+        return self._packet(Kind.EXPLORE, port=self._age << 1 | self._warm)
+
+    def _fail(self) -> None:
+        """Nobody is there; a link that comes up begins anew."""
+        self._begin_epoch()
+        self.phase, self._deadline_ns = Phase.FAILED, None
+        self.forest.joined = set()
+        self.version += 1
+
+    def _on_answer(self, tree_size: int, port: int, t_ns: int) -> None:
         self._unanswered.remove(port)
         self._tree_size[port] = tree_size
-        return [] if self._unanswered else self._assign()
+        if not self._unanswered:
+            self._end_exploration(t_ns)
 
-    def _assign(self) -> Sends:
+    def _end_exploration(self, t_ns: int) -> None:
         if self.n_reached > MAX_ID:
             raise DeploymentError(
                 f"{self.n_reached} cells behind one gateway: IDs of {ID_BITS} bits name {MAX_ID}; "
                 "use more patches"
             )
         self.phase = Phase.REPORTS
-        ports = self._links.ports_up()
+        if self._warm:
+            return
+        ports = self.links.ports_up()
         self._unidentified = set(ports)
-        sends: Sends = []
         first = 1
         for port in ports:
             size = self._tree_size[port]
             if size:
-                sends.append((port, FormationPacket(Kind.ASSIGN, self.epoch, cell=first)))
-            sends.append((port, FormationPacket(Kind.IDENTITY, self.epoch, port=port)))
+                self.links.send(port, self._packet(Kind.ASSIGN, cell=first), t_ns)
+            self.links.send(port, self._packet(Kind.IDENTITY, port=self._age), t_ns)
             if size:
-                sends.append((port, FormationPacket(Kind.COLLECT, self.epoch)))
+                self.links.send(port, self._packet(Kind.COLLECT), t_ns)
             first += size
-        return sends
 
     def _all_told(self) -> bool:
-        told = len(self._units) == self.n_reached and len(self._pairs) == len(_PAIRS) * self.n_reached
-        return told and not self._unidentified
+        """Every cell of the trees has reported."""
+        if len(self.forest.joined) != self.n_reached:
+            return False
+        if not self._warm:
+            if len(self.forest.told_in) != len(_PAIRS) * self.n_reached or self._unidentified:
+                return False
+            self._work_out_depths()
+        return True
+
+    def _work_out_depths(self) -> None:
+        for network_id in sorted(self.forest.members):  # depth first: a parent comes before its children
+            member = self.forest.members[network_id]
+            member.parent = member.neighbours[member.master_port]
+            member.hops = 1 + (self.forest.members[member.parent].hops if member.parent else 0)
+
+    def _adopt(self, packet: FormationPacket, port: int, t_ns: int) -> None:
+        """Gives a cell without ID its own; by its neighbour, since no route leads to it."""
+        network_id = self.forest.id_of(packet.value)
+        if not packet.cell:
+            self.links.send(port, self._packet(Kind.ASSIGN, cell=network_id), t_ns)
+        elif (way := self._routes.get(packet.cell)) is not None and self.links.is_up(way):
+            self.links.send(way, self._packet(Kind.ADOPT, packet.cell, packet.port, network_id), t_ns)
+        else:
+            self.ignored += 1
+
+    def _learn(self, network_id: int, port: int) -> None:
+        if self._routes.get(network_id) != port:
+            self._routes[network_id] = port
+            self.route_changes.append((network_id, port))
+
+    def _packet(self, kind: Kind, cell: int = 0, port: int = 0, value: int = 0) -> FormationPacket:
+        return FormationPacket(kind, self.epoch, cell, port, value)

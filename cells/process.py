@@ -6,26 +6,34 @@ period ends is published, and the patch's frame closes the period.
 """
 
 import logging
+import time
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cells.damage import impairments, outages_of
+from cells.deliveries import Delivered
 from cells.encoding import Emission, Encoder
+from cells.outages import outages
 from cells.packets import PacketKind
 from cells.publisher import PatchPublisher
-from cells.skin_network import Delivered, SkinNetwork
+from cells.sensor_faults import SensorFaults
+from cells.skin_network import SkinNetwork
 from cells.transducers import Transducers, noise_keys, phases_ns
 from cells.wiring import wire
 from skinnet.channels import Keys, Role
 from skinnet.deployment import Deployment
+from skinnet.deployment.faults import SlowHost
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import READING_NAMES, Config, Stimulus, decode, unpack
+from skinnet.network.faults import timeline
 from skinnet.part import Part
-from skinnet.skin.placement import place
+from skinnet.skin.placement import bridges_of, place
 from skinnet.upstream import Upstream
 
 __all__ = ["HostNode", "build"]
@@ -48,7 +56,8 @@ class HostNode:
     def __init__(self, deployment: Deployment, name: str) -> None:
         self.name = name
         mine = deployment.host_patches()[name]
-        patches = {patch.name: place(patch, deployment.cells) for patch in deployment.patches}
+        placed = tuple(place(patch, deployment.cells) for patch in deployment.patches)
+        patches = {patch.name: patch for patch in placed}
         self._patches = tuple(patches[patch] for patch in mine)
         self._index = {patch: i for i, patch in enumerate(mine)}
         keys = Keys(deployment.robot)
@@ -65,7 +74,8 @@ class HostNode:
         self._frame = 0
         self._stimuli: dict[int, NDArray[np.float32]] = {}
         self._configs: list[tuple[int, int, Config]] = []
-        self._wiring = wire(self._patches, deployment.network)
+        groups = [[patches[patch] for patch in group] for group in deployment.groups() if group[0] in mine]
+        self._wiring = wire(groups, deployment.network, bridges_of(deployment.bridges, placed))
         n_cells = self._wiring.n_cells
         seed = deployment.seed
         self._transducers = Transducers(
@@ -75,9 +85,33 @@ class HostNode:
         )
         self._encoder = Encoder(deployment.cells, n_cells)
         self._readings = np.zeros((n_cells, _N_COLUMNS), dtype=np.float32)
-        self._network = SkinNetwork(self._wiring, deployment.cells, deployment.network, seed)
+        faults = timeline(deployment, placed)
+        self._sensor_faults = SensorFaults(
+            faults, dict(zip(mine, self._wiring.first_cell.tolist(), strict=False)), deployment.cells, seed
+        )
+        self._delays = [span for span in faults if span.place.host == name]
+        self._network = SkinNetwork(
+            self._wiring,
+            deployment.cells,
+            deployment.network,
+            seed,
+            transitions=outages(
+                self._wiring, outages_of(faults, self._wiring), deployment.power, self._feeds(deployment)
+            ),
+            impairments=impairments(faults, self._wiring, loss=deployment.network.loss, seed=seed),
+        )
         self._formed: list[tuple[str, bytes]] = []
         self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
+
+    def _feeds(self, deployment: Deployment) -> list[int]:
+        """Cells of this host that are fed."""
+        wiring = self._wiring
+        if deployment.power is not None and deployment.power.feeds:
+            ends = [feed.split(":")[0].split("/") for feed in deployment.power.feeds]
+            cells = [(self._index[patch], int(cell)) for patch, cell in ends if patch in self._index]
+        else:
+            cells = [(p, int(c)) for p, patch in enumerate(wiring.patches) for c, _ in patch.interfaces]
+        return [int(wiring.first_cell[patch]) + cell for patch, cell in cells]
 
     def start(self, put: Put) -> None:
         """The network begins to form as soon as there is power."""
@@ -140,6 +174,7 @@ class HostNode:
         for cell, config in configs:
             self._configure(cell, config)
         self._publish(put, data, start_ns, end_ns)
+        self._dawdle(start_ns)
         self._frame += 1
 
     def _send_configs(self, start_ns: int, end_ns: int) -> None:
@@ -152,19 +187,37 @@ class HostNode:
             self._network.send_config(max(t_ns, start_ns), cell, config)
 
     def _sample(self) -> None:
-        """Every cell samples; those that the network has reached send what they have to say."""
-        before = self._stimuli.pop(self._frame * self._period_ns)
-        after = self._stimuli[(self._frame + 1) * self._period_ns]
+        """Every cell samples; those that are part of the network send what they have to say."""
+        start_ns = self._frame * self._period_ns
+        before = self._stimuli.pop(start_ns)
+        after = self._stimuli[start_ns + self._period_ns]
+        times_ns = self._transducers.sample_times_ns(self._frame)
+        restarted = self._network.restarted()
+        if len(restarted):
+            self._transducers.reset(restarted)
+            self._encoder.reset(restarted)
         self._transducers.sample(self._frame, before, after, self._readings)
-        reached = self._network.reached
-        if not reached.all():
-            self._readings[~reached] = 0.0
+        self._sensor_faults.apply(start_ns, times_ns, self._readings)
+        heard = self._network.members.reached
+        if self._network.changes_before(start_ns + self._period_ns):
+            heard = heard & self._network.has_power(times_ns)
+        everyone = bool(heard.all())
+        if not everyone:
+            self._readings[~heard] = 0.0
         emission = self._encoder.encode(self._readings)
-        if not reached.all():
-            emission = _only(emission, reached)
+        if not everyone:
+            emission = _only(emission, heard)
         if len(emission.cell) or len(emission.full):
-            times_ns = self._transducers.sample_times_ns(self._frame)
             self._network.send_data(times_ns, emission, self._readings)
+        babble = self._sensor_faults.babble(start_ns, start_ns + self._period_ns)
+        if len(babble.cell):
+            self._network.send_babble(babble)
+
+    def _dawdle(self, t_ns: int) -> None:
+        """A slow host takes its time; what it computes stays the same."""
+        for span in self._delays:
+            if span.t_ns <= t_ns < span.until_ns and isinstance(span.rule, SlowHost):
+                time.sleep(span.rule.extra_ms * 1e-3)
 
     def _configure(self, cell: int, config: Config) -> None:
         """A cell has received new settings; it refuses what does not hold, and keeps what it has."""
@@ -184,9 +237,8 @@ class HostNode:
             else:
                 streams[patch] = rows
         for patch, publisher in enumerate(self._publishers):
-            formed_ns = self._network.formed_ns[patch]
-            if formed_ns is not None and publisher.version == 0:
-                self._formed.append(publisher.topology(put, self._network.topology(patch, formed_ns)))
+            if self._network.members.version(patch) != publisher.version:
+                self._formed.append(publisher.topology(put, self._network.members.topology(patch, end_ns)))
             publisher.close(put, start_ns, end_ns, streams.get(patch))
 
     def news(self) -> tuple[str, bytes] | None:
@@ -199,11 +251,28 @@ class HostNode:
             "logs": {publisher.patch: publisher.log_sha256 for publisher in self._publishers},
             "network": self._network.counters(),
             "formation_packets": self._network.formation.sent,
-            "formed_ns": dict(zip(self._index, self._network.formed_ns, strict=True)),
-            "unreached": int((~self._network.reached).sum()),
-            "latency_max_ns": self._network.latency_max_ns,
+            "formation_repeated": self._network.formation.repeated,
+            "tree_depth": self._network.members.depth(),
+            "formed_ns": self._network.members.formed_by_patch(),
+            "unreached": sum(self._network.members.missing(patch) for patch in range(len(self._patches))),
+            "cut_off": [name for i, name in enumerate(self._index) if self._network.members.cut_off(i)],
+            "without_power": int((~self._network.formation.powered).sum()),
+            "recoveries": self._recoveries(),
+            "latency_max_ns": self._network.deliveries.latency_max_ns,
         }
-        return Part(self.name, self.role, facts, {"latency_us": self._network.latency_us})
+        return Part(self.name, self.role, facts, {"latency_us": self._network.deliveries.latency_us})
+
+    def _recoveries(self) -> list[dict[str, Any]]:
+        first = self._wiring.first_patch
+        return [
+            asdict(recovery)
+            | {
+                "patches": [
+                    p.name for p in self._wiring.patches[first[recovery.group] : first[recovery.group + 1]]
+                ]
+            }
+            for recovery in self._network.recoveries.all
+        ]
 
 
 def _only(emission: Emission, reached: NDArray[np.bool_]) -> Emission:

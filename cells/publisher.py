@@ -1,6 +1,7 @@
 """What one patch says: events, stream and the frame that closes each period, in the order of delivery."""
 
 import hashlib
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -47,27 +48,32 @@ class PatchPublisher:
         self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
     ) -> None:
         """Sends events: rows of `PAYLOAD` with cells of this patch, in the order of delivery."""
-        seq = self._next_seq(len(rows))
+        if not len(rows):
+            return
         self._events += len(rows)
+        seq = self._next_seq(len(rows))
         split, key_of = (gateway, self._bundle_key) if self._bundle else (rows["cell"], self._cell_key)
-        for value in np.unique(split):
-            chosen = np.flatnonzero(split == value)
-            key, port = key_of(int(value)), int(gateway[chosen[0]])
-            some = rows[chosen]
-            message = Events(
-                patch=self.patch,
-                gateway=port,
-                cell=some["cell"].tolist(),
-                t_sampled_ns=some["t_sampled_ns"].tolist(),
-                t_delivered_ns=t_ns[chosen].tolist(),
-                seq=seq[chosen].tolist(),
-                modality=some["modality"].tolist(),
-                channel=some["channel"].tolist(),
-                kind=some["event_kind"].tolist(),
-                level=some["level"].tolist(),
-                value=some["value"].astype(np.float64).tolist(),
-            )
-            self._send(put, key, encode(message))
+        order = np.argsort(split, kind="stable")
+        split, rows = split[order], rows[order]
+        ports = gateway[order].tolist()
+        values = split.tolist()
+        # lists at once for all messages: most have one event or two
+        columns = {
+            "cell": rows["cell"].tolist(),
+            "t_sampled_ns": rows["t_sampled_ns"].tolist(),
+            "t_delivered_ns": t_ns[order].tolist(),
+            "seq": seq[order].tolist(),
+            "modality": rows["modality"].tolist(),
+            "channel": rows["channel"].tolist(),
+            "kind": rows["event_kind"].tolist(),
+            "level": rows["level"].tolist(),
+            "value": rows["value"].astype(np.float64).tolist(),
+        }
+        ends = [0, *(np.flatnonzero(split[1:] != split[:-1]) + 1).tolist(), len(split)]
+        for a, b in pairwise(ends):
+            some = {name: column[a:b] for name, column in columns.items()}
+            message = Events(patch=self.patch, gateway=ports[a], **some)
+            self._send(put, key_of(values[a]), encode(message))
 
     def close(
         self,

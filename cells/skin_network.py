@@ -1,73 +1,127 @@
 """The cell-to-cell network of a host while it runs: formation, data upwards, configuration downwards."""
 
-from itertools import pairwise
-from typing import Any, NamedTuple
+from collections import deque
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cells.babbling import Babbling
+from cells.damage import Impairment
+from cells.deliveries import Delivered, Deliveries
 from cells.encoding import Emission
-from cells.exchange import enter, take_readings
+from cells.exchange import enter
 from cells.formation_driver import FormationDriver
-from cells.formation_gateway import Phase
-from cells.formation_packets import handshake_ns
-from cells.packets import PacketKind, PacketPool
-from cells.routing import formed_routes
+from cells.formation_packets import round_trip_ns
+from cells.membership import Membership
+from cells.outages import Transition, outages
+from cells.packets import PAYLOAD, PacketKind, PacketPool
+from cells.recovery import Recoveries
 from cells.wiring import Wiring
 from skinnet.deployment.schema import CellSpec, NetworkSpec
-from skinnet.messages import STREAM_ROW, Config, Topology
+from skinnet.messages import FOREVER_NS, Config
 from skinnet.network.network import Finished
 from skinnet.network.records import Outcome
 
-__all__ = ["Delivered", "SkinNetwork"]
-
-_READING, _DELIVERED = int(PacketKind.READING), int(Outcome.DELIVERED)
-_LATENCY_BINS = 100_001
-"""Microseconds up to 0.1 s; the last bin takes what is longer."""
-
-
-class Delivered(NamedTuple):
-    """Data of one kind that reached the interface of a patch, in the order of delivery.
-
-    `rows` are `PAYLOAD` of events, or `STREAM_ROW` of full readings, whose cells are host-wide numbers;
-    `gateway` is the interface's port.
-    """
-
-    patch: int
-    kind: PacketKind
-    rows: NDArray[Any]
-    gateway: NDArray[np.int64]
-    t_ns: NDArray[np.int64]
+__all__ = ["SkinNetwork"]
 
 
 class SkinNetwork:
-    """Carries the packets of all patches of a host over the modelled links."""
+    """Carries the packets of all patches of a host over the modelled links.
 
-    def __init__(self, wiring: Wiring, cells: CellSpec, spec: NetworkSpec, seed: int) -> None:
+    Attributes:
+        wiring: Nodes and links.
+        kernel: The network.
+        formation: The agents.
+        members: Who takes part.
+        recoveries: What has changed since it formed, and how the network took it.
+        deliveries: What has come out, and how long it took.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        cells: CellSpec,
+        spec: NetworkSpec,
+        seed: int,
+        *,
+        transitions: Sequence[Transition] = (),
+        impairments: Iterable[Impairment] = (),
+    ) -> None:
+        """A network that has not begun to form.
+
+        Args:
+            wiring: Nodes and links.
+            cells: How long a cell thinks.
+            spec: What links and packets are like.
+            seed: Of loss and jitter.
+            transitions: When links and cells go and come; the first at 0, as `outages` gives them.
+            impairments: When links become lossy, in order of time.
+        """
         self.wiring = wiring
         self.kernel = wiring.network(seed)
         self._spec = spec
         self._pool = PacketPool()
         reaction_ns = round(cells.reaction_us * 1e3)
+        resend_ns = round_trip_ns(spec, reaction_ns)
         self.formation = FormationDriver(
             wiring,
             self.kernel,
             self._pool,
             reaction_ns=reaction_ns,
-            handshake_ns=handshake_ns(spec, reaction_ns),
+            resend_ns=resend_ns,
+            settle_ns=2 * resend_ns,
+            detect_ns=round(spec.detect_us * 1e3),
             size_bytes=spec.control_bytes,
         )
-        self.formed_ns: list[int | None] = [None] * len(wiring.patches)
-        self.reached = np.zeros(wiring.n_cells, dtype=np.bool_)
-        self._interface_of_cell = wiring.interface[wiring.patch_of_node[wiring.node_of_cell]]
-        self.latency_us = np.zeros(_LATENCY_BINS, dtype=np.int64)
-        self.latency_max_ns = 0
+        self.members = Membership(wiring, self.formation)
+        self.deliveries = Deliveries(wiring, self._pool)
+        self.recoveries = Recoveries(wiring, self.formation, self.deliveries.lost)
+        self._restarted: list[int] = []
+        self._transitions = deque(transitions or outages(wiring, (), None, ()))
+        self._impairments = iter(impairments)
+        self._impairment = next(self._impairments, None)
+        self._interface_of_cell = wiring.interface[wiring.group_of_patch[wiring.patch_of_cell]]
         self._offered = np.zeros(len(PacketKind), dtype=np.int64)
-        self._ended = np.zeros((len(PacketKind), len(Outcome)), dtype=np.int64)
+        for change in self._transitions:
+            for link in change.links_down:
+                self.kernel.fail_link(change.t_ns, link)
+            for link in change.links_up:
+                self.kernel.repair_link(change.t_ns, link)
 
     def start(self, t_ns: int) -> None:
-        """The network begins to form."""
-        self.formation.start(t_ns)
+        """What has power is switched on, and the network begins to form."""
+        first = self._transitions.popleft()
+        on, up = (
+            np.ones(self.wiring.n_cells, dtype=np.bool_),
+            np.ones(self.wiring.topology.n_links, dtype=np.bool_),
+        )
+        on[list(first.cells_off)] = False
+        up[list(first.links_down)] = False
+        self.formation.start(t_ns, np.flatnonzero(on).tolist(), up.tolist())
+
+    def restarted(self) -> NDArray[np.int64]:
+        """Cells that were switched on since the last call."""
+        cells = np.array(self._restarted, dtype=np.int64)
+        self._restarted.clear()
+        return cells
+
+    def changes_before(self, t_ns: int) -> bool:
+        """Whether links or cells go or come before `t_ns`."""
+        return bool(self._transitions) and self._transitions[0].t_ns < t_ns
+
+    def has_power(self, t_sampled_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which cells have power when they sample, at `t_sampled_ns` (cells,), in the coming period."""
+        powered = self.formation.powered.copy()
+        end_ns = int(t_sampled_ns.max(initial=0))
+        for change in self._transitions:
+            if change.t_ns > end_ns:
+                break
+            later = t_sampled_ns >= change.t_ns
+            off, on = list(change.cells_off), list(change.cells_on)
+            powered[off] &= ~later[off]
+            powered[on] |= later[on]
+        return powered
 
     def send_data(
         self, t_sampled_ns: NDArray[np.int64], emission: Emission, readings: NDArray[np.float32]
@@ -84,58 +138,83 @@ class SkinNetwork:
         size[:n_events] = self._spec.event_bytes
         self.kernel.offer(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
 
+    def send_babble(self, babble: Babbling) -> None:
+        """Cells that babble send what they make up, if they have power and are part of the network."""
+        heard = self.members.reached[babble.cell]
+        if not heard.any():
+            return
+        cell, t_ns, *columns = (column[heard] for column in babble)
+        ids = self._pool.take(len(cell))
+        rows = np.zeros(len(cell), dtype=PAYLOAD)
+        rows["t_sampled_ns"], rows["cell"], rows["kind"] = t_ns, cell, PacketKind.EVENT
+        for name, column in zip(
+            ("modality", "channel", "event_kind", "level", "value"), columns, strict=True
+        ):
+            rows[name] = column
+        self._pool.rows[ids] = rows
+        self._offered[PacketKind.EVENT] += len(cell)
+        size = np.full(len(cell), self._spec.event_bytes)
+        self.kernel.offer(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
+
     def send_config(self, t_ns: int, cell: int, config: Config) -> None:
         """The interface sends a configuration down to a cell (host-wide number)."""
-        node = int(self.wiring.node_of_cell[cell])
-        interface = int(self.wiring.interface[self.wiring.patch_of_node[node]])
+        node, interface = int(self.wiring.node_of_cell[cell]), int(self._interface_of_cell[cell])
         row = self._pool.put_content(PacketKind.CONFIG, cell, config)
         self._offered[PacketKind.CONFIG] += 1
         self.kernel.offer([t_ns], [interface], [node], [self._spec.control_bytes], [row])
 
     def advance(self, until_ns: int) -> tuple[list[Delivered], list[tuple[int, Config]]]:
         """Lets time pass; returns data by patch, and configurations by cell, in the order of delivery."""
-        if all(t_ns is not None for t_ns in self.formed_ns):
-            finished = self.kernel.advance(until_ns)
-            return self._sort(finished if self._at_rest else self._let_form(finished))
-        rest = []
-        while self.kernel.now_ns < until_ns:
-            step_ns = self.formation.horizon_ns(until_ns)
+        self._impair(until_ns)
+        rest: list[Finished] = []
+        busy = False
+        while self.kernel.now_ns < until_ns or not rest:
+            step_ns = min(self.formation.horizon_ns(until_ns), self._next_change_ns())
+            busy |= not self.formation.at_rest
             rest.append(self._let_form(self.kernel.advance(step_ns)))
+            self._change(step_ns)
             self.formation.ring(step_ns)
-        self._note_formed(until_ns)
+        if busy or not self.formation.at_rest:
+            self.members.look(until_ns)
+            self.recoveries.look(until_ns)
         # as one: what a formed patch says may not depend on others that still form
-        return self._sort(Finished._make(map(np.concatenate, zip(*rest, strict=True))))
-
-    @property
-    def _at_rest(self) -> bool:
-        """No packet of formation is on its way."""
-        return self.formation.sent == int(self._ended[PacketKind.FORMATION].sum())
-
-    def topology(self, patch: int, t_ns: int) -> Topology:
-        """What the cells of a formed patch found out."""
-        placed = self.wiring.patches[patch]
-        forest = self.formation.gateways[patch].forest()
-        return forest.topology(placed.name, placed.n_cells, version=1, t_ns=t_ns)
+        finished = rest[0] if len(rest) == 1 else Finished._make(map(np.concatenate, zip(*rest, strict=True)))
+        return self.deliveries.sort(finished)
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Packets by kind: offered, delivered, dropped by cause, in flight."""
         result = {}
         self._offered[PacketKind.FORMATION] = self.formation.sent
         for kind in PacketKind:
-            ended = self._ended[kind]
+            ended = self.deliveries.ended[kind]
             offered = int(self._offered[kind])
             entry = {"offered": offered, "in_flight": offered - int(ended.sum())}
             entry |= {outcome.name.lower(): int(ended[outcome]) for outcome in Outcome}
             result[kind.name.lower()] = entry
         return result
 
-    def _note_formed(self, t_ns: int) -> None:
-        for patch, gateway in enumerate(self.formation.gateways):
-            if self.formed_ns[patch] is None and gateway.phase in (Phase.COMPLETE, Phase.FAILED):
-                self.formed_ns[patch] = t_ns
-                self.kernel.set_routes(t_ns, formed_routes(self.wiring, self.formation, patch))
-                cells = np.array(gateway.forest().uid, dtype=np.int64)
-                self.reached[cells + self.wiring.first_cell[patch]] = True
+    def _next_change_ns(self) -> int:
+        change_ns = self._transitions[0].t_ns if self._transitions else FOREVER_NS
+        return max(self.kernel.now_ns, change_ns)
+
+    def _impair(self, until_ns: int) -> None:
+        """Tells the kernel which links become lossy, and how, until then."""
+        while self._impairment is not None and self._impairment.t_ns <= until_ns:
+            at_ns, link, loss, bit_errors = self._impairment
+            self.kernel.impair_link(at_ns, link, loss_probability=loss, bit_error_rate=bit_errors)
+            self._impairment = next(self._impairments, None)
+
+    def _change(self, t_ns: int) -> None:
+        """Agents lose and get their power, and lines their signals, as it is known for `t_ns`."""
+        while self._transitions and self._transitions[0].t_ns <= t_ns:
+            change = self._transitions.popleft()
+            for cell in change.cells_off + change.cells_on:
+                self.formation.switch(cell, cell in change.cells_on)
+                self.members.reached[cell] = False
+            self._restarted += change.cells_on
+            for link in change.links_down + change.links_up:
+                self.formation.line(change.t_ns, link, link in change.links_up)
+            self.recoveries.note(change)
 
     def _let_form(self, finished: Finished) -> Finished:
         """Hands the packets of formation to the agents that they reached; returns the others."""
@@ -143,69 +222,12 @@ class SkinNetwork:
         if not forming.any():
             return finished
         heard = Finished._make(column[forming] for column in finished)
-        np.add.at(self._ended[PacketKind.FORMATION], heard.outcome, 1)
+        np.add.at(self.deliveries.ended[PacketKind.FORMATION], heard.outcome, 1)
+        self.formation.in_flight -= len(heard.outcome)
         for i in np.flatnonzero(heard.outcome == Outcome.DELIVERED).tolist():
             self.formation.receive(
                 int(heard.t_ns[i]), int(heard.node[i]), int(heard.link[i]), int(heard.packet_id[i])
             )
+        self.formation.flush()
         self._pool.free(heard.packet_id)
         return Finished._make(column[~forming] for column in finished)
-
-    def _sort(self, finished: Finished) -> tuple[list[Delivered], list[tuple[int, Config]]]:
-        """Takes data and configurations that ended apart, and frees their rows."""
-        packet_id = finished.packet_id
-        if not len(packet_id):
-            return [], []
-        kind = self._pool.rows["kind"][packet_id]
-        arrived = finished.outcome == _DELIVERED
-        is_reading = arrived & (kind == _READING)
-        data: list[Delivered] = []
-        configs: list[tuple[int, Config]] = []
-        if is_reading.all():
-            self._ended[_READING, _DELIVERED] += len(packet_id)
-        else:
-            np.add.at(self._ended, (kind, finished.outcome), 1)
-            for i in np.flatnonzero(arrived & (kind == PacketKind.CONFIG)).tolist():
-                row = int(packet_id[i])
-                configs.append((int(self._pool.rows["cell"][row]), self._pool.contents[row]))
-            data += self._events_by_patch(finished, np.flatnonzero(arrived & (kind == PacketKind.EVENT)))
-        data += self._readings_by_patch(finished, np.flatnonzero(is_reading))
-        self._pool.free(packet_id)
-        return data, configs
-
-    def _events_by_patch(self, finished: Finished, index: NDArray[np.int64]) -> list[Delivered]:
-        if not len(index):
-            return []
-        patch, gateway = self._ends(finished)
-        self._note_latency(finished, index)
-        return [
-            Delivered(
-                int(p), PacketKind.EVENT, self._pool.rows[finished.packet_id[i]], gateway[i], finished.t_ns[i]
-            )
-            for p in np.unique(patch[index])
-            for i in (index[patch[index] == p],)
-        ]
-
-    def _readings_by_patch(self, finished: Finished, index: NDArray[np.int64]) -> list[Delivered]:
-        if not len(index):
-            return []
-        patch, gateway = self._ends(finished)
-        self._note_latency(finished, index)
-        rows = np.empty(len(index), dtype=STREAM_ROW)
-        start = np.empty(len(self.wiring.patches) + 1, dtype=np.int64)
-        take_readings(index, finished.packet_id, finished.t_ns, patch, gateway, self._pool.rows, start, rows)
-        return [
-            Delivered(p, PacketKind.READING, rows[a:b], rows["gateway"][a:b], rows["t_delivered_ns"][a:b])
-            for p, (a, b) in enumerate(pairwise(start.tolist()))
-            if b > a
-        ]
-
-    def _ends(self, finished: Finished) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Patch in which each packet ended, and the port of the node at which it came in."""
-        return self.wiring.patch_of_node[finished.node], self.wiring.topology.dst_port[finished.link]
-
-    def _note_latency(self, finished: Finished, index: NDArray[np.int64]) -> None:
-        sampled_ns = self._pool.rows["t_sampled_ns"][finished.packet_id[index]]
-        latency_ns = finished.t_ns[index] - sampled_ns
-        np.add.at(self.latency_us, np.minimum(latency_ns // 1000, _LATENCY_BINS - 1), 1)
-        self.latency_max_ns = max(self.latency_max_ns, int(latency_ns.max()))

@@ -5,6 +5,7 @@ the sample only, so the readings are the same however cells are grouped or sprea
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,15 @@ from skinnet.errors import DeploymentError
 from skinnet.messages import FORCE_CHANNELS, READING_NAMES, STIMULUS_NAMES
 from skinnet.seeding import gaussian, key_of, uniform
 
-__all__ = ["STANDARD_GRAVITY_M_S2", "Transducers", "noise_keys", "phases_ns"]
+__all__ = [
+    "STANDARD_GRAVITY_M_S2",
+    "Scales",
+    "TransducerState",
+    "Transducers",
+    "noise_keys",
+    "phases_ns",
+    "scales",
+]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """By definition (CGPM, 1901)."""
@@ -35,6 +44,26 @@ def phases_ns(seed: int, patch: str, n: int, period_ns: int) -> NDArray[np.int64
     return np.array([int(share * period_ns) for share in shares], dtype=np.int64)
 
 
+class Scales(NamedTuple):
+    """Noise and steps of the channels, each (8,).
+
+    `noise` and `lsb` are in units of the reading; `lowest` and `highest` are the ends of the range, in whole
+    steps of `lsb`.
+    """
+
+    noise: NDArray[np.float64]
+    lsb: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+
+
+class TransducerState(NamedTuple):
+    """All of transducers that changes with time; opaque, and good for the same cells."""
+
+    frame: int
+    warmth_c: NDArray[np.float64]
+
+
 class Transducers:
     """The transducers of the cells of a patch.
 
@@ -50,7 +79,6 @@ class Transducers:
             DeploymentError: the calibration or a range of `spec` does not hold.
         """
         force, proximity = spec.force, spec.proximity
-        acceleration, temperature = spec.accelerometer, spec.temperature
         self._calibration = _calibration(force.calibration_n, force.calibration_reading)
         if not proximity.reading_at_reach < 1.0:
             raise DeploymentError(
@@ -58,15 +86,9 @@ class Transducers:
             )
         root = math.sqrt(proximity.reading_at_reach)
         self._distance0_m = proximity.reach_m * root / (1.0 - root)
-        steps = (
-            (force.noise, force.lsb, 0.0, 1.0, FORCE_CHANNELS),
-            (proximity.noise, proximity.lsb, 0.0, 1.0, 1),
-            (acceleration.noise_g, acceleration.lsb_g, -acceleration.range_g, acceleration.range_g, 3),
-            (temperature.noise_c, temperature.lsb_c, temperature.min_c, temperature.max_c, 1),
-        )
-        self._noise, self._lsb, self._lowest, self._highest = _steps(steps)
+        self._scales = scales(spec)
         self._period_ns = spec.period_ns
-        self._rate = spec.period_ns * 1e-9 / temperature.time_constant_s
+        self._rate = spec.period_ns * 1e-9 / spec.temperature.time_constant_s
         self._keys = np.array(cell_keys, dtype=np.uint64)
         self._phases_ns = np.array(phases_ns, dtype=np.int64)
         self._share = self._phases_ns / spec.period_ns
@@ -113,12 +135,22 @@ class Transducers:
             warming,
             self._calibration,
             self._distance0_m,
-            self._noise,
-            self._lsb,
-            self._lowest,
-            self._highest,
+            *self._scales,
             out,
         )
+
+    def reset(self, cells: NDArray[np.int64]) -> None:
+        """`cells` are switched on again: their temperature sensors begin at the temperature around them."""
+        self._warmth_c[cells] = math.nan
+
+    def snapshot(self) -> TransducerState:
+        """A copy of all that changes with time."""
+        return TransducerState(self._frame, self._warmth_c.copy())
+
+    def restore(self, state: TransducerState) -> None:
+        """Goes back, or forth, to the moment at which transducers of the same cells gave `state`."""
+        self._frame = state.frame
+        self._warmth_c[:] = state.warmth_c
 
 
 def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDArray[np.float64]:
@@ -138,15 +170,25 @@ def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDAr
     return np.array(table)
 
 
-def _steps(
-    channels: tuple[tuple[float, float, float, float, int], ...],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Noise, step, lowest and highest number of steps per channel from (noise, step, min, max, count)."""
+def scales(spec: CellSpec) -> Scales:
+    """What the channels of a cell can read, in `READING_NAMES` order.
+
+    Raises:
+        DeploymentError: a range does not rise.
+    """
+    force, proximity = spec.force, spec.proximity
+    acceleration, temperature = spec.accelerometer, spec.temperature
+    channels = (
+        (force.noise, force.lsb, 0.0, 1.0, FORCE_CHANNELS),
+        (proximity.noise, proximity.lsb, 0.0, 1.0, 1),
+        (acceleration.noise_g, acceleration.lsb_g, -acceleration.range_g, acceleration.range_g, 3),
+        (temperature.noise_c, temperature.lsb_c, temperature.min_c, temperature.max_c, 1),
+    )
     noise, lsb, low, high = np.repeat([c[:4] for c in channels], [c[4] for c in channels], axis=0).T
     if np.any(low >= high):
         raise DeploymentError(f"cells: each sensor's range must rise; got {low.tolist()} to {high.tolist()}")
     # the tolerance keeps an end that is a whole number of steps; + 0.0 makes a zero of a minus zero
-    return noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9)
+    return Scales(noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9))
 
 
 @compiled

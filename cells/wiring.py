@@ -1,9 +1,12 @@
-"""The nodes and links of one host: every cell of its patches, and an interface node for each patch.
+"""The nodes and links of one host: all cells of its patches, and an interface for each group of patches.
 
-A patch's nodes follow one another: its cells, then its interface, whose ports are the patch's gateways.
+A group is what bridges join into one network; most are a single patch. A group's nodes follow one another:
+the cells of its patches, then its interface, whose ports are the gateways of its patches in their order.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +16,11 @@ from skinnet.network.network import Network
 from skinnet.network.topology import UNBOUNDED, Topology
 from skinnet.seeding import key_of
 from skinnet.skin.lattice import N_PORTS
-from skinnet.skin.placement import PlacedPatch
+from skinnet.skin.placement import Bridge, PlacedPatch
 
 __all__ = ["Wiring", "wire"]
+
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -23,23 +28,33 @@ class Wiring:
     """How the cells of a host are numbered and wired.
 
     Attributes:
-        patches: The patches, in order.
+        patches: The patches, group after group.
         first_cell: (p + 1,) host-wide number of the first cell of each patch, then of all cells.
-        first_node: (p + 1,) node of the first cell of each patch, then of all nodes.
-        interface: (p,) node of each patch's interface.
+        first_patch: (g + 1,) number of the first patch of each group, then of all patches.
+        group_ports: (g,) ports of each group's interface.
+        gateway_port: (p,) first port of each patch's gateways at its group's interface.
+        interface: (g,) node of each group's interface.
         node_of_cell: (cells,) node of each cell.
-        patch_of_node: (nodes,) patch of each node.
+        patch_of_cell: (cells,) patch of each cell.
+        uid_of_cell: (cells,) hardware number: counts the cells of a group.
+        group_of_node: (nodes,) group of each node.
         link_out: (nodes, ports) link that leaves a node by a port, −1 for none.
+        power_wires: (w, 4) wires between cells: (cell, port, cell, port), host-wide numbers.
         topology: Nodes and links for the kernel.
     """
 
     patches: tuple[PlacedPatch, ...]
-    first_cell: NDArray[np.int64]
-    first_node: NDArray[np.int64]
-    interface: NDArray[np.int64]
-    node_of_cell: NDArray[np.int64]
-    patch_of_node: NDArray[np.int64]
-    link_out: NDArray[np.int64]
+    first_cell: Ints
+    first_patch: Ints
+    group_ports: list[int]
+    gateway_port: Ints
+    interface: Ints
+    node_of_cell: Ints
+    patch_of_cell: Ints
+    uid_of_cell: Ints
+    group_of_node: Ints
+    link_out: Ints
+    power_wires: Ints
     topology: Topology
 
     @property
@@ -47,50 +62,110 @@ class Wiring:
         """Cells of all patches."""
         return int(self.first_cell[-1])
 
-    def cell_of_node(self, node: int) -> int:
-        """Host-wide number of the cell at `node`."""
-        return node - int(self.patch_of_node[node])
+    @property
+    def group_of_patch(self) -> Ints:
+        """(p,) group of each patch."""
+        return np.repeat(np.arange(len(self.group_ports)), np.diff(self.first_patch))
+
+    def links_into(self, node: int) -> list[int]:
+        """Links that arrive at a node."""
+        return [link ^ 1 for link in self.links_of(node)]
+
+    def links_of(self, node: int) -> list[int]:
+        """Links that leave a node; the link back is the number with its last bit turned."""
+        return [link for link in self.link_out[node].tolist() if link >= 0]
 
     def network(self, seed: int) -> Network:
         """The kernel over these nodes; its random draws belong to the nodes, not to their host."""
-        keys = [
-            key_of(seed, "node", patch.name, i) for patch in self.patches for i in range(patch.n_cells + 1)
-        ]
+        keys = []
+        for first, last in pairwise(self.first_patch.tolist()):
+            group = self.patches[first:last]
+            keys += [key_of(seed, "node", patch.name, i) for patch in group for i in range(patch.n_cells)]
+            keys.append(key_of(seed, "node", group[0].name, group[0].n_cells))
         return Network(self.topology, seed=seed, node_keys=np.array(keys, dtype=np.uint64))
 
 
-def wire(patches: tuple[PlacedPatch, ...], spec: NetworkSpec) -> Wiring:
-    """Numbers and wires the cells of `patches`, with equal links."""
+def wire(
+    groups: Sequence[Sequence[PlacedPatch]], spec: NetworkSpec, bridges: Sequence[Bridge] = ()
+) -> Wiring:
+    """Numbers and wires the cells of groups of patches, with equal links.
+
+    Args:
+        groups: Patches that bridges join.
+        spec: What the links are like.
+        bridges: Wires between patches; those that lead to other patches are left out.
+    """
+    patches = tuple(patch for group in groups for patch in group)
     sizes = np.array([patch.n_cells for patch in patches], dtype=np.int64)
     first_cell = np.concatenate([[0], np.cumsum(sizes)])
-    first_node = np.concatenate([[0], np.cumsum(sizes + 1)])
+    first_patch = np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64)
+    group_of_patch = np.repeat(np.arange(len(groups)), np.diff(first_patch))
+    patch_of_cell = np.repeat(np.arange(len(patches)), sizes)
+    n_cells = int(first_cell[-1])
+    node_of_cell = np.arange(n_cells) + group_of_patch[patch_of_cell]
+    first_node = np.append(node_of_cell[first_cell[first_patch[:-1]]], n_cells + len(groups))
     interface = first_node[1:] - 1
-    wires = []
-    for index, patch in enumerate(patches):
-        base = first_node[index]
-        wires.append(patch.wires + np.array([base, 0, base, 0]))
-        gateways = np.arange(len(patch.interfaces))
-        ends = patch.interfaces + np.array([base, 0])
-        wires.append(np.column_stack([np.full(len(ends), interface[index]), gateways, ends]))
-    links = np.vstack(wires)
-    topology = Topology.from_wires(
-        int(first_node[-1]),
-        links,
-        bits_per_s=spec.bits_per_s,
-        bits_per_byte=spec.bits_per_byte,
-        delay_ns=round(spec.hop_delay_us * 1e3),
-        queue_packets=_queues(links, interface, spec.queue_packets),
-        jitter_ns=round(spec.jitter_us * 1e3),
-    )
+
+    cell_wires = [patch.wires + first_cell[p] * _CELL_COLUMNS for p, patch in enumerate(patches)]
+    names = {patch.name: int(first) for patch, first in zip(patches, first_cell[:-1], strict=True)}
+    bridge_wires = [
+        [names[b.a_patch] + b.a_cell, b.a_port, names[b.b_patch] + b.b_cell, b.b_port]
+        for b in bridges
+        if b.a_patch in names and b.b_patch in names
+    ]
+    power_wires = np.vstack([*cell_wires, np.array(bridge_wires, dtype=np.int64).reshape(-1, 4)])
+    links = power_wires.copy()
+    links[:, [0, 2]] = node_of_cell[power_wires[:, [0, 2]]]
+    gateway_port = np.zeros(len(patches), dtype=np.int64)
+    group_ports, wires = [], [links]
+    for g, (first, last) in enumerate(pairwise(first_patch.tolist())):
+        ports = 0
+        for p in range(first, last):
+            ends, gateway_port[p] = patches[p].interfaces, ports
+            numbers = ports + np.arange(len(ends))
+            node = node_of_cell[first_cell[p] + ends[:, 0]]
+            wires.append(np.column_stack([np.full(len(ends), interface[g]), numbers, node, ends[:, 1]]))
+            ports += len(ends)
+        group_ports.append(ports)
+    topology = _topology(np.vstack(wires), int(first_node[-1]), interface, spec)
     n_ports = max(N_PORTS, int(topology.src_port.max()) + 1)  # a cell sends on all of its ports, wired or not
     link_out = np.full((topology.n_nodes, n_ports), -1, dtype=np.int64)
     link_out[topology.src, topology.src_port] = np.arange(topology.n_links)
-    node_of_cell = np.concatenate([np.arange(n) + first_node[i] for i, n in enumerate(sizes)])
-    patch_of_node = np.repeat(np.arange(len(patches)), sizes + 1)
-    return Wiring(patches, first_cell, first_node, interface, node_of_cell, patch_of_node, link_out, topology)
+    uid_of_cell = np.arange(n_cells) - first_cell[first_patch[group_of_patch[patch_of_cell]]]
+    return Wiring(
+        patches=patches,
+        first_cell=first_cell,
+        first_patch=first_patch,
+        group_ports=group_ports,
+        gateway_port=gateway_port,
+        interface=interface,
+        node_of_cell=node_of_cell,
+        patch_of_cell=patch_of_cell,
+        uid_of_cell=uid_of_cell,
+        group_of_node=np.repeat(np.arange(len(groups)), np.diff(first_node)),
+        link_out=link_out,
+        power_wires=power_wires,
+        topology=topology,
+    )
 
 
-def _queues(wires: NDArray[np.int64], interface: NDArray[np.int64], queue_packets: int) -> NDArray[np.int64]:
+_CELL_COLUMNS = np.array([1, 0, 1, 0])
+
+
+def _topology(wires: Ints, n_nodes: int, interface: Ints, spec: NetworkSpec) -> Topology:
+    return Topology.from_wires(
+        n_nodes,
+        wires,
+        bits_per_s=spec.bits_per_s,
+        bits_per_byte=spec.bits_per_byte,
+        delay_ns=round(spec.hop_delay_us * 1e3),
+        queue_packets=_queues(wires, interface, spec.queue_packets),
+        loss_probability=spec.loss,
+        jitter_ns=round(spec.jitter_us * 1e3),
+    )
+
+
+def _queues(wires: Ints, interface: Ints, queue_packets: int) -> Ints:
     """Room on every link: what a cell has, but no bound where the sender is a computer (assumed)."""
     sender = wires[:, [0, 2]].ravel()
     return np.where(np.isin(sender, interface), UNBOUNDED, queue_packets)

@@ -18,6 +18,7 @@ from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import (
     FOREVER_NS,
+    STREAM_ROW,
     Command,
     Config,
     ControllerState,
@@ -154,7 +155,7 @@ class ControllerNode:
         payload = encode(command)
         put(self._command_key, payload)
         self._note(position, events, stream, payload)
-        self._trace.add(t_ns, tick.velocity_rad_s, self._brain.felt)
+        self._trace.add(t_ns, tick.velocity_rad_s, self._brain.felt, (len(events.cell), len(stream.cell)))
         self._t_ns += self._period_ns
 
     def _formed(self, patch: str) -> bool:
@@ -179,7 +180,7 @@ class ControllerNode:
         log = self._log
         log.update(position.tobytes())
         for column in (*events, *stream):
-            log.update(column.tobytes())
+            log.update(column.data)
         log.update(command)
 
     def news(self) -> tuple[str, bytes] | None:
@@ -201,6 +202,8 @@ class ControllerNode:
             "stages": brain.stage_log,
             "end_ns": self._t_ns,
             "rejected": brain.picture.rejected,
+            "received_packets": brain.skin.received,
+            "missing_packets": brain.skin.gaps,
             "cells": self._patch_of_cell,
             "command_delay_ns": self._delay_ns,
             "map_problems": knowledge.map_problems,
@@ -230,16 +233,24 @@ class ControllerNode:
 
 
 class _Trace:
-    """Commands of every tick, and what was felt in the ticks of stages that react."""
+    """What came in and was commanded in every tick, and what was felt in the ticks of stages that react."""
 
     def __init__(self) -> None:
         self._t_ns: list[int] = []
         self._velocity: list[NDArray[np.float32]] = []
+        self._taken: list[tuple[int, int]] = []
         self._felt_ns: list[int] = []
         self._felt: list[NDArray[np.float16]] = []
 
-    def add(self, t_ns: int, velocity: NDArray[np.float64], felt: NDArray[np.float64] | None) -> None:
+    def add(
+        self,
+        t_ns: int,
+        velocity: NDArray[np.float64],
+        felt: NDArray[np.float64] | None,
+        taken: tuple[int, int],
+    ) -> None:
         self._t_ns.append(t_ns)
+        self._taken.append(taken)
         self._velocity.append(velocity.astype(np.float32))
         if felt is not None:
             self._felt_ns.append(t_ns)
@@ -249,6 +260,7 @@ class _Trace:
         return {
             "t_ns": np.array(self._t_ns, dtype=np.int64),
             "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
+            "taken": np.array(self._taken, dtype=np.int64).reshape(-1, 2),  # events, full readings
             "touch_t_ns": np.array(self._felt_ns, dtype=np.int64),
             "touch": np.array(self._felt, dtype=np.float16),
         }
@@ -256,5 +268,21 @@ class _Trace:
 
 def build(deployment: Deployment, name: str, base: Path) -> ControllerNode:
     """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
+    _load_compiled(deployment)
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
     return ControllerNode(deployment, name, sizes)
+
+
+def _load_compiled(deployment: Deployment) -> None:
+    """Calls what is compiled once, before others wait: loading the machine code takes half a second."""
+    skin = SkinInput({"none": 1})
+    one = [0]
+    events = Events(
+        patch="none", gateway=0, cell=one, t_sampled_ns=one, t_delivered_ns=one, seq=one,
+        modality=one, channel=one, kind=one, level=one, value=[0.0],
+    )  # fmt: skip
+    skin.add_events("none", events)
+    rows = np.zeros(1, dtype=STREAM_ROW).tobytes()
+    skin.add_stream("none", Stream(patch="none", t_ns=0, covered_ns=0, events=0, rows=rows))
+    still = np.zeros(len(deployment.body.joints))
+    Brain(deployment.controller, skin, 1).tick(1, still, 1, 1, ready=False)

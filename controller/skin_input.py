@@ -5,21 +5,27 @@ delivered before a tick is handed out at that tick, ordered by (time of delivery
 number), so the order in which messages arrive does not matter.
 """
 
+from array import array
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.compiled import compiled
 from skinnet.errors import ProtocolError
-from skinnet.messages import FORCE_CHANNELS, STREAM_ROW, Events, Modality, Stream, unpack
+from skinnet.messages import FORCE_CHANNELS, STREAM_ROW, Events, Stream
 
 __all__ = ["EVENT_ROW", "SkinInput", "SkinRows"]
 
 _EVENT_COLUMNS = ("t_sampled_ns", "t_delivered_ns", "seq", "cell", "modality", "channel", "kind", "level")
+_N_COLUMNS = len(_EVENT_COLUMNS)
 EVENT_ROW = np.dtype([(name, np.int64) for name in (*_EVENT_COLUMNS, "gateway")] + [("value", np.float64)])
 """One event, with the cell's number in its patch."""
-_CHANNELS = np.array([FORCE_CHANNELS, 1, 3, 1])
+_CHANNELS = (FORCE_CHANNELS, 1, 3, 1)
 """Channels of each modality."""
+_U2_PER_ROW = STREAM_ROW.itemsize // 2
+_U2_OF_CELL = STREAM_ROW.fields["cell"][1] // 2  # type: ignore[index]
 
 
 class SkinRows(NamedTuple):
@@ -35,6 +41,9 @@ class SkinRows(NamedTuple):
 class SkinInput:
     """Collects events and streams of all patches.
 
+    A message is checked when it comes and otherwise only kept, for there are tens of thousands a second;
+    once a tick, what has come is laid out and ordered.
+
     Args:
         sizes: Number of cells of each patch, by name, in order.
     """
@@ -43,8 +52,26 @@ class SkinInput:
         self._first = np.cumsum([0, *sizes.values()])
         self._sizes = sizes
         self._patch = {patch: i for i, patch in enumerate(sizes)}
-        self._events = _Waiting(EVENT_ROW)
-        self._stream = _Waiting(STREAM_ROW)
+        self._events = _Ordered(EVENT_ROW)
+        self._stream = _Ordered(STREAM_ROW)
+        self._received = np.zeros(len(sizes), dtype=np.int64)
+        self._newest_seq = np.full(len(sizes), -1)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._integers, self._values = array("q"), array("d")
+        self._streams: list[bytes] = []
+        self._stream_patch: list[int] = []
+
+    @property
+    def received(self) -> int:
+        """Events and full readings that came until the last `take`."""
+        return int(self._received.sum())
+
+    @property
+    def gaps(self) -> int:
+        """How many of them are missing, by the sequence numbers of those that came."""
+        return int((self._newest_seq + 1 - self._received).sum())
 
     def cells(self, patch: str) -> NDArray[np.int64]:
         """Numbers of the cells of `patch`, through all patches; none if it is not in the run."""
@@ -58,21 +85,26 @@ class SkinInput:
             ProtocolError: columns of different lengths, another patch, or a cell, a modality or a channel
                 that it does not have.
         """
-        columns = [getattr(events, name) for name in (*_EVENT_COLUMNS, "value")]
-        if len({len(column) for column in columns}) != 1:
-            raise ProtocolError(f"events of {patch} with columns of unequal length")
-        rows = np.zeros(len(events.cell), dtype=EVENT_ROW)
+        cell, modality, channel = events.cell, events.modality, events.channel
+        columns = (events.t_sampled_ns, events.t_delivered_ns, events.seq, cell)
+        more = (modality, channel, events.kind, events.level)
+        n = len(cell)
+        for column in (*columns, *more, events.value):
+            if len(column) != n:
+                raise ProtocolError(f"events of {patch} with columns of unequal length")
+        for kind, number in zip(modality, channel, strict=True):
+            if not (0 <= kind < len(_CHANNELS) and 0 <= number < _CHANNELS[kind]):
+                raise ProtocolError(f"events of {patch} of a modality or a channel that no cell has")
+        self._check(patch, events.patch, cell)
+        integers = [self._patch[patch], events.gateway, n]
+        for column in (*columns, *more):
+            integers += column
         try:
-            for name, column in zip((*_EVENT_COLUMNS, "value"), columns, strict=True):
-                rows[name] = column
-            rows["gateway"] = events.gateway
+            self._integers.extend(array("q", integers))
         except OverflowError as error:
             raise ProtocolError(f"events of {patch} with a number beyond 64 bits") from error
-        modality, channel = rows["modality"], rows["channel"]
-        known = (modality >= 0) & (modality < len(Modality))
-        if not known.all() or (channel < 0).any() or (channel >= _CHANNELS[modality]).any():
-            raise ProtocolError(f"events of {patch} of a modality or a channel that no cell has")
-        return self._add(self._events, patch, events.patch, rows)
+        self._values.extend(events.value)
+        return n
 
     def add_stream(self, patch: str, stream: Stream) -> int:
         """Takes in full readings of a patch; returns how many.
@@ -80,49 +112,104 @@ class SkinInput:
         Raises:
             ProtocolError: no whole rows, another patch, or a cell that it does not have.
         """
-        return self._add(self._stream, patch, stream.patch, unpack(stream.rows, STREAM_ROW))
+        n, rest = divmod(len(stream.rows), STREAM_ROW.itemsize)
+        if rest:
+            raise ProtocolError(f"{len(stream.rows)} bytes are no rows of {STREAM_ROW.itemsize}")
+        cell = np.frombuffer(stream.rows, dtype="<u2")[_U2_OF_CELL::_U2_PER_ROW]
+        self._check(patch, stream.patch, (np.maximum.reduce(cell),) if n else ())
+        self._streams.append(stream.rows)
+        self._stream_patch.append(self._patch[patch])
+        return n
 
-    def _add(self, waiting: "_Waiting", patch: str, named: str, rows: NDArray[Any]) -> int:
+    def _check(self, patch: str, named: str, cells: Sequence[int]) -> None:
         if named != patch:
             raise ProtocolError(f"a message of {named} under a key of {patch}")
-        cell = rows["cell"].astype(np.uint64)  # a negative number becomes a very large one
-        if len(rows) and cell.max() >= self._sizes[patch]:
+        if cells and not 0 <= min(cells) <= max(cells) < self._sizes[patch]:
             raise ProtocolError(f"unknown cell of {patch}: it has cells 0 to {self._sizes[patch] - 1}")
-        waiting.add(self._patch[patch], rows)
-        return len(rows)
 
     def take(self, before_ns: int) -> tuple[SkinRows, SkinRows]:
         """Events and full readings that were delivered before `before_ns` and not taken yet, in order."""
-        return self._numbered(*self._events.take(before_ns)), self._numbered(*self._stream.take(before_ns))
+        n_events = len(self._values)
+        event_patch, events = np.empty(n_events, dtype=np.int64), np.empty(n_events, dtype=EVENT_ROW)
+        if n_events:
+            values = np.frombuffer(self._values, dtype=np.int64)
+            table = events.view(np.int64).reshape(n_events, -1)
+            _unfold(np.frombuffer(self._integers, dtype=np.int64), values, event_patch, table)
+        stream = np.frombuffer(b"".join(self._streams), dtype=STREAM_ROW)
+        sizes = [len(payload) // STREAM_ROW.itemsize for payload in self._streams]
+        stream_patch = np.repeat(np.array(self._stream_patch, dtype=np.int64), sizes)
+        self._forget()
+        for patch, rows in ((event_patch, events), (stream_patch, stream)):
+            self._received += np.bincount(patch, minlength=len(self._received))
+            np.maximum.at(self._newest_seq, patch, rows["seq"])
+        return (
+            self._numbered(*self._events.take(event_patch, events, before_ns)),
+            self._numbered(*self._stream.take(stream_patch, stream, before_ns)),
+        )
 
     def _numbered(self, patch: NDArray[np.int64], rows: NDArray[Any]) -> SkinRows:
         return SkinRows(self._first[patch] + rows["cell"], rows)
 
 
-class _Waiting:
-    """Rows of one kind that have arrived, with the patch of each."""
+class _Ordered:
+    """Puts rows of one kind into their order, and keeps those that are not due."""
 
     def __init__(self, kind: np.dtype[Any]) -> None:
-        self._kind = kind
-        self._none = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=kind)
-        self._patch: list[NDArray[np.int64]] = []
-        self._rows: list[NDArray[Any]] = []
+        self._patch = np.zeros(0, dtype=np.int64)
+        self._rows = np.zeros(0, dtype=kind)
 
-    def add(self, patch: int, rows: NDArray[Any]) -> None:
-        self._patch.append(np.full(len(rows), patch))
-        self._rows.append(rows)
+    def take(
+        self, patch: NDArray[np.int64], rows: NDArray[Any], before_ns: int
+    ) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        """Patch and rows of what was delivered before `before_ns`: of what was kept, and of what is new."""
+        if not len(rows) and not len(self._rows):
+            return patch, rows
+        if len(self._rows):
+            patch, rows = np.concatenate([self._patch, patch]), np.concatenate([self._rows, rows])
+        order = _order(patch, rows)
+        n_due = int(np.searchsorted(rows["t_delivered_ns"][order], before_ns))
+        due, later = order[:n_due], order[n_due:]
+        self._patch, self._rows = patch[later], rows[later]
+        return patch[due], rows[due]
 
-    def take(self, before_ns: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-        if not self._rows:
-            return self._none
-        patch = np.concatenate(self._patch)
-        rows = np.concatenate(self._rows, dtype=self._kind)
-        due = rows["t_delivered_ns"] < before_ns
-        if due.all():
-            self._patch, self._rows = [], []
-        else:
-            later = ~due
-            self._patch, self._rows = [patch[later]], [rows[later]]
-            patch, rows = patch[due], rows[due]
-        order = np.lexsort((rows["seq"], rows["gateway"], patch, rows["t_delivered_ns"]))
-        return patch[order], rows[order]
+
+def _order(patch: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[np.int64]:
+    """Indices that order rows by time of delivery, patch, gateway, sequence number, then as they came."""
+    t_ns = rows["t_delivered_ns"]
+    order = np.argsort(t_ns, kind="stable")  # a merge of the runs that the patches sent
+    t_ns = t_ns[order]
+    same = t_ns[1:] == t_ns[:-1]
+    if same.any():  # few are delivered at the same nanosecond
+        tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
+        index = order[tied]
+        ties = rows[index]
+        order[tied] = index[np.lexsort((ties["seq"], ties["gateway"], patch[index], t_ns[tied]))]
+    return order
+
+
+@compiled
+def _unfold(
+    integers: NDArray[np.int64],
+    value_bits: NDArray[np.int64],
+    patch: NDArray[np.int64],
+    rows: NDArray[np.int64],
+) -> None:
+    """Lays out messages, each its patch, gateway, count and columns one after the other, as rows.
+
+    Args:
+        integers: All messages.
+        value_bits: (n,) bits of their readings.
+        patch: (n,) out.
+        rows: (n, 10) out, the words of `EVENT_ROW`.
+    """
+    at, row = 0, 0
+    while at < integers.size:
+        n = integers[at + 2]
+        for i in range(n):
+            patch[row] = integers[at]
+            for column in range(_N_COLUMNS):
+                rows[row, column] = integers[at + 3 + column * n + i]
+            rows[row, _N_COLUMNS] = integers[at + 1]
+            rows[row, _N_COLUMNS + 1] = value_bits[row]
+            row += 1
+        at += 3 + n * _N_COLUMNS

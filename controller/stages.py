@@ -20,7 +20,7 @@ from controller.touch.reactions import TactileReaction
 from skinnet.deployment.schema import ControllerSpec, MapSpec, StageSpec, StructureSpec
 from skinnet.messages import Modality
 
-__all__ = ["Explore", "Guide", "Stage", "TakePosture", "make_stage"]
+__all__ = ["Explore", "Guide", "Listen", "Stage", "TakePosture", "make_stage"]
 
 _ACCELERATION = slice(4, 7)
 
@@ -220,6 +220,42 @@ class Guide:
         """Nothing is learnt."""
 
 
+class Listen:
+    """Takes in whatever the skin says, and holds still."""
+
+    gains = None
+    thresholds = None
+    felt = None
+    wants_stream = False
+
+    def __init__(self, duration_s: float, start_ns: int) -> None:
+        self._start_ns, self._t_ns = start_ns, start_ns
+        self._duration_ns = round(duration_s * 1e9)
+
+    @property
+    def done(self) -> bool:
+        """The time of the stage is over."""
+        return self._t_ns - self._start_ns >= self._duration_ns
+
+    @property
+    def progress(self) -> float:
+        """Share of the stage's time."""
+        return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
+
+    def take(self, stream: SkinRows) -> None:
+        """The picture has taken them in already."""
+
+    def step(
+        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+    ) -> NDArray[np.float64]:
+        """No motion."""
+        self._t_ns = t_ns
+        return np.zeros(len(position_rad))
+
+    def finish(self, t_ns: int) -> None:
+        """Nothing is learnt."""
+
+
 def make_stage(
     spec: StageSpec,
     control: ControllerSpec,
@@ -242,6 +278,9 @@ def make_stage(
             return TakePosture(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.accuracy_rad))
         case "guide":
             return Guide(spec, control, knowledge, n_cells, t_ns)
+        case "listen":
+            assert spec.duration_s is not None
+            return Listen(spec.duration_s, t_ns)
 
 
 def _structure_config(spec: StructureSpec) -> StructuralExplorationConfig:

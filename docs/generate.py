@@ -73,6 +73,8 @@ def _schema() -> str:
     for path, struct in _tables("", reflect.type_info(Deployment)):
         assert isinstance(struct, reflect.StructType)
         title = f"`[{path}]`" if path else "Top level"
+        if struct.tag_field is not None:
+            title += f" with `{struct.tag_field} = {toml_value(struct.tag)}`"
         docs = _field_docs(struct.cls)
         rows = (
             (f"`{field.name}`", _kind(field.type), _default(field), docs.get(field.name, ""))
@@ -194,7 +196,8 @@ def _kind(kind: Any) -> str:
         case reflect.VarTupleType() | reflect.ListType():
             return f"list of {_kind(kind.item_type)}"
         case reflect.UnionType():
-            return ", or ".join(_kind(part) for part in kind.types if not isinstance(part, reflect.NoneType))
+            parts = [_kind(part) for part in kind.types if not isinstance(part, reflect.NoneType)]
+            return ", or ".join(dict.fromkeys(parts))
     raise TypeError(f"no words for {kind}")
 
 
@@ -214,7 +217,15 @@ def _default(field: reflect.Field) -> str:
 
 
 def _field_docs(kind: type) -> dict[str, str]:
-    """The string below each field of a class, which exists in its source only."""
+    """The string below each field of a class or of what it inherits, which exists in the source only."""
+    docs = {}
+    for part in reversed(kind.__mro__):
+        if part.__module__.partition(".")[0] == "skinnet":
+            docs |= _own_field_docs(part)
+    return docs
+
+
+def _own_field_docs(kind: type) -> dict[str, str]:
     tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
     assert isinstance(tree, ast.ClassDef)
     docs = {}

@@ -173,9 +173,17 @@ class _Loop:
 
 
 async def run_loop(
-    node: Node, transport: Transport, keys: Keys, *, deadline_s: float, realtime: bool = False
+    node: Node,
+    transport: Transport,
+    keys: Keys,
+    *,
+    deadline_s: float,
+    realtime: bool = False,
+    on_period: Callable[[int], None] | None = None,
 ) -> set[str]:
     """Runs `node` over `transport` until it is finished; returns the processes that are still there.
+
+    After each period, `on_period` is called with the simulated time [ns] at which it ended.
 
     Raises:
         UpstreamLostError: a source that is not tolerated to be lost is gone or silent.
@@ -192,7 +200,10 @@ async def run_loop(
         await loop.fulfil(pace)
         if node.needs() is None:
             return loop.present
+        due_ns = node.due_ns()
         node.step(transport.put)
         transport.flush()
+        if on_period is not None:
+            on_period(due_ns)
         if (news := node.news()) is not None:
             transport.tell(*news)

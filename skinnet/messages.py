@@ -195,8 +195,9 @@ class SkinFrame(Message, frozen=True, kw_only=True, tag="skin_frame"):
 class Topology(Message, frozen=True, kw_only=True, tag="topology"):
     """What a patch's cells found out about their network, as lists over its cells.
 
-    `network_id` 0 means unreached; `parent` −1 is the gateway; `neighbours` are cells, by port, −1 for an
-    open port.
+    `network_id` 0 means unreached; `parent` −1 is the gateway, or a cell of another patch; `neighbours` are
+    cells, by port, −1 for an open port. `bridged` has (cell, port, number through all patches that are joined
+    by bridges) of every neighbour in another patch. A new version replaces the one before.
     """
 
     patch: str
@@ -208,6 +209,7 @@ class Topology(Message, frozen=True, kw_only=True, tag="topology"):
     parent: list[int]
     depth: list[int]
     neighbours: list[list[int]]
+    bridged: list[list[int]] = msgspec.field(default_factory=list)
 
 
 class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"):

@@ -26,6 +26,7 @@ from skinnet.errors import SkinnetError
 from skinnet.loop import Node, run_loop
 from skinnet.part import Part
 from skinnet.transport.zenoh import ZenohTransport
+from skinnet.usage import UsageTrace
 
 __all__ = ["STOPPED", "NodeModule", "build_node", "main", "part_of"]
 
@@ -118,6 +119,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
     try:
         node = build_node(module, deployment, args.name, args.base)
+        usage = UsageTrace(lambda: (transport.received_bytes, transport.sent_bytes))
         gc.freeze()
         gc.set_threshold(_GC_THRESHOLD)
         present = await run_loop(
@@ -126,8 +128,13 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             keys,
             deadline_s=deployment.run.deadline_s,
             realtime=deployment.run.pace == "realtime",
+            on_period=usage.note,
         )
-        part_of(node).save(args.parts)
+        if transport.malformed:
+            node.counters["malformed_envelopes"] += transport.malformed
+        part = part_of(node)
+        part.arrays |= {"usage": usage.rows, "transit_us": transport.transit_us}
+        part.save(args.parts)
         if args.listen:
             await _outlast(transport, present - {node.name})
     finally:
@@ -148,6 +155,16 @@ def part_of(node: Node) -> Part:
     part = node.result()
     usage = resource.getrusage(resource.RUSAGE_SELF)
     part.facts["cpu_s"] = usage.ru_utime + usage.ru_stime
-    part.facts["peak_mb"] = usage.ru_maxrss / (1024.0 if sys.platform != "darwin" else 1024.0**2)
+    part.facts["peak_mb"] = _peak_mb(usage.ru_maxrss)
     part.facts["counters"] = dict(sorted(node.counters.items()))
     return part
+
+
+def _peak_mb(maxrss: int) -> float:
+    """Peak memory of this program; on Linux, `maxrss` also remembers the launcher that it was forked from."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        peaks = [line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM:")]
+        if peaks:
+            return int(peaks[0]) / 1024.0
+    return maxrss / (1024.0 if sys.platform != "darwin" else 1024.0**2)

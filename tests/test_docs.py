@@ -52,9 +52,9 @@ def test_python_parses(page: Path, code: str) -> None:
     compile(code, page.name, "exec")
 
 
-@pytest.mark.parametrize(("page", "code"), blocks("toml"))
+@pytest.mark.parametrize(("page", "code"), [b for b in blocks("toml") if b.values[0].stem != "faults"])
 def test_toml_is_part_of_a_deployment(page: Path, code: str) -> None:
-    """What a page quotes is what stands in the deployment it quotes from."""
+    """What a page quotes is what stands in the deployment it quotes from (faults.md has tests of its own)."""
     quoted = tomllib.loads(code)
     shipped = [
         tomllib.loads(path.read_text(encoding="utf-8")) for path in (ROOT / "deployments").glob("[a-z]*.toml")

@@ -252,3 +252,56 @@ def test_noise_crosses_a_hysteresis_as_often_as_two_states_of_a_markov_chain_cha
     # in the middle of the band each sample leaves either state with probability Q(h / 2σ)
     expected = norm.sf(margin_in_sigmas / 2) * n * 3 * frames
     assert changes == pytest.approx(expected, abs=4 * math.sqrt(expected))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(ENCODINGS))
+def test_a_cell_that_is_switched_on_again_is_as_new_and_the_others_are_as_they_were(
+    seed: int, kind: str
+) -> None:
+    dice = np.random.default_rng(seed)
+    n = 6
+    again = np.flatnonzero(dice.random(n) < 0.5)
+    encoder, steady, fresh = Encoder(spec(kind), n), Encoder(spec(kind), n), Encoder(spec(kind), n)
+    settings = config(
+        stream=True,
+        encoding="delta",
+        levels={"force": [0.5]},
+        hysteresis={"force": 0.2},
+        deltas={"force": 0.3, "proximity": 0.4, "acceleration": 0.5, "temperature": 0.6},
+    )
+    path = walk(dice, n, 40)
+    for readings in path[:20]:
+        for one in (encoder, steady):
+            one.encode(readings)
+            if dice.random() < 0.2:
+                one.configure(int(dice.integers(n)), settings)
+    steady.restore(encoder.snapshot())
+    encoder.reset(again)
+    for readings in path[20:]:
+        mine, old, new = encoder.encode(readings), steady.encode(readings), fresh.encode(readings)
+        chosen = set(again.tolist())
+        expected = [e for e in events(new) if e[0] in chosen] + [e for e in events(old) if e[0] not in chosen]
+        assert events(mine) == sorted(expected, key=lambda event: event[0])
+        full = [c for c in new.full.tolist() if c in chosen] + [
+            c for c in old.full.tolist() if c not in chosen
+        ]
+        assert mine.full.tolist() == sorted(full)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_snapshot_of_an_encoder_brings_everything_back(seed: int) -> None:
+    dice = np.random.default_rng(seed)
+    encoder = Encoder(spec(), 4)
+    path = walk(dice, 4, 30)
+    for readings in path[:15]:
+        encoder.encode(readings)
+    encoder.configure(1, config(encoding="delta", stream=True))
+    then, levels = encoder.snapshot(), encoder.level.copy()
+    said = [(events(emission), emission.full.tolist()) for emission in map(encoder.encode, path[15:])]
+    encoder.configure(2, config(encoding="clock"))
+    for again in (encoder, Encoder(spec(), 4)):
+        again.restore(then)
+        assert np.array_equal(again.level, levels)
+        assert said == [
+            (events(emission), emission.full.tolist()) for emission in map(again.encode, path[15:])
+        ]

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 import simpy
-from heapq_oracle import simulate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skinnet.bench.heapq_network import simulate
 from skinnet.network.network import Finished, Network
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK, Routes, fewest_hops
@@ -34,8 +34,8 @@ def offer(network: Network, packets: Iterable[Offer]) -> None:
 def schedule(network: Network, changes: list[Change]) -> None:
     for t_ns, method, *arguments in changes:
         if method == "impair_link":
-            link, loss, jitter_ns = arguments
-            network.impair_link(t_ns, link, loss_probability=loss, jitter_ns=jitter_ns)
+            link, values = arguments
+            network.impair_link(t_ns, link, **values)
         else:
             getattr(network, method)(t_ns, *arguments)
 
@@ -102,6 +102,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
         queue_packets=column(st.sampled_from([-1, -1, 0, 1, 2])),
         loss_probability=column(st.sampled_from([0.0, 0.0, 0.0, 0.3, 1.0])),
         jitter_ns=column(st.sampled_from([0, 0, 3, 9])),
+        bit_error_rate=column(st.sampled_from([0.0, 0.0, 0.0, 0.01, 1.0])),
     )
 
     def one_route() -> st.SearchStrategy[Routes]:
@@ -115,10 +116,18 @@ def scenarios(draw: st.DrawFn) -> Scenario:
             lambda e: Routes(*(np.array([x]) for x in (e[0][0], e[0][1], e[0][2] if e[1] else NO_LINK)))
         )
 
+    impairment = st.fixed_dictionaries(
+        {},
+        optional={
+            "loss_probability": st.sampled_from([0.0, 0.5]),
+            "jitter_ns": st.integers(0, 5),
+            "bit_error_rate": st.sampled_from([0.0, 0.02]),
+        },
+    )
     change = st.one_of(
         st.tuples(times, st.just("fail_link"), links),
         st.tuples(times, st.just("repair_link"), links),
-        st.tuples(times, st.just("impair_link"), links, st.sampled_from([0.0, 0.5]), st.integers(0, 5)),
+        st.tuples(times, st.just("impair_link"), links, impairment),
         st.tuples(times, st.just("set_routes"), one_route()),
     )
     changes = [(0, "set_routes", fewest_hops(topology, range(n_nodes))), *draw(st.lists(change, max_size=6))]
@@ -157,6 +166,7 @@ def crowded_patch(seed: int) -> Scenario:
         queue_packets=rng.choice([-1, 4, 30], n_links),
         loss_probability=rng.choice([0.0, 0.01], n_links),
         jitter_ns=rng.choice([0, 7_000], n_links),
+        bit_error_rate=rng.choice([0.0, 1e-4], n_links),
     )
     packets = []
     for number in range(6000):
@@ -183,6 +193,7 @@ def test_equals_the_heap_of_events_in_a_crowded_patch() -> None:
         Outcome.QUEUE_FULL,
         Outcome.LINK_FAILED,
         Outcome.LOSS,
+        Outcome.CORRUPTED,
     }
     assert run(scenario, range(0, 120_000_000, 777_777)) == expected
 
@@ -453,6 +464,28 @@ def test_loss_and_jitter_have_their_distribution() -> None:
     counts = np.bincount(extra_ns, minlength=jitter_ns + 1)
     assert counts.size == jitter_ns + 1
     assert np.abs(counts - n / 10).max() < 5 * np.sqrt(n / 10)
+
+
+def test_bit_errors_hit_a_packet_by_its_bits_and_a_link_independently_of_loss() -> None:
+    n, rate, loss = 20_000, 1e-3, 0.25
+    network = Network(line(2))
+    network.impair_link(0, 0, bit_error_rate=rate)
+    network.impair_link(0, 0, loss_probability=loss)  # leaves the other as it is
+    ids = np.arange(n)
+    sizes = np.where(ids % 2 == 0, 8, 69)
+    network.offer(1000 * ids, ids * 0, ids * 0, sizes, ids, link=ids * 0)
+    done = network.advance(END_NS)
+    for size in (8, 69):
+        of_size = done.outcome[sizes[done.packet_id] == size]
+        survived = of_size[of_size != Outcome.LOSS]
+        hit = 1 - (1 - rate) ** (8 * size)
+        spread = np.sqrt(survived.size * hit * (1 - hit))
+        assert abs(np.count_nonzero(survived == Outcome.CORRUPTED) - hit * survived.size) < 4 * spread
+        assert abs(survived.size - (1 - loss) * n / 2) < 4 * np.sqrt(n / 2 * loss * (1 - loss))
+    assert network.link_counters.dropped[0] == np.count_nonzero(done.outcome != Outcome.DELIVERED)
+    assert network.link_counters.packets[0] == n  # they all arrived, in whatever state
+    with pytest.raises(ValueError, match=r"bit_error_rate is 1.5; allowed are 0 to 1"):
+        network.impair_link(END_NS, 0, bit_error_rate=1.5)
 
 
 def test_offers_in_any_order_and_far_ahead_enter_in_time() -> None:

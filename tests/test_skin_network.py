@@ -11,9 +11,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 from small_robot import lattice, patch, small
 
+from cells.deliveries import Delivered
 from cells.encoding import Emission
 from cells.packets import PacketKind, PacketPool
-from cells.skin_network import Delivered, SkinNetwork
+from cells.skin_network import SkinNetwork
 from cells.wiring import wire
 from skinnet.deployment import Deployment
 from skinnet.messages import Config, Topology
@@ -28,7 +29,9 @@ PATCHES[2]["interfaces"] = [{"cell": 19, "port": 0}]
 def network_of(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, Deployment]:
     deployment = small(*(patches or PATCHES), **tables)
     placed = tuple(place(patch, deployment.cells) for patch in deployment.patches)
-    network = SkinNetwork(wire(placed, deployment.network), deployment.cells, deployment.network, 1)
+    network = SkinNetwork(
+        wire([[p] for p in placed], deployment.network), deployment.cells, deployment.network, 1
+    )
     network.start(0)
     return network, deployment
 
@@ -36,7 +39,7 @@ def network_of(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, De
 def formed(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, Deployment]:
     """A network that has formed, at rest."""
     network, deployment = network_of(*patches, **tables)
-    while None in network.formed_ns:
+    while None in network.members.formed_ns:
         assert network.kernel.now_ns < 10**9
         assert network.advance(network.kernel.now_ns + PERIOD_NS) == ([], [])
     assert network.kernel.counters.in_flight == 0
@@ -97,7 +100,7 @@ def test_packets_are_conserved_at_every_moment(
     counters = network.counters()
     assert network.kernel.counters.in_flight == 0
     assert delivered == counters["event"]["delivered"] + counters["reading"]["delivered"]
-    assert network.latency_us.sum() == delivered
+    assert network.deliveries.latency_us.sum() == delivered
 
 
 def hops(network: SkinNetwork, index: int) -> NDArray[np.int64]:
@@ -116,9 +119,9 @@ def hops(network: SkinNetwork, index: int) -> NDArray[np.int64]:
 
 def test_what_the_cells_find_out_is_how_they_are_wired() -> None:
     network, _ = formed()
-    assert network.reached.all()
+    assert network.members.reached.all()
     for index, placed in enumerate(network.wiring.patches):
-        found = network.topology(index, 7)
+        found = network.members.topology(index, 7)
         assert (found.patch, found.t_ns, found.version) == (placed.name, 7, 1)
         assert sorted(found.network_id) == list(range(1, placed.n_cells + 1))
         assert found.depth == hops(network, index).tolist()
@@ -148,7 +151,7 @@ def test_a_lone_packet_takes_its_hops(stream: bool) -> None:
     spec = deployment.network
     one_ns = hop_ns(deployment, spec.stream_bytes if stream else spec.event_bytes)
     for index, placed in enumerate(network.wiring.patches):
-        found = network.topology(index, 0)
+        found = network.members.topology(index, 0)
         for cell in range(placed.n_cells):
             number = int(network.wiring.first_cell[index]) + cell
             t_ns = network.kernel.now_ns
@@ -165,14 +168,14 @@ def test_a_lone_packet_takes_its_hops(stream: bool) -> None:
                 assert one.rows["values"][0].tolist() == list(range(8 * number, 8 * number + 8))
             else:
                 assert one.rows["value"][0] == np.float32(number / 8)
-    assert network.latency_max_ns == max(hops(network, i).max() for i in range(3)) * one_ns
+    assert network.deliveries.latency_max_ns == max(hops(network, i).max() for i in range(3)) * one_ns
 
 
 def test_configurations_reach_every_cell() -> None:
     network, deployment = formed()
     one_ns = hop_ns(deployment, deployment.network.control_bytes)
     for index, placed in enumerate(network.wiring.patches):
-        for cell, depth in enumerate(network.topology(index, 0).depth):
+        for cell, depth in enumerate(network.members.topology(index, 0).depth):
             number = int(network.wiring.first_cell[index]) + cell
             config = Config(patch=placed.name, cell=cell, stream=True)
             t_ns = network.kernel.now_ns
@@ -233,8 +236,8 @@ def test_a_cell_that_no_wire_leads_to_stays_unreached() -> None:
         {"position_m": (x, 0.0, 0.0), "normal": (0, 0, 1), "x_axis": (1, 0, 0)} for x in (0.0, 0.0242, 0.1)
     ]
     network, _ = formed(apart, patch("hand", 2, 2))
-    assert network.reached.tolist() == [True, True, False, True, True, True, True]
-    found = network.topology(0, 0)
+    assert network.members.reached.tolist() == [True, True, False, True, True, True, True]
+    found = network.members.topology(0, 0)
     assert found.network_id[2] == 0
     assert found.neighbours[2] == [-1] * 4
     network.send_config(network.kernel.now_ns, 2, Config(patch="arm", cell=2))
@@ -249,13 +252,13 @@ def test_one_row_of_cells_uses_two_ports_of_four() -> None:
     """The cells call on all of their ports; most lead nowhere."""
     for columns in (1, 2, 6):
         network, _ = formed({**patch("hand"), "lattice": lattice(columns, 1)})
-        assert network.topology(0, 0).depth == list(range(1, columns + 1))
+        assert network.members.topology(0, 0).depth == list(range(1, columns + 1))
 
 
 def test_the_same_seed_forms_the_same_network() -> None:
     def form(jitter: float) -> list[Topology]:
         network, _ = formed(network={"jitter_us": jitter})
-        return [network.topology(i, 0) for i in range(3)]
+        return [network.members.topology(i, 0) for i in range(3)]
 
     assert form(50.0) == form(50.0)
 

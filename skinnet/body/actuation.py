@@ -14,7 +14,7 @@ from skinnet.body.model import BodyModel, resting_targets_rad
 from skinnet.compiled import compiled
 from skinnet.deployment.schema import ServoSpec
 
-__all__ = ["Actuation"]
+__all__ = ["Actuation", "acceptable"]
 
 Floats = NDArray[np.float64]
 
@@ -54,9 +54,7 @@ class Actuation:
         counted: the targets stay where they are.
         """
         velocity = np.asarray(velocity_rad_s, dtype=np.float64)
-        fits = velocity.shape == self.velocity_rad_s.shape
-        # NaN fails the comparison as well.
-        accepted = fits and bool(np.all(np.abs(velocity) <= self.servo.speed_limit_rad_s))
+        accepted = acceptable(velocity, len(self.velocity_rad_s), self.servo.speed_limit_rad_s)
         self.velocity_rad_s = velocity.copy() if accepted else np.zeros_like(self.velocity_rad_s)
         self.refused += not accepted
         return accepted
@@ -74,6 +72,11 @@ class Actuation:
             self.data.ctrl,
             self.model.actuator,
         )
+
+
+def acceptable(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) -> bool:
+    """Whether a velocity command is one for `n_dofs` joints within the limit [rad/s]; NaN is not."""
+    return velocity_rad_s.shape == (n_dofs,) and bool(np.all(np.abs(velocity_rad_s) <= limit_rad_s))
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""The body as a process: physics between the commands that come in and the frames that go out."""
+"""The body as a process: physics, or a script, between commands that come in and frames that go out."""
 
 import hashlib
 import math
@@ -10,24 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.scripted_body import ScriptedBody
 from skinnet.body.simulation import Body
-from skinnet.body.truth import Crossing, TouchTruth
+from skinnet.body.world import World
 from skinnet.channels import Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
-from skinnet.messages import FORCE_CHANNELS, Command, Joints, Modality, Stimulus, decode, encode
+from skinnet.messages import Command, Joints, Stimulus, decode, encode
 from skinnet.part import Part
 from skinnet.upstream import Upstream
 
 __all__ = ["BodyNode", "build"]
 
-_FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: FORCE_CHANNELS}
-
 
 class BodyNode:
-    """Runs the physics from boundary to boundary: frames to send, commands to take effect.
+    """Runs a world from boundary to boundary: frames to send, commands to take effect.
 
     A command is in effect from its `effect_ns` until the next one's. In lockstep the body waits for the
     command of every instant; in real time it goes on with the newest one it has, and the loop counts it
@@ -37,7 +36,7 @@ class BodyNode:
     role = Role.BODY.value
     paced = True
 
-    def __init__(self, deployment: Deployment, name: str, base: Path) -> None:
+    def __init__(self, deployment: Deployment, name: str, body: World) -> None:
         self.name = name
         keys = Keys(deployment.robot)
         self.subscriptions = (keys.of("command"),)
@@ -49,7 +48,7 @@ class BodyNode:
         self.peers = frozenset({"body", "controller", *hosts})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
-        self._body = Body(deployment, base)
+        self._body = body
         self._stimulus_ns, self._joints_ns = deployment.body.stimulus_ns, deployment.body.joints_ns
         self._control_ns, self._delay_ns = control.period_ns, control.command_delay_ns
         self._end_ns = deployment.max_ns
@@ -63,7 +62,6 @@ class BodyNode:
             (host, keys.of("stimulus", host), np.concatenate([self._rows(patch) for patch in patches]))
             for host, patches in hosts.items()
         ]
-        self._touches = deployment.teacher.touches
         self._start_s = 0.0
         self._log = hashlib.sha256()
         self._trace_t_ns: list[int] = []
@@ -139,7 +137,7 @@ class BodyNode:
             end_ns = self._end_ns if self._ending else None
             for host, key, rows in self._hosts:
                 values = felt[rows].tobytes()
-                configs = sum(self._configs.pop(patch, 0) for patch in self._patches[host])
+                configs = self._take_configs(host) if self._configs else 0
                 frame = Stimulus(
                     host=host, t_ns=t_ns, covered_ns=t_ns, values=values, configs=configs, end_ns=end_ns
                 )
@@ -153,38 +151,32 @@ class BodyNode:
             self._trace_rad.append(position)
             self._log.update(position.tobytes())
 
+    def _take_configs(self, host: str) -> int:
+        """Configurations sent to the patches of `host` since its last frame."""
+        return sum(self._configs.pop(patch, 0) for patch in self._patches[host])
+
     def news(self) -> None:
         """All that the body has to say is part of the run."""
 
-    def _crossing_facts(self, crossing: Crossing) -> tuple[int, int, int, float]:
-        """When, which cell, which touch channel (0 to 2 force, 3 proximity), which reading."""
-        reading = self._body.thresholds[crossing.modality][crossing.level - 1]
-        channel = _FIRST_CHANNEL[crossing.modality] + crossing.channel
-        return crossing.t_ns, crossing.cell, channel, reading
-
-    def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
-        by_depth = self._touches[touch.touch].depth_m is not None
-        public = {key: value for key, value in vars(touch).items() if not key.startswith("_")}
-        return public | {"by_depth": by_depth}
-
     def result(self) -> Part:
         """Ground truth and joint trace, for figures that compare."""
+        truth = self._body.truth()
         facts: dict[str, Any] = {
             "logs": {"body": self._log.hexdigest()},
             "end_ns": self._body.t_ns,
             "late_frames": self.counters["late_frames"],
-            "touches": [self._touch_facts(touch) for touch in self._body.teacher.truth],
-            "reaction_crossings": [self._crossing_facts(c) for c in self._body.crossings.crossings],
             "loop_s": time.monotonic() - self._start_s,
-            "refused_commands": self._body.actuation.refused,
+            **truth.facts,
         }
         arrays: dict[str, NDArray[Any]] = {
             "joint_t_ns": np.array(self._trace_t_ns, dtype=np.int64),
             "joint_rad": np.array(self._trace_rad, dtype=np.float32).reshape(-1, self._body.n_dofs),
+            **truth.arrays,
         }
         return Part(self.name, self.role, facts, arrays)
 
 
 def build(deployment: Deployment, name: str, base: Path) -> BodyNode:
-    """The body of `deployment`."""
-    return BodyNode(deployment, name, base)
+    """The body of `deployment`: scripted if it has a script."""
+    body = Body(deployment, base) if deployment.script is None else ScriptedBody(deployment, base)
+    return BodyNode(deployment, name, body)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,11 +16,11 @@ from skinnet.body.stimulus import StimulusSampler
 from skinnet.body.surface import skin_surface
 from skinnet.body.sway import Sway
 from skinnet.body.teacher import Teacher
-from skinnet.body.truth import CrossingTruth, distance_thresholds_m, force_thresholds_n
+from skinnet.body.truth import TouchTruth, reaction_truth
+from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ModelError
-from skinnet.messages import Modality
 from skinnet.skin.placement import place
 
 __all__ = ["Body"]
@@ -43,8 +44,7 @@ class Body:
         cells: Rows of each patch's cells in the stimulus, by the name of the patch.
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
-        thresholds: Readings at which some stage of the program begins to react, by modality, ascending.
-        crossings: Ground truth of forces and distances that crossed these; a crossing's level counts them.
+        crossings: Ground truth of forces and distances at which some stage of the program begins to react.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -78,21 +78,13 @@ class Body:
             self.model.temperature_c,
             self.data.xfrc_applied,
         )
+        self._touches = teacher.touches
         self.teacher = Teacher(
             self.data, self.model.finger, self._foundation, teacher, self.cells, deployment.cells
         )
-        proximity = deployment.cells.proximity
-        reach_m = _SEEN_BEYOND_REACH * proximity.reach_m
+        reach_m = _SEEN_BEYOND_REACH * deployment.cells.proximity.reach_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
-        guides = [stage for stage in deployment.controller.stages.values() if stage.kind == "guide"]
-        self.thresholds = {
-            Modality.FORCE: sorted({stage.force_threshold for stage in guides}),
-            Modality.PROXIMITY: sorted({stage.proximity_threshold for stage in guides}),
-        }
-        self.crossings = CrossingTruth(
-            force_thresholds_n(deployment.cells.force, self.thresholds[Modality.FORCE]),
-            distance_thresholds_m(proximity, self.thresholds[Modality.PROXIMITY]),
-        )
+        self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
         self._evaluated = False
         self._stimulus: NDArray[np.float64] | None = None
 
@@ -147,6 +139,20 @@ class Body:
         """Positions (D,) of the controlled joints now [rad], a copy."""
         positions: NDArray[np.float64] = self.data.qpos[self.model.qpos]
         return positions
+
+    def truth(self) -> GroundTruth:
+        """Touches of the teacher, crossings, commands that were refused."""
+        facts = {
+            "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
+            "reaction_crossings": self.crossings.facts(),
+            "refused_commands": self.actuation.refused,
+        }
+        return GroundTruth(facts, {})
+
+    def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
+        by_depth = self._touches[touch.touch].depth_m is not None
+        public = {key: value for key, value in vars(touch).items() if not key.startswith("_")}
+        return public | {"by_depth": by_depth}
 
     def _at_home(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model.mj)

@@ -15,7 +15,7 @@ from skinnet.body.winkler import Pressed
 from skinnet.compiled import compiled
 from skinnet.messages import STIMULUS_NAMES
 
-__all__ = ["StimulusSampler"]
+__all__ = ["StimulusSampler", "felt_acceleration"]
 
 Floats = NDArray[np.float64]
 
@@ -86,10 +86,7 @@ def _sample(
             stimulus[i, 3] = math.inf
             if n_near > 0:  # the call alone, with all its arrays, costs as much as the rest
                 stimulus[i, 3] = _distance_m(surface, scene, motion, i, x, y, z, reach_m, near, n_near)
-            ax, ay, az = _acceleration(motion, cacc, surface.body[i], x, y, z)
-            for column in range(3):
-                u, v, w = axis(surface, motion, i, column)
-                stimulus[i, 4 + column] = ax * u + ay * v + az * w
+            felt_acceleration(surface, motion, cacc, i, x, y, z, stimulus)
             touch_c = pressed.touch_c[i]
             stimulus[i, 7] = temperature_c[surface.body[i]] if math.isnan(touch_c) else touch_c
 
@@ -116,6 +113,17 @@ def _distance_m(
         if within(scene, motion, near[j], mx, my, mz, middle_m):
             nearest_m = min(nearest_m, ray_m(scene, motion, near[j], x, y, z, u, v, w))
     return nearest_m if nearest_m <= reach_m else math.inf
+
+
+@compiled
+def felt_acceleration(
+    surface: Surface, motion: Motion, cacc: Floats, i: int, x: float, y: float, z: float, stimulus: Floats
+) -> None:
+    """Writes the proper acceleration [m/s²] of cell `i`, whose face is at (x, y, z), into `stimulus`."""
+    ax, ay, az = _acceleration(motion, cacc, surface.body[i], x, y, z)
+    for column in range(3):
+        u, v, w = axis(surface, motion, i, column)
+        stimulus[i, 4 + column] = ax * u + ay * v + az * w
 
 
 @compiled

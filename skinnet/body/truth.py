@@ -1,21 +1,29 @@
 """Ground truth that no cell and no controller ever sees: when forces really rose and things came near."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.schema import ForceSpec, ProximitySpec
-from skinnet.messages import STIMULUS_NAMES, Modality
+from skinnet.deployment.schema import CellSpec, ForceSpec, ProximitySpec, StageSpec
+from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES, Modality
 
-__all__ = ["Crossing", "CrossingTruth", "TouchTruth", "distance_thresholds_m", "force_thresholds_n"]
+__all__ = [
+    "Crossing",
+    "CrossingTruth",
+    "TouchTruth",
+    "distance_thresholds_m",
+    "force_thresholds_n",
+    "reaction_truth",
+]
 
 Floats = NDArray[np.float64]
 
 _DISTANCE = STIMULUS_NAMES.index("distance_m")
+_FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: FORCE_CHANNELS}
 
 
 class Crossing(NamedTuple):
@@ -43,11 +51,13 @@ class CrossingTruth:
     Attributes:
         force_n: (l,) ascending thresholds of the normal force of a force cell [N].
         distance_m: (m,) descending thresholds of the distance [m]: coming nearer crosses them.
+        readings: What sensors without noise read there, by modality; a crossing's level counts them.
         crossings: What happened so far, in the order of its detection.
     """
 
     force_n: Floats
     distance_m: Floats
+    readings: Mapping[Modality, Sequence[float]] = field(default_factory=dict)
     crossings: list[Crossing] = field(default_factory=list)
     _force_before: Floats | None = None
     _distance_before: Floats | None = None
@@ -57,7 +67,7 @@ class CrossingTruth:
 
     def see_forces(self, t_ns: int, step_ns: int, force_n: Floats, touching: bool) -> None:
         """Forces (n, 3) [N] at `t_ns`, one physics step after the last call; `touching`: is there any."""
-        if self._quiet and not touching:
+        if not len(self.force_n) or (self._quiet and not touching):
             return
         if self._force_before is None:
             self._force_before = np.zeros_like(force_n)
@@ -69,6 +79,8 @@ class CrossingTruth:
 
     def see_stimulus(self, t_ns: int, stimulus: Floats) -> None:
         """Stimulus (n, 8) at `t_ns`, later than the last one."""
+        if not len(self.distance_m):
+            return
         nearness = -stimulus[:, _DISTANCE : _DISTANCE + 1]
         nothing_near = not np.isfinite(nearness).any()
         if nothing_near and self._nothing_near:
@@ -79,6 +91,13 @@ class CrossingTruth:
             step_ns = t_ns - self._distance_ns
             self._find(t_ns, step_ns, self._distance_before, nearness, -self.distance_m, Modality.PROXIMITY)
         self._distance_before, self._distance_ns = nearness, t_ns
+
+    def facts(self) -> list[tuple[int, int, int, float]]:
+        """Of each crossing: when, which cell, which touch channel (0–2 force, 3 proximity), which reading."""
+        return [
+            (c.t_ns, c.cell, _FIRST_CHANNEL[c.modality] + c.channel, self.readings[c.modality][c.level - 1])
+            for c in self.crossings
+        ]
 
     def _find(
         self, t_ns: int, step_ns: int, before: Floats, now: Floats, thresholds: Floats, modality: Modality
@@ -91,6 +110,18 @@ class CrossingTruth:
             self.crossings.append(
                 Crossing(start_ns + round(share * step_ns), cell, modality, channel, index + 1)
             )
+
+
+def reaction_truth(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingTruth:
+    """Watches the readings at which some guide stage begins to react."""
+    guides = [stage for stage in stages if stage.kind == "guide"]
+    force = sorted({stage.force_threshold for stage in guides})
+    proximity = sorted({stage.proximity_threshold for stage in guides})
+    return CrossingTruth(
+        force_thresholds_n(cells.force, force),
+        distance_thresholds_m(cells.proximity, proximity),
+        {Modality.FORCE: force, Modality.PROXIMITY: proximity},
+    )
 
 
 def force_thresholds_n(spec: ForceSpec, readings: Sequence[float] | None = None) -> Floats:

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import run
+from skinnet.cli import bench, network, run
+from skinnet.cli.plan import EXAMPLES, plan
+from skinnet.cli.stress import stress
 from skinnet.errors import DeploymentError, ModelError, PortInUseError, SkinnetError
 
 __all__ = ["app", "main"]
@@ -25,6 +27,10 @@ app = typer.Typer(
 )
 app.command(epilog=run.EXAMPLES)(run.run)
 app.command()(run.check)
+app.command(epilog=EXAMPLES)(plan)
+app.command()(stress)
+app.add_typer(network.app, name="network")
+app.add_typer(bench.app, name="bench")
 
 
 def _version(value: bool) -> None:

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections import Counter
 
+from skinnet.deployment.fault_checks import check_faults
 from skinnet.deployment.schema import CellSpec, Deployment
 from skinnet.errors import DeploymentError
 
@@ -22,6 +23,9 @@ def check(deployment: Deployment) -> None:
     _check_sensors(deployment.cells)
     _check_program(deployment)
     _check_touches(deployment)
+    check_faults(deployment)
+    if deployment.script is not None:
+        deployment.script.check({patch.name: patch.n_cells for patch in deployment.patches})
 
 
 def _check_periods(deployment: Deployment) -> None:
@@ -144,8 +148,8 @@ def _check_program(deployment: Deployment) -> None:
         mapped |= stage.kind == "map"
         if stage.kind == "guide" and not mapped:
             raise DeploymentError(f"{key}: guidance needs a sensory-motor map; put a map stage before it")
-        if stage.kind == "guide" and stage.duration_s is None:
-            raise DeploymentError(f"{key}.duration_s: a guide stage needs its duration")
+        if stage.kind in ("guide", "listen") and stage.duration_s is None:
+            raise DeploymentError(f"{key}.duration_s: a {stage.kind} stage needs its duration")
         if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
             known = ", ".join(["home", *control.poses_rad])
             raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; there are {known}")

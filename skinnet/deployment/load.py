@@ -4,9 +4,8 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, cast, get_args, get_origin
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -129,9 +128,12 @@ def _explain(raw: dict[str, Any], message: str) -> str:
     key, value, kind = _follow(raw, (match["path"] or "") + ("[key]" if match["in_key"] else ""))
     unknown = _UNKNOWN.search(what)
     if unknown is not None:
-        return _explain_unknown(key, kind, unknown["field"])
-    if what.startswith("Invalid enum value"):
+        return _explain_unknown(key, _table(kind, value), unknown["field"])
+    if what.startswith(("Invalid enum value", "Invalid value")):
         what = f"allowed: {', '.join(_allowed(kind))}"
+    tag = _tag_field(kind)
+    if tag is not None and what == f"Object missing required field `{tag}`":
+        what = f"{what}; allowed: {', '.join(_allowed(_tags(kind)))}"
     shown = "" if isinstance(value, dict | list) else f" = {value!r}"
     return f"{key or 'the file'}{shown}: {what[0].lower()}{what[1:]}"
 
@@ -144,12 +146,13 @@ def _follow(raw: dict[str, Any], path: str) -> tuple[str, Any, Any]:
     key, value, kind = "", cast(Any, raw), cast(Any, Deployment)
     for name, number, other in _STEP.findall(path):
         if name:
-            table = _inside(kind, lambda annotation: hasattr(annotation, "__struct_fields__"))
-            key, value, kind = f"{key}.{name}".lstrip("."), value[name], table.__annotations__[name]
+            tagged = name == _tag_field(kind)
+            kind = _tags(kind) if tagged else get_type_hints(_table(kind, value), include_extras=True)[name]
+            key, value = f"{key}.{name}".lstrip("."), value[name]
         elif number:
             key, value = f"{key}[{number}]", value[int(number)]
         else:
-            kinds = get_args(_inside(kind, lambda annotation: get_origin(annotation) is dict))
+            kinds = _entries(kind)
             if other == "[key]":
                 return key, next(name for name in value if not _holds(name, kinds[0])), kinds[0]
             name = next(name for name, item in value.items() if not _holds(item, kinds[1]))
@@ -165,20 +168,43 @@ def _holds(value: Any, kind: Any) -> bool:
     return True
 
 
-def _explain_unknown(key: str, kind: Any, field: str) -> str:
-    table = _inside(kind, lambda annotation: hasattr(annotation, "__struct_fields__"))
-    known = list(table.__struct_fields__)
+def _explain_unknown(key: str, table: Any, field: str) -> str:
+    tag = table.__struct_config__.tag_field
+    known = [*([tag] if tag else []), *table.__struct_fields__]
     near = difflib.get_close_matches(field, known, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
     return f"{key}.{field}".lstrip(".") + f": unknown key; {hint}allowed: {', '.join(known)}"
 
 
-def _inside(annotation: Any, wanted: Callable[[Any], bool]) -> Any:
-    """The first part that is wanted of an annotation such as tuple[PatchSpec, ...]; None if there is none."""
-    if wanted(annotation):
-        return annotation
-    parts = (_inside(part, wanted) for part in get_args(annotation))
-    return next((part for part in parts if part is not None), None)
+def _tables(annotation: Any) -> list[Any]:
+    """The tables that an annotation allows: more than one where their tags tell them apart."""
+    if hasattr(annotation, "__struct_fields__"):
+        return [annotation]
+    return [table for part in get_args(annotation) for table in _tables(part)]
+
+
+def _table(annotation: Any, value: Any) -> Any:
+    """The one table among those of an annotation that `value` is, by its tag."""
+    tables = _tables(annotation)
+    tag = value.get(_tag_field(annotation))
+    return next((table for table in tables if table.__struct_config__.tag == tag), tables[0])
+
+
+def _tag_field(annotation: Any) -> str | None:
+    """The key that tells the tables of an annotation apart."""
+    return next((table.__struct_config__.tag_field for table in _tables(annotation)), None)
+
+
+def _tags(annotation: Any) -> Any:
+    """Annotation of that key."""
+    return Literal[tuple(table.__struct_config__.tag for table in _tables(annotation))]
+
+
+def _entries(annotation: Any) -> tuple[Any, ...]:
+    """Annotations of the names and values of the dict that an annotation allows; none if it allows none."""
+    if get_origin(annotation) is dict:
+        return get_args(annotation)
+    return next((kinds for part in get_args(annotation) if (kinds := _entries(part))), ())
 
 
 def _allowed(annotation: Any) -> list[str]:

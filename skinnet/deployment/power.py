@@ -20,3 +20,7 @@ class PowerSpec(Table, frozen=True, kw_only=True):
     """Below this a cell browns out and leaves the network *(assumed)*."""
     feeds: tuple[PortName, ...] = ()
     """Ports of cells that are fed; all interfaces unless given."""
+
+    def __post_init__(self) -> None:
+        if self.minimum_v >= self.supply_v:
+            raise ValueError(f"minimum_v = {self.minimum_v:g}: must be below supply_v = {self.supply_v:g}")

@@ -5,15 +5,28 @@ what each stands for); all others name theirs. Times in the file carry their uni
 the integer nanoseconds that the properties give.
 """
 
+import itertools
 import math
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
 from skinnet.deployment.faults import FaultRule
+from skinnet.deployment.plan import PlanSpec
 from skinnet.deployment.power import PowerSpec
 from skinnet.deployment.script import ScriptSpec
-from skinnet.deployment.table import Levels, Name, NonNegative, PortName, Positive, Table, Vector, ns_of_ms
+from skinnet.deployment.stress import StressSpec
+from skinnet.deployment.table import (
+    Levels,
+    Name,
+    NonNegative,
+    PortName,
+    Positive,
+    Share,
+    Table,
+    Vector,
+    ns_of_ms,
+)
 
 __all__ = [
     "AccelerometerSpec",
@@ -266,7 +279,8 @@ class PatchSpec(Table, frozen=True, kw_only=True):
     body: str
     lattice: LatticeSpec | None = None
     cells: tuple[PlacedCell, ...] = ()
-    interfaces: Annotated[tuple[InterfaceSpec, ...], Meta(min_length=1)]
+    interfaces: tuple[InterfaceSpec, ...] = ()
+    """Where gateways are wired; at least one, here or in a patch that bridges lead to."""
 
     @property
     def n_cells(self) -> int:
@@ -295,6 +309,11 @@ class NetworkSpec(Table, frozen=True, kw_only=True):
     stream_bytes: Annotated[int, Meta(gt=0)] = 23
     control_bytes: Annotated[int, Meta(gt=0)] = 8
     jitter_us: NonNegative = 0.0
+    loss: Share = 0.0
+    """Chance that a link destroys a packet."""
+    detect_us: NonNegative = 500.0
+    """From the end of a line's signal to the moment when its receiver knows: a cut wire, or a far end without
+    power, reads as a break *(assumed)*."""
     bundle: bool = False
     """One event message per gateway and period instead of one per cell."""
 
@@ -322,7 +341,7 @@ class MapSpec(Table, frozen=True, kw_only=True):
 class StageSpec(Table, frozen=True, kw_only=True):
     """One stage of the controller's program."""
 
-    kind: Literal["structure", "map", "posture", "guide"]
+    kind: Literal["structure", "map", "posture", "guide", "listen"]
     duration_s: Positive | None = None
     force_gain: NonNegative = 0.0
     force_threshold: NonNegative = 0.05
@@ -390,11 +409,14 @@ class Deployment(Table, frozen=True, kw_only=True):
     bridges: tuple[BridgeSpec, ...] = ()
     power: PowerSpec | None = None
     """Solve the power network; without this table every cell has power."""
+    plan: PlanSpec = field(default_factory=PlanSpec)
     faults: tuple[FaultRule, ...] = ()
     script: ScriptSpec | None = None
     """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
     controller: ControllerSpec
+    stress: StressSpec = field(default_factory=StressSpec)
+    """What `skinnet stress` sweeps; runs ignore it."""
 
     @property
     def frame_ns(self) -> int:
@@ -406,10 +428,27 @@ class Deployment(Table, frozen=True, kw_only=True):
         """Simulated time at which the run ends at the latest [ns]."""
         return -(-round(self.run.max_s * 1e9) // self.frame_ns) * self.frame_ns
 
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Patches that bridges join into one network, by name; one without bridges is a group of its own."""
+        group = {patch.name: [patch.name] for patch in self.patches}
+        for bridge in self.bridges:
+            one, other = (group.get(end.split("/")[0]) for end in (bridge.a, bridge.b))
+            if one is not None and other is not None and one is not other:
+                one += other
+                group |= dict.fromkeys(other, one)
+        order = [patch.name for patch in self.patches]
+        members = {id(names): tuple(sorted(names, key=order.index)) for names in group.values()}
+        return tuple(sorted(members.values(), key=lambda names: order.index(names[0])))
+
     def host_patches(self) -> dict[str, tuple[str, ...]]:
-        """Names of the patches that each cell host runs, by the name of the host."""
-        names = tuple(patch.name for patch in self.patches)
+        """Names of the patches that each cell host runs, by the name of the host; a group stays together."""
+        groups = self.groups()
         if isinstance(self.hosts, dict):
-            return dict(self.hosts)
-        count = len(names) if self.hosts == "per_patch" else min(int(self.hosts), len(names))
-        return {f"host{i}": names[i::count] for i in range(count)}
+            order = {patch: i for i, patch in enumerate(itertools.chain(*groups))}
+            place = len(order)
+            return {
+                host: tuple(sorted(patches, key=lambda patch: order.get(patch, place)))
+                for host, patches in self.hosts.items()
+            }
+        count = len(groups) if self.hosts == "per_patch" else min(int(self.hosts), len(groups))
+        return {f"host{i}": tuple(itertools.chain(*groups[i::count])) for i in range(count)}

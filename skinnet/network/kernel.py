@@ -7,10 +7,12 @@ known when it is opened; sorted by (time, rank of the link) they are handled in 
 worked off for the whole stretch of time before the next one, which keeps its records in the cache.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import compiled
+from skinnet.compiled import compiled, inlined
 from skinnet.network.records import FAR_NS, FREE, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
 from skinnet.network.routes import NO_LINK
 from skinnet.seeding import hash64, uniform
@@ -28,6 +30,8 @@ _NO_ROUTE = int(Outcome.NO_ROUTE)
 _TTL = int(Outcome.TTL)
 _LINK_FAILED = int(Outcome.LINK_FAILED)
 _LOSS = int(Outcome.LOSS)
+_CORRUPTED = int(Outcome.CORRUPTED)
+_BIT_ERRORS = 0x5DEECE66D
 _LOW_HALF = 0xFFFFFFFF
 _FEW = 48
 
@@ -123,7 +127,7 @@ def advance(until_ns: int, hop_limit: int, state: State, scratch: Scratch) -> in
     return next_ns
 
 
-@compiled
+@inlined
 def _advance_window(
     until_ns: int, hop_limit: int, component: Records, state: State, scratch: Scratch
 ) -> None:
@@ -170,7 +174,7 @@ def _advance_window(
                 scheduled += _schedule(rank, packets[p].t_ns, start_ns, end_ns, links, component, buckets)
             rank = following
         if n > _FEW:
-            keys[:n].sort()
+            _sort_many(keys, n)
         else:
             _sort_few(keys, n)
         for i in range(n):
@@ -201,7 +205,7 @@ def _advance_window(
                 _end(p, t_ns, node, concerned, outcome, state, scratch)
 
 
-@compiled
+@inlined
 def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
     """Takes the first packet off its link; returns how it ended, or that it must go on."""
     link.head = packet.next
@@ -221,10 +225,16 @@ def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
     if chance > 0.0 and uniform(link.key, packet.key + np.uint64(packet.hops)) <= chance:
         link.dropped += 1
         return _LOSS
+    rate = link.bit_error_rate
+    if rate > 0.0:
+        share = uniform(link.key ^ np.uint64(_BIT_ERRORS), packet.key + np.uint64(packet.hops))
+        if share <= -math.expm1(8 * packet.size * math.log1p(-rate)):
+            link.dropped += 1
+            return _CORRUPTED
     return _DELIVERED if packet.dest < 0 or packet.dest == link.dst else _UNDERWAY
 
 
-@compiled
+@inlined
 def _next_link(dest: int, node: int, nodes: Records, routes: NDArray[np.uint32]) -> int:
     if dest < 0:
         return ~dest
@@ -234,7 +244,7 @@ def _next_link(dest: int, node: int, nodes: Records, routes: NDArray[np.uint32])
     return int(routes[start + nodes[node].local])
 
 
-@compiled
+@inlined
 def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
     """Puts a packet on a link at `t_ns`; returns the cause of its drop, or that it is under way."""
     if link.up == 0:
@@ -273,7 +283,7 @@ def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
     return _UNDERWAY
 
 
-@compiled
+@inlined
 def _end(p: int, t_ns: int, node: int, link: int, outcome: int, state: State, scratch: Scratch) -> None:
     record = scratch.ended[scratch.n_ended[0]]
     scratch.n_ended[0] += 1
@@ -288,7 +298,7 @@ def _end(p: int, t_ns: int, node: int, link: int, outcome: int, state: State, sc
     state.heap[IN_FLIGHT] -= 1
 
 
-@compiled
+@inlined
 def _schedule(
     rank: int,
     t_ns: int,
@@ -313,6 +323,12 @@ def _schedule(
 
 
 @compiled
+def _sort_many(keys: NDArray[np.int64], n: int) -> None:
+    """Sorts the first n keys."""
+    keys[:n].sort()
+
+
+@inlined
 def _sort_few(keys: NDArray[np.int64], n: int) -> None:
     """Sorts the first n keys by insertion, which for few beats everything else."""
     for i in range(1, n):

@@ -66,6 +66,7 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
         "delay_ns",
         "queue_packets",
         "loss_probability",
+        "bit_error_rate",
         "jitter_ns",
     ):
         links[name][rank_of_link] = getattr(topology, name)

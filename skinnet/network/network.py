@@ -14,7 +14,7 @@ from skinnet.network.offers import require, survey
 from skinnet.network.records import ENDED, FAR_NS, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
 from skinnet.network.results import Counters, Finished, LinkCounters
 from skinnet.network.routes import NO_LINK, Routes
-from skinnet.network.topology import MAX_JITTER_NS, Topology
+from skinnet.network.topology import ALLOWED, Topology
 
 __all__ = ["Counters", "Finished", "LinkCounters", "Network", "Snapshot"]
 
@@ -32,8 +32,7 @@ class _Repair:
 @dataclass(frozen=True)
 class _Impair:
     rank: int
-    loss_probability: float
-    jitter_ns: int
+    values: dict[str, float]
 
 
 _Change: TypeAlias = _Fail | _Repair | _Impair | Routes
@@ -53,7 +52,7 @@ class Snapshot:
 
 
 class Network:
-    """Store-and-forward network of serial links with queues, routes, loss, jitter and failures.
+    """Store-and-forward network of serial links with queues, routes, loss, jitter, bit errors and failures.
 
     A packet that enters the queue of a link at `a` has left at
     `max(a, busy) + ⌈size × bits_per_byte × 10⁹ / bits_per_s⌉` and arrives `delay_ns` and its jitter later,
@@ -67,7 +66,7 @@ class Network:
 
     Args:
         topology: Nodes and links.
-        seed: Of loss and jitter.
+        seed: Of loss, jitter and bit errors.
         node_keys: Identity of every node for its random draws, (n_nodes,); its number by default.
         hop_limit: A packet that is not at its destination after so many links is dropped (`TTL`).
     """
@@ -92,7 +91,7 @@ class Network:
             ended=np.empty(0, dtype=ENDED),
             n_ended=np.zeros(1, dtype=np.int64),
         )
-        self._nothing = _columns(self._scratch.ended)
+        self._nothing = _columns(self._scratch.ended, np.empty(0, dtype=np.int64))
         self._state = Snapshot(arrays)
 
     @property
@@ -122,6 +121,11 @@ class Network:
         busy_ns = links["committed_ns"] - np.maximum(links["busy_ns"] - self._state.now_ns, 0)
         high_water = links["queue_high_water"].astype(np.int64)
         return LinkCounters(links["packets"], links["bytes"], busy_ns, high_water, links["dropped"])
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of the arrays that the network works on, without its topology."""
+        return sum(array.nbytes for array in (*self._state.arrays, *self._scratch))
 
     @property
     def link_up(self) -> NDArray[np.bool_]:
@@ -207,7 +211,7 @@ class Network:
             self._apply(t_ns, change)
         self._run(until_ns)
         ended = self._scratch.ended[: self._scratch.n_ended[0]]
-        return _columns(ended[np.lexsort((ended["node"], ended["t_ns"]))])
+        return _columns(ended, np.lexsort((ended["node"], ended["t_ns"])))
 
     def fail_link(self, t_ns: int, link: int) -> None:
         """Takes a link down at `t_ns`: what has not fully arrived before, or is sent over it, is lost."""
@@ -217,14 +221,33 @@ class Network:
         """Takes a link into service again, empty, at `t_ns`."""
         self._schedule(t_ns, _Repair(self._rank_of(link)))
 
-    def impair_link(self, t_ns: int, link: int, *, loss_probability: float, jitter_ns: int) -> None:
-        """Sets loss, for arrivals, and bound of jitter [ns], for departures, of a link from `t_ns` on."""
-        if not (0.0 <= loss_probability <= 1.0 and 0 <= jitter_ns <= MAX_JITTER_NS):
-            raise ValueError(
-                f"loss_probability {loss_probability} is not in 0 to 1, "
-                f"or jitter_ns {jitter_ns} not in 0 to {MAX_JITTER_NS}"
-            )
-        self._schedule(t_ns, _Impair(self._rank_of(link), loss_probability, jitter_ns))
+    def impair_link(
+        self,
+        t_ns: int,
+        link: int,
+        *,
+        loss_probability: float | None = None,
+        jitter_ns: int | None = None,
+        bit_error_rate: float | None = None,
+    ) -> None:
+        """Sets what a link does to packets from `t_ns` on; None leaves it as it is then.
+
+        Loss and bit errors concern packets that arrive from then on, jitter [ns] those that depart.
+
+        Raises:
+            ValueError: A value is outside its range.
+        """
+        given = {
+            "loss_probability": loss_probability,
+            "jitter_ns": jitter_ns,
+            "bit_error_rate": bit_error_rate,
+        }
+        values = {name: value for name, value in given.items() if value is not None}
+        for name, value in values.items():
+            lowest, highest = ALLOWED[name]
+            if not lowest <= value <= highest:
+                raise ValueError(f"{name} is {value}; allowed are {lowest} to {highest}")
+        self._schedule(t_ns, _Impair(self._rank_of(link), values))
 
     def set_routes(self, t_ns: int, routes: Routes) -> None:
         """Replaces the listed entries of the route tables at `t_ns`; packets in a queue stay in it.
@@ -240,7 +263,11 @@ class Network:
             raise ValueError("a route uses a link that does not leave its node")
         rank = np.full(node.size, NONE, dtype=np.int64)
         rank[leads] = self._rank[routes.link[leads]]
-        self._schedule(t_ns, Routes(node.copy(), dest.copy(), rank))
+        change = Routes(node.copy(), dest.copy(), rank)
+        if t_ns == self.now_ns and not (self._state.changes and self._state.changes[0][0] <= t_ns):
+            self._apply(t_ns, change)  # nothing comes before it, so it need not be kept
+        else:
+            self._schedule(t_ns, change)
 
     def snapshot(self) -> Snapshot:
         """A copy of all that changes with time."""
@@ -276,13 +303,13 @@ class Network:
                 kernel.fail(rank, t_ns, state.arrays, self._scratch)
             case _Repair(rank):
                 links["up"][rank] = 1
-            case _Impair(rank, loss_probability, jitter_ns):
-                links["loss_probability"][rank] = loss_probability
-                links["jitter_ns"][rank] = jitter_ns
+            case _Impair(rank, values):
+                for name, value in values.items():
+                    links[name][rank] = value
             case Routes(node, dest, rank):
                 state.arrays = with_routes(state.arrays, self.topology, node, dest, rank)
 
 
-def _columns(ended: Records) -> Finished:
-    """Copies of the columns of `ENDED` records."""
-    return Finished(*(ended[name].astype(np.int64) for name in Finished._fields))
+def _columns(ended: Records, order: NDArray[np.int64]) -> Finished:
+    """The columns of `ENDED` records in this order; one by one, which is faster than whole records."""
+    return Finished(*(ended[name][order].astype(np.int64) for name in Finished._fields))

@@ -52,6 +52,7 @@ class Outcome(IntEnum):
     TTL = 3
     LINK_FAILED = 4
     LOSS = 5
+    CORRUPTED = 6
 
 
 LINK = np.dtype(
@@ -71,18 +72,20 @@ LINK = np.dtype(
         ("dst", "u4"),
         ("jitter_ns", "i8"),
         ("loss_probability", "f8"),
+        ("bit_error_rate", "f8"),
         ("packets", "i8"),  # arrived, with those that were destroyed on the way
         ("bytes", "i8"),
         ("committed_ns", "i8"),  # transmission time of all accepted packets
-        ("src", "i4"),
         ("number", "i4"),  # of the topology; NO_LINK on an entry
         ("queue_high_water", "i4"),
-        ("bits_per_byte", "i4"),
-        ("dropped", "i8"),
-        ("bits_per_s", "i8"),
-        ("key", "u8"),
         ("up", "u1"),
         ("scheduled", "u1"),  # is in a bucket or waits for a later window
+        # touched now and then
+        ("bits_per_byte", "i4"),
+        ("src", "i4"),
+        ("bits_per_s", "i8"),
+        ("dropped", "i8"),
+        ("key", "u8"),
     ],
     align=True,
 )

@@ -18,7 +18,7 @@ class Finished(NamedTuple):
         packet_id: As offered.
         t_ns: When it ended [ns].
         node: Where it ended: at its destination, where it was dropped, at the far end of a link that
-            destroyed it (`LOSS`), or at the near end of one that failed with it (`LINK_FAILED`).
+            destroyed it (`LOSS`, `CORRUPTED`), or at the near end of one that failed with it (`LINK_FAILED`).
         link: The link that was full, dead, failed or lossy; else the one over which it came in, `NO_LINK`
             for a packet of the node's own.
         outcome: `Outcome`; 0 is delivered.
@@ -48,11 +48,11 @@ class LinkCounters(NamedTuple):
     """Traffic of every link up to now, each (n_links,).
 
     Attributes:
-        packets: Fully arrived, with those that the link destroyed (`LOSS`).
+        packets: Fully arrived, with those that the link destroyed (`LOSS`, `CORRUPTED`).
         bytes: Of these packets.
         busy_ns: Time in transmission [ns].
         queue_high_water: Most packets that ever waited behind the one in transmission.
-        dropped: Ended by this link: queue full, link failed or dead, loss.
+        dropped: Ended by this link: queue full, link failed or dead, loss, bit errors.
     """
 
     packets: NDArray[np.int64]

@@ -9,13 +9,24 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["MAX_JITTER_NS", "UNBOUNDED", "Topology"]
+__all__ = ["ALLOWED", "PROBABILITIES", "UNBOUNDED", "Topology"]
 
 UNBOUNDED = -1
 """`queue_packets` of a link on which any number of packets may wait."""
 
-MAX_JITTER_NS = 2**50
-_MAX_BITS_PER_BYTE = 64
+PROBABILITIES = ("loss_probability", "bit_error_rate")
+
+ALLOWED = {
+    "src_port": (0, 2**30),
+    "dst_port": (0, 2**30),
+    "bits_per_s": (1, 2**60),
+    "bits_per_byte": (1, 64),
+    "delay_ns": (0, 2**60),
+    "queue_packets": (UNBOUNDED, 2**30),
+    "jitter_ns": (0, 2**50),
+    **dict.fromkeys(PROBABILITIES, (0, 1)),
+}
+"""Least and greatest value of the columns of a topology."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -37,6 +48,7 @@ class Topology:
         queue_packets: How many packets may wait behind the one in transmission; `UNBOUNDED` for any number.
         loss_probability: Chance that a packet is destroyed on the link, 0 to 1.
         jitter_ns: Upper bound of an additional delay, uniform in 0 … jitter_ns [ns].
+        bit_error_rate: Chance that a bit of a packet arrives wrong, 0 to 1; the checksum finds it.
 
     Raises:
         ValueError: A column has the wrong length or a value outside its range, or a port is used twice.
@@ -53,6 +65,7 @@ class Topology:
     queue_packets: NDArray[np.int64]
     loss_probability: NDArray[np.float64]
     jitter_ns: NDArray[np.int64]
+    bit_error_rate: NDArray[np.float64]
 
     def __init__(
         self,
@@ -68,26 +81,28 @@ class Topology:
         queue_packets: ArrayLike = UNBOUNDED,
         loss_probability: ArrayLike = 0.0,
         jitter_ns: ArrayLike = 0,
+        bit_error_rate: ArrayLike = 0.0,
     ) -> None:
         if n_nodes < 1:
             raise ValueError(f"n_nodes is {n_nodes}; a topology has at least one node")
         n_links = np.asarray(src).size
-        last_ns = 2**60
         object.__setattr__(self, "n_nodes", int(n_nodes))
-        for name, values, lowest, highest in (
-            ("src", src, 0, n_nodes - 1),
-            ("src_port", src_port, 0, 2**30),
-            ("dst", dst, 0, n_nodes - 1),
-            ("dst_port", dst_port, 0, 2**30),
-            ("bits_per_s", bits_per_s, 1, 2**60),
-            ("bits_per_byte", bits_per_byte, 1, _MAX_BITS_PER_BYTE),
-            ("delay_ns", delay_ns, 0, last_ns),
-            ("queue_packets", queue_packets, UNBOUNDED, 2**30),
-            ("jitter_ns", jitter_ns, 0, MAX_JITTER_NS),
+        for name, values in (("src", src), ("dst", dst)):
+            object.__setattr__(self, name, _column(name, values, n_links, (0, n_nodes - 1)).astype(np.int64))
+        for name, values in (
+            ("src_port", src_port),
+            ("dst_port", dst_port),
+            ("bits_per_s", bits_per_s),
+            ("bits_per_byte", bits_per_byte),
+            ("delay_ns", delay_ns),
+            ("queue_packets", queue_packets),
+            ("loss_probability", loss_probability),
+            ("jitter_ns", jitter_ns),
+            ("bit_error_rate", bit_error_rate),
         ):
-            object.__setattr__(self, name, _column(name, values, n_links, lowest, highest).astype(np.int64))
-        loss = _column("loss_probability", loss_probability, n_links, 0, 1).astype(np.float64)
-        object.__setattr__(self, "loss_probability", loss)
+            column = _column(name, values, n_links, ALLOWED[name])
+            kind = np.float64 if name in PROBABILITIES else np.int64
+            object.__setattr__(self, name, column.astype(kind))
         _require_unique_ports("leave", self.src, self.src_port)
         _require_unique_ports("arrive at", self.dst, self.dst_port)
 
@@ -103,6 +118,7 @@ class Topology:
         queue_packets: ArrayLike = UNBOUNDED,
         loss_probability: float = 0.0,
         jitter_ns: int = 0,
+        bit_error_rate: float = 0.0,
     ) -> Self:
         """Topology of equal full-duplex wires: wire i is link 2i from end a to end b and link 2i + 1 back.
 
@@ -115,6 +131,7 @@ class Topology:
             queue_packets: How many packets may wait for each direction; one number, or one for each link.
             loss_probability: Chance that a packet is destroyed.
             jitter_ns: Upper bound of an additional delay [ns].
+            bit_error_rate: Chance that a bit arrives wrong.
         """
         ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
         both = np.stack([ends, ends[:, [2, 3, 0, 1]]], axis=1).reshape(-1, 4)
@@ -130,6 +147,7 @@ class Topology:
             queue_packets=queue_packets,
             loss_probability=loss_probability,
             jitter_ns=jitter_ns,
+            bit_error_rate=bit_error_rate,
         )
 
     @property
@@ -155,7 +173,8 @@ class Topology:
         return np.concatenate(([0], np.cumsum(np.bincount(self.component)))).astype(np.int64)
 
 
-def _column(name: str, values: ArrayLike, n_links: int, lowest: int, highest: int) -> NDArray[np.generic]:
+def _column(name: str, values: ArrayLike, n_links: int, allowed: tuple[int, int]) -> NDArray[np.generic]:
+    lowest, highest = allowed
     column = np.asarray(values)
     if column.ndim > 1 or (column.ndim == 1 and column.size != n_links):
         raise ValueError(

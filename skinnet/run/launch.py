@@ -14,13 +14,15 @@ from skinnet.deployment import Deployment, load, resolved_json
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError
 from skinnet.files import write_bytes, write_json
+from skinnet.network.faults import check_targets
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
 from skinnet.run.progress import Progress
 from skinnet.run.summary import summarise
 from skinnet.run.supervise import run_processes
 from skinnet.run.watch import Watch
-from skinnet.skin.placement import place_all
+from skinnet.skin.placement import bridges_of, place_all
+from skinnet.skin.whole import join
 
 __all__ = ["Order", "prepare", "run_once"]
 
@@ -53,7 +55,10 @@ def prepare(order: Order, seed: int | None = None) -> Deployment:
     deployment = load(order.file, order.overrides, seed)
     try:
         check(deployment)
-        place_all(deployment.patches, deployment.cells)
+        placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
+        check_targets(deployment, placed)
+        if deployment.power is not None:
+            join(placed, bridges_of(deployment.bridges, placed)).feeds(deployment.power.feeds)
         Body(deployment, order.file.parent)
     except DeploymentError as error:
         raise DeploymentError(f"{order.file}: {error}") from None
@@ -78,6 +83,8 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
     summary = summarise(deployment, base, outcome, wall_s)
+    if watch is not None and watch.counters:
+        summary["counters"]["watch"] = watch.counters
     write_json(out / "summary.json", summary)
     if order.plots:
         _draw(deployment, base, outcome, out, progress.say)

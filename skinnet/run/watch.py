@@ -57,6 +57,12 @@ class Watch:
         self.configs = 0
         self._newest: dict[str, bytes] = {}
 
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was copied to outsiders, and the configurations they brought in; nothing if nobody came."""
+        counts = {"copied": self.copied, "configs": self.configs}
+        return {name: count for name, count in counts.items() if count}
+
     def open(self, inner: Transport) -> None:
         """Begins to copy what goes through the loop."""
         self._inner = inner

@@ -1,7 +1,7 @@
 """Where the cells of a patch sit on their body, and which of their ports are wired together."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,11 +11,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skinnet.deployment.schema import CellSpec, LatticeSpec, PatchSpec, PlacedCell
+from skinnet.deployment.schema import BridgeSpec, CellSpec, LatticeSpec, PatchSpec, PlacedCell
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 
-__all__ = ["PlacedPatch", "place", "place_all"]
+__all__ = ["Bridge", "PlacedPatch", "bridges_of", "place", "place_all"]
 
 _OVERLAP = 0.90
 """Centres closer than this share of the pitch overlap (a curved lattice shortens chords a little)."""
@@ -51,6 +51,18 @@ class PlacedPatch:
         return len(self.position_m)
 
 
+@dataclass(frozen=True)
+class Bridge:
+    """A wire between cells of two patches, from port to port."""
+
+    a_patch: str
+    a_cell: int
+    a_port: int
+    b_patch: str
+    b_cell: int
+    b_port: int
+
+
 def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
     """Places the cells of `patch` and wires the ports that face each other.
 
@@ -66,21 +78,22 @@ def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
     pitch = pitch_m(cells.side_m)
     _refuse_overlap(patch.name, position_m, pitch)
     wires = _wires(position_m, rotation, pitch)
-    interfaces = np.array([(i.cell, i.port) for i in patch.interfaces], dtype=np.int64)
+    interfaces = np.array([(i.cell, i.port) for i in patch.interfaces], dtype=np.int64).reshape(-1, 2)
     _check_interfaces(patch.name, len(position_m), wires, interfaces)
     return PlacedPatch(patch.name, patch.body, position_m, rotation, wires, interfaces)
 
 
-def place_all(patches: Iterable[PatchSpec], cells: CellSpec) -> tuple[PlacedPatch, ...]:
+def place_all(
+    patches: Iterable[PatchSpec], cells: CellSpec, bridges: Iterable[BridgeSpec] = ()
+) -> tuple[PlacedPatch, ...]:
     """Places all `patches` of a robot.
 
     Raises:
-        DeploymentError: as `place`, or no wire leads from a cell to an interface, or cells of two patches on
-            one body overlap.
+        DeploymentError: as `place` and `bridges_of`, or no wire leads from a cell to an interface, or cells
+            of two patches on one body overlap.
     """
     placed = tuple(place(patch, cells) for patch in patches)
-    for one in placed:
-        _refuse_islands(one)
+    _refuse_islands(placed, bridges_of(bridges, placed))
     reach = _OVERLAP * pitch_m(cells.side_m)
     for one, other in combinations(placed, 2):
         if one.body != other.body:
@@ -175,19 +188,63 @@ def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch
     return np.array(wires, dtype=np.int64).reshape(-1, 4)
 
 
-def _refuse_islands(patch: PlacedPatch) -> None:
+def bridges_of(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) -> tuple[Bridge, ...]:
+    """The bridges between placed patches.
+
+    Raises:
+        DeploymentError: an end is no free port of a cell, or both are of one patch.
+    """
+    free = {patch.name: _free_ports(patch) for patch in placed}
+    bridges = []
+    for index, spec in enumerate(specs):
+        ends: list[tuple[str, int, int]] = []
+        for key, end in (("a", spec.a), ("b", spec.b)):
+            name, _, place = end.partition("/")
+            cell, port = map(int, place.split(":"))
+            if name not in free:
+                known = ", ".join(free)
+                raise DeploymentError(f"bridges[{index}].{key} = {end!r}: unknown patch; there are {known}")
+            if (cell, port) not in free[name]:
+                ports = [p for c, p in sorted(free[name]) if c == cell]
+                raise DeploymentError(
+                    f"bridges[{index}].{key} = {end!r}: no free port; "
+                    f"free ports of cell {cell}: {ports or 'none'}"
+                )
+            free[name].remove((cell, port))
+            ends.append((name, cell, port))
+        if ends[0][0] == ends[1][0]:
+            raise DeploymentError(
+                f"bridges[{index}]: both ends are of {ends[0][0]}; a bridge joins two patches"
+            )
+        bridges.append(Bridge(*ends[0], *ends[1]))
+    return tuple(bridges)
+
+
+def _free_ports(patch: PlacedPatch) -> set[tuple[int, int]]:
+    taken = np.vstack([patch.wires[:, :2], patch.wires[:, 2:], patch.interfaces])
+    ports = {(cell, port) for cell in range(patch.n_cells) for port in range(N_PORTS)}
+    return ports - {(int(cell), int(port)) for cell, port in taken}
+
+
+def _refuse_islands(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge]) -> None:
     """Every cell needs a way over wires to some interface."""
-    ones = np.ones(len(patch.wires), dtype=np.int8)
-    ends = (patch.wires[:, 0], patch.wires[:, 2])
-    graph = coo_array((ones, ends), shape=(patch.n_cells, patch.n_cells))
+    first = dict(zip((p.name for p in placed), np.cumsum([0, *(p.n_cells for p in placed)]), strict=False))
+    ends = [patch.wires[:, [0, 2]] + first[patch.name] for patch in placed]
+    ends += [np.array([[first[b.a_patch] + b.a_cell, first[b.b_patch] + b.b_cell]]) for b in bridges]
+    a, b = np.vstack(ends).T
+    n = sum(patch.n_cells for patch in placed)
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
     _, group = connected_components(graph, directed=False)
-    cut_off = np.flatnonzero(~np.isin(group, group[patch.interfaces[:, 0]]))
-    if len(cut_off):
-        raise DeploymentError(
-            f"patches.{patch.name}: no wire leads from cell {cut_off[0]} ({len(cut_off)} in all) to an "
-            "interface; ports sit on the edges at 0°, 60°, 180° and 240°: add columns, turn cells, or wire "
-            "an interface to it"
-        )
+    fed = np.concatenate([group[first[patch.name] + patch.interfaces[:, 0]] for patch in placed])
+    for patch in placed:
+        mine = group[first[patch.name] : first[patch.name] + patch.n_cells]
+        cut_off = np.flatnonzero(~np.isin(mine, fed))
+        if len(cut_off):
+            raise DeploymentError(
+                f"patches.{patch.name}: no wire leads from cell {cut_off[0]} ({len(cut_off)} in all) to an "
+                "interface; ports sit on the edges at 0°, 60°, 180° and 240°: add columns, turn cells, or "
+                "wire an interface or a bridge to it"
+            )
 
 
 def _check_interfaces(

@@ -56,8 +56,12 @@ class ThreadMailbox:
 
     def post(self, delivery: Delivery) -> None:
         """Adds a delivery; to be called from one thread at a time or from many."""
-        self._waiting.append(delivery)
-        if delivery.payload is None:
+        self.post_all([delivery])
+
+    def post_all(self, deliveries: list[Delivery]) -> None:
+        """Adds what came together."""
+        self._waiting.extend(deliveries)
+        if any(payload is None for _, payload in deliveries):
             self._urgent = True
         if self._asleep and (self._urgent or len(self._waiting) >= self._enough):
             self._asleep = False

@@ -7,17 +7,21 @@ seconds, so the wait before closing is set beyond any deadline of ours.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
 puts in one period leave as one envelope for each kind of receivers, under
-`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive.
+`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive. An envelope carries the
+time of its departure by the machine's monotonic clock, so that its receiver knows how long it was under way.
 """
 
 import json
 import logging
+import time
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from typing import Any
 
 import msgspec
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from skinnet.channels import Keys
 from skinnet.errors import PortInUseError, SkinnetError
@@ -30,12 +34,14 @@ _LEASE_MS = 2_000
 _WAIT_BEFORE_CLOSE_US = 120_000_000
 _CONNECT_TIMEOUT_MS = 60_000
 _KNOWN_KEYS = 100_000
+_TRANSIT_BINS = 100_001
+"""Microseconds up to 0.1 s."""
 
 log = logging.getLogger(__name__)
 
-Envelope = list[tuple[str, bytes]]
+_Messages = list[tuple[str, bytes]]
 _seal = msgspec.msgpack.Encoder().encode
-_open = msgspec.msgpack.Decoder(Envelope).decode
+_open = msgspec.msgpack.Decoder(tuple[int, _Messages]).decode
 
 
 def _open_session(listen: str | None, connect: str | None) -> Any:
@@ -69,6 +75,45 @@ def _open_session(listen: str | None, connect: str | None) -> Any:
         raise SkinnetError(f"Zenoh cannot {verb}: {reason}") from error
 
 
+class _Arrivals:
+    """The envelopes of one subscription: opens them, hands on what is wanted, counts.
+
+    Zenoh has a thread for each subscription, so each has counts of its own.
+    """
+
+    def __init__(self, expressions: tuple[str, ...], on_messages: Callable[[list[Delivery]], None]) -> None:
+        self._expressions = expressions
+        self._on_messages = on_messages
+        self._wanted: dict[str, bool] = {}
+        self.malformed = 0
+        self.n_bytes = 0
+        self.by_transit_us: dict[int, int] = {}
+
+    def take(self, _key: str, envelope: bytes) -> None:
+        try:
+            t_sent_ns, messages = _open(envelope)
+        except msgspec.DecodeError:
+            self.malformed += 1
+            return
+        transit_us = min(max(time.monotonic_ns() - t_sent_ns, 0) // 1000, _TRANSIT_BINS - 1)
+        self.by_transit_us[transit_us] = self.by_transit_us.get(transit_us, 0) + 1
+        self.n_bytes += len(envelope)
+        wanted = self._wanted
+        deliveries = [
+            Delivery(key, payload)
+            for key, payload in messages
+            if (self._is_wanted(key) if (known := wanted.get(key)) is None else known)
+        ]
+        if deliveries:
+            self._on_messages(deliveries)
+
+    def _is_wanted(self, key: str) -> bool:
+        wanted = any(matches(expression, key) for expression in self._expressions)
+        if len(self._wanted) < _KNOWN_KEYS:
+            self._wanted[key] = wanted
+        return wanted
+
+
 class ZenohTransport:
     """One session of one process.
 
@@ -92,43 +137,53 @@ class ZenohTransport:
         self._own_prefix = f"{self._loop_prefix}{name}/"
         self._mailbox = ThreadMailbox()
         self._entities: list[Any] = []
-        self._outbox: dict[str, Envelope] = {}
+        self._outbox: dict[str, _Messages] = {}
+        self._arrivals: list[_Arrivals] = []
         self.receive = self._mailbox.receive
-        self.malformed = 0
+        self.sent_bytes = 0
+
+    @property
+    def received_bytes(self) -> int:
+        """Bytes of the envelopes that came in."""
+        return sum(arrivals.n_bytes for arrivals in self._arrivals)
+
+    @property
+    def malformed(self) -> int:
+        """Envelopes that could not be opened."""
+        return sum(arrivals.malformed for arrivals in self._arrivals)
+
+    @property
+    def transit_us(self) -> NDArray[np.int64]:
+        """Envelopes by time from departure to acceptance [µs], one a bin; the last takes what is longer.
+
+        It makes sense between processes of one machine.
+        """
+        histogram = np.zeros(_TRANSIT_BINS, dtype=np.int64)
+        for arrivals in self._arrivals:
+            for transit_us, count in arrivals.by_transit_us.copy().items():
+                histogram[transit_us] += count
+        return histogram
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
         """Takes the messages that match out of the envelopes of `senders`."""
-        post = self._mailbox.post
         chosen = tuple(expressions)
         lanes = sorted({self._keys.lane(expression) for expression in chosen})
         for sender, lane in product(senders, lanes):
-            self._unpack(f"{sender}/{lane}", chosen, lambda key, payload: post(Delivery(key, payload)))
+            self._unpack(f"{sender}/{lane}", _Arrivals(chosen, self._mailbox.post_all))
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Takes the messages that match out of everybody's envelopes."""
-        return self._unpack(f"*/{self._keys.lane(expression)}", (expression,), on_message)
 
-    def _unpack(
-        self, envelopes: str, expressions: tuple[str, ...], on_message: OnMessage
-    ) -> Callable[[], None]:
-        wanted: dict[str, bool] = {}
+        def on_messages(deliveries: list[Delivery]) -> None:
+            for key, payload in deliveries:
+                if payload is not None:
+                    on_message(key, payload)
 
-        def on_sample(_key: str, payload: bytes) -> None:
-            try:
-                envelope = _open(payload)
-            except msgspec.DecodeError:
-                self.malformed += 1
-                return
-            for key, message in envelope:
-                known = wanted.get(key)
-                if known is None:
-                    known = any(matches(expression, key) for expression in expressions)
-                    if len(wanted) < _KNOWN_KEYS:
-                        wanted[key] = known
-                if known:
-                    on_message(key, message)
+        return self._unpack(f"*/{self._keys.lane(expression)}", _Arrivals((expression,), on_messages))
 
-        return self.tap(self._loop_prefix + envelopes, on_sample)
+    def _unpack(self, envelopes: str, arrivals: "_Arrivals") -> Callable[[], None]:
+        self._arrivals.append(arrivals)
+        return self.tap(self._loop_prefix + envelopes, arrivals.take)
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Calls `on_message` in a thread of Zenoh's."""
@@ -162,10 +217,12 @@ class ZenohTransport:
 
     def flush(self) -> None:
         """Sends the envelopes, past Zenoh's own batching: whoever gets them is waiting for them."""
-        for lane, envelope in self._outbox.items():
+        for lane, messages in self._outbox.items():
+            envelope = _seal((time.monotonic_ns(), messages))
+            self.sent_bytes += len(envelope)
             self._session.put(
                 self._own_prefix + lane,
-                _seal(envelope),
+                envelope,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 express=True,
             )

@@ -38,11 +38,41 @@ def network_figures(hosts: list[Part]) -> dict[str, Any]:
         figures["network.latency_us.p50"] = percentile_us(histogram, 0.50)
         figures["network.latency_us.p99"] = percentile_us(histogram, 0.99)
         figures["network.latency_us.max"] = max(h.facts["latency_max_ns"] for h in hosts) * 1e-3
+    figures |= _formation_figures(hosts) | _recovery_figures(hosts)
+    return figures
+
+
+def _formation_figures(hosts: list[Part]) -> dict[str, Any]:
+    """How the network formed, and who is not part of it at the end."""
+    figures: dict[str, Any] = {}
     figures["formation.packets"] = sum(host.facts["formation_packets"] for host in hosts)
     formed_ns = [t_ns for host in hosts for t_ns in host.facts["formed_ns"].values()]
     if None not in formed_ns:
         figures["formation.sim_ms"] = max(formed_ns) * 1e-6
+    figures["formation.repeated_packets"] = sum(host.facts["formation_repeated"] for host in hosts)
+    figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in hosts)
     figures["formation.unreached_cells"] = sum(host.facts["unreached"] for host in hosts)
+    if cut_off := [patch for host in hosts for patch in host.facts["cut_off"]]:
+        figures["formation.cut_off_patches"] = ", ".join(sorted(cut_off))
+    if without_power := sum(host.facts["without_power"] for host in hosts):
+        figures["power.cells_off"] = without_power
+    return figures
+
+
+def _recovery_figures(hosts: list[Part]) -> dict[str, Any]:
+    """How the network took the links and cells that went and came."""
+    recoveries = [recovery for host in hosts for recovery in host.facts["recoveries"]]
+    if not recoveries:
+        return {}
+    figures: dict[str, Any] = {
+        "recovery.changes": len(recoveries),
+        "recovery.unfinished": sum(recovery["complete_ns"] is None for recovery in recoveries),
+        "recovery.lost_packets": sum(recovery["lost_packets"] for recovery in recoveries),
+    }
+    for name in ("back", "complete"):
+        took_ns = [r[f"{name}_ns"] - r["t_ns"] for r in recoveries if r[f"{name}_ns"] is not None]
+        if took_ns:
+            figures[f"recovery.{name}_ms.max"] = max(took_ns) * 1e-6
     return figures
 
 

@@ -1,0 +1,150 @@
+"""What broken cells say of their own accord."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.encoding import CHANNEL_OF, MODALITY_OF
+from cells.fault_times import FaultTimes
+from cells.transducers import Scales
+from skinnet.compiled import compiled
+from skinnet.deployment.faults import Babble
+from skinnet.messages import EventKind
+from skinnet.network.faults import FaultSpan
+from skinnet.seeding import uniform
+
+__all__ = ["Babblers", "Babbling", "BabblingState"]
+
+_MODALITY, _CHANNEL = np.array(MODALITY_OF, dtype=np.uint8), np.array(CHANNEL_OF, dtype=np.uint8)
+
+
+class Babbling(NamedTuple):
+    """Events that cells make up, by time, then by cell: columns of one length, as in `Emission`, and `t_ns`.
+
+    `cell` (host-wide) and `t_ns` are int64; `modality`, `channel`, `kind` and `level` uint8; `value` float32.
+    """
+
+    cell: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    modality: NDArray[np.uint8]
+    channel: NDArray[np.uint8]
+    kind: NDArray[np.uint8]
+    level: NDArray[np.uint8]
+    value: NDArray[np.float32]
+
+
+class BabblingState(NamedTuple):
+    """When each babbler last spoke, and how often it did; opaque."""
+
+    said_ns: NDArray[np.int64]
+    said: NDArray[np.int64]
+
+
+class Babblers:
+    """The babbling cells of a host.
+
+    They send well-formed events at random times (a Poisson process: a cell that fails keeps no clock): a
+    channel and a value anywhere in its range, of the kind that carries values, so that nothing but
+    plausibility tells them from what was felt.
+    """
+
+    def __init__(
+        self, spans: Sequence[FaultSpan], first_cell: Mapping[str, int], scales: Scales, seed: int
+    ) -> None:
+        found = [(span, span.rule) for span in spans if isinstance(span.rule, Babble)]
+        self._times = FaultTimes([span for span, _ in found], first_cell)
+        self._scales = scales
+        self._keys = np.array([span.key(seed, "babble") for span, _ in found], dtype=np.uint64)
+        self._gap_ns = np.array([1e9 / rule.packets_per_s for _, rule in found], dtype=np.float64)
+        self._said_ns = self._times.t_ns.copy()
+        self._said = np.zeros(len(found), dtype=np.int64)
+
+    def babble(self, start_ns: int, end_ns: int) -> Babbling:
+        """What cells make up from `start_ns` to before `end_ns`, however that time is cut into calls."""
+        active = self._times.active(start_ns, end_ns)
+        if not active.size:
+            return _SILENCE
+        _, lsb, lowest, highest = self._scales
+        cell, t_ns, column, value = _babble(
+            active,
+            self._times.cell,
+            self._times.until_ns,
+            self._keys,
+            self._gap_ns,
+            self._said_ns,
+            self._said,
+            start_ns,
+            end_ns,
+            lsb,
+            lowest,
+            highest,
+        )
+        order = np.lexsort((cell, t_ns))
+        column = column[order]
+        return Babbling(
+            cell=cell[order],
+            t_ns=t_ns[order],
+            modality=_MODALITY[column],
+            channel=_CHANNEL[column],
+            kind=np.full(len(order), EventKind.DELTA, dtype=np.uint8),
+            level=np.zeros(len(order), dtype=np.uint8),
+            value=value[order],
+        )
+
+    def snapshot(self) -> BabblingState:
+        """A copy of all that changes with time."""
+        return BabblingState(self._said_ns.copy(), self._said.copy())
+
+    def restore(self, state: BabblingState) -> None:
+        """Goes back, or forth, to the moment at which the same babblers gave `state`."""
+        np.copyto(self._said_ns, state.said_ns)
+        np.copyto(self._said, state.said)
+
+
+_SILENCE = Babbling._make(
+    np.empty(0, dtype) for dtype in (np.int64, np.int64, np.uint8, np.uint8, np.uint8, np.uint8, np.float32)
+)
+
+
+@compiled
+def _babble(
+    active: NDArray[np.int64],
+    cell: NDArray[np.int64],
+    until_ns: NDArray[np.int64],
+    keys: NDArray[np.uint64],
+    gap_ns: NDArray[np.float64],
+    said_ns: NDArray[np.int64],
+    said: NDArray[np.int64],
+    start_ns: int,
+    end_ns: int,
+    lsb: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Cell, time, column and value of every event; each has three draws of its own."""
+    who, when = np.empty(16, dtype=np.int64), np.empty(16, dtype=np.int64)
+    what, value = np.empty(16, dtype=np.int64), np.empty(16, dtype=np.float32)
+    n = 0
+    for i in active:
+        while True:
+            draw = np.uint64(3 * said[i])
+            wait_ns = int(-math.log(uniform(keys[i], draw)) * gap_ns[i] + 0.5)
+            t_ns = said_ns[i] + max(wait_ns, 1)
+            if t_ns >= min(end_ns, until_ns[i]):
+                break
+            said_ns[i] = t_ns
+            said[i] += 1
+            if t_ns < start_ns:
+                continue
+            if n == who.size:
+                who, when = np.concatenate((who, who)), np.concatenate((when, when))
+                what, value = np.concatenate((what, what)), np.concatenate((value, value))
+            which = int(uniform(keys[i], draw + np.uint64(1)) * lsb.size)
+            span = highest[which] - lowest[which] + 1.0
+            steps = lowest[which] + np.floor(uniform(keys[i], draw + np.uint64(2)) * span)
+            who[n], when[n], what[n], value[n] = cell[i], t_ns, which, lsb[which] * steps
+            n += 1
+    return who[:n], when[:n], what[:n], value[:n]

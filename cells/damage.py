@@ -1,0 +1,104 @@
+"""What the faults of a run do to the links and cells of one host."""
+
+import heapq
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from cells.outages import Outage
+from cells.wiring import Wiring
+from skinnet.deployment.faults import BitErrors, BurstLoss, CellDead, GatewayLost, LinkCut, Loss
+from skinnet.network.faults import FaultSpan, Place, burst_phases
+
+__all__ = ["Impairment", "impairments", "outages_of"]
+
+
+class Impairment(NamedTuple):
+    """A link destroys packets, and flips bits, with these probabilities from `t_ns` on."""
+
+    t_ns: int
+    link: int
+    loss_probability: float
+    bit_error_rate: float
+
+
+class _Share(NamedTuple):
+    """What one fault contributes to the damage of a link from `t_ns` on."""
+
+    t_ns: int
+    link: int
+    fault: int
+    loss: float
+    bit_errors: float
+
+
+def outages_of(spans: Iterable[FaultSpan], wiring: Wiring) -> Iterator[Outage]:
+    """Links that are cut, cells that are dead and gateways that are lost.
+
+    A cut of both directions goes through all four wires, power too; a gateway that is lost still feeds.
+    """
+    patches = {patch.name: p for p, patch in enumerate(wiring.patches)}
+    for span in spans:
+        if span.place.patch not in patches:
+            continue
+        match span.rule:
+            case LinkCut(direction=direction):
+                link = _link(span.place, wiring, patches)
+                yield Outage(span.t_ns, span.until_ns, (link,), cuts_power=direction == "both")
+            case GatewayLost():
+                link = _link(span.place, wiring, patches)
+                yield Outage(span.t_ns, span.until_ns, (link, link ^ 1), cuts_power=False)
+            case CellDead():
+                assert span.place.cell is not None
+                cell = int(wiring.first_cell[patches[span.place.patch]]) + span.place.cell
+                yield Outage(span.t_ns, span.until_ns, cell=cell)
+
+
+def impairments(
+    spans: Iterable[FaultSpan], wiring: Wiring, *, loss: float, seed: int
+) -> Iterator[Impairment]:
+    """How links destroy packets, in order of time, as long as one asks.
+
+    Args:
+        spans: Faults of the run.
+        wiring: Links of the host.
+        loss: Probability of loss that every link has anyway.
+        seed: Of the run.
+    """
+    patches = {patch.name: p for p, patch in enumerate(wiring.patches)}
+    mine = [
+        _shares(number, span, _link(span.place, wiring, patches), seed)
+        for number, span in enumerate(spans)
+        if isinstance(span.rule, Loss | BitErrors | BurstLoss) and span.place.patch in patches
+    ]
+    present: dict[int, dict[int, _Share]] = {}
+    for share in heapq.merge(*mine):
+        shares = present.setdefault(share.link, {})
+        shares[share.fault] = share
+        spared, intact = 1.0 - loss, 1.0
+        for other in shares.values():
+            spared *= 1.0 - other.loss
+            intact *= 1.0 - other.bit_errors
+        yield Impairment(share.t_ns, share.link, 1.0 - spared, 1.0 - intact)
+
+
+def _shares(number: int, span: FaultSpan, link: int, seed: int) -> Iterator[_Share]:
+    match span.rule:
+        case Loss(probability=probability):
+            yield _Share(span.t_ns, link, number, probability, 0.0)
+        case BitErrors(rate=rate):
+            yield _Share(span.t_ns, link, number, 0.0, rate)
+        case BurstLoss():
+            for t_ns, probability in burst_phases(span, seed):
+                yield _Share(t_ns, link, number, probability, 0.0)
+    yield _Share(span.until_ns, link, number, 0.0, 0.0)
+
+
+def _link(place: Place, wiring: Wiring, patches: dict[str, int]) -> int:
+    """The directed link that leaves by the port of a place."""
+    patch = patches[str(place.patch)]
+    if place.gateway is not None:
+        node = int(wiring.interface[wiring.group_of_patch[patch]])
+        return int(wiring.link_out[node, wiring.gateway_port[patch] + place.gateway])
+    assert place.cell is not None
+    assert place.port is not None
+    return int(wiring.link_out[wiring.node_of_cell[wiring.first_cell[patch] + place.cell], place.port])

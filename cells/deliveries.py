@@ -1,0 +1,117 @@
+"""What comes out of the network: packets that ended, sorted into what the gateways and the cells received."""
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.exchange import take_readings
+from cells.packets import PacketKind, PacketPool
+from cells.wiring import Wiring
+from skinnet.messages import STREAM_ROW, Config
+from skinnet.network.network import Finished
+from skinnet.network.records import Outcome
+
+__all__ = ["Delivered", "Deliveries"]
+
+_READING, _DELIVERED = int(PacketKind.READING), int(Outcome.DELIVERED)
+_FOR_WANT = (Outcome.LINK_FAILED, Outcome.NO_ROUTE, Outcome.TTL)
+"""Ends for want of a link or a route."""
+_LATENCY_BINS = 100_001
+"""Microseconds up to 0.1 s; the last bin takes what is longer."""
+
+
+class Delivered(NamedTuple):
+    """Data of one kind that reached the computer from cells of a patch, in the order of delivery.
+
+    `rows` are `PAYLOAD` of events, or `STREAM_ROW` of full readings, whose cells are host-wide numbers;
+    `gateway` is the port of the interface.
+    """
+
+    patch: int
+    kind: PacketKind
+    rows: NDArray[Any]
+    gateway: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+
+
+class Deliveries:
+    """Sorts packets that ended, counts them and frees their rows.
+
+    Attributes:
+        ended: (kinds, outcomes) how many packets of each kind ended how.
+        lost: (groups,) data packets that ended for want of a link or a route.
+        latency_us: Histogram of data packets, from the sample to the gateway.
+        latency_max_ns: The longest.
+    """
+
+    def __init__(self, wiring: Wiring, pool: PacketPool) -> None:
+        self.ended = np.zeros((len(PacketKind), len(Outcome)), dtype=np.int64)
+        self.lost = np.zeros(len(wiring.group_ports), dtype=np.int64)
+        self.latency_us = np.zeros(_LATENCY_BINS, dtype=np.int64)
+        self.latency_max_ns = 0
+        self._wiring = wiring
+        self._pool = pool
+
+    def sort(self, finished: Finished) -> tuple[list[Delivered], list[tuple[int, Config]]]:
+        """Data by patch, and configurations by cell (host-wide number), in the order of delivery."""
+        packet_id = finished.packet_id
+        if not len(packet_id):
+            return [], []
+        kind = self._pool.rows["kind"][packet_id]
+        arrived = finished.outcome == _DELIVERED
+        is_reading = arrived & (kind == _READING)
+        data: list[Delivered] = []
+        configs: list[tuple[int, Config]] = []
+        if is_reading.all():
+            self.ended[_READING, _DELIVERED] += len(packet_id)
+        else:
+            np.add.at(self.ended, (kind, finished.outcome), 1)
+            wanting = np.isin(finished.outcome, _FOR_WANT) & (kind != PacketKind.CONFIG)
+            np.add.at(self.lost, self._wiring.group_of_node[finished.node[wanting]], 1)
+            for i in np.flatnonzero(arrived & (kind == PacketKind.CONFIG)).tolist():
+                row = int(packet_id[i])
+                configs.append((int(self._pool.rows["cell"][row]), self._pool.contents[row]))
+            data += self._events_by_patch(finished, np.flatnonzero(arrived & (kind == PacketKind.EVENT)))
+        data += self._readings_by_patch(finished, np.flatnonzero(is_reading))
+        self._pool.free(packet_id)
+        return data, configs
+
+    def _events_by_patch(self, finished: Finished, index: NDArray[np.int64]) -> list[Delivered]:
+        if not len(index):
+            return []
+        patch, gateway = self._ends(finished)
+        self._note_latency(finished, index)
+        return [
+            Delivered(
+                int(p), PacketKind.EVENT, self._pool.rows[finished.packet_id[i]], gateway[i], finished.t_ns[i]
+            )
+            for p in np.unique(patch[index])
+            for i in (index[patch[index] == p],)
+        ]
+
+    def _readings_by_patch(self, finished: Finished, index: NDArray[np.int64]) -> list[Delivered]:
+        if not len(index):
+            return []
+        patch, gateway = self._ends(finished)
+        self._note_latency(finished, index)
+        rows = np.empty(len(index), dtype=STREAM_ROW)
+        start = np.empty(len(self._wiring.patches) + 1, dtype=np.int64)
+        take_readings(index, finished.packet_id, finished.t_ns, patch, gateway, self._pool.rows, start, rows)
+        return [
+            Delivered(p, PacketKind.READING, rows[a:b], rows["gateway"][a:b], rows["t_delivered_ns"][a:b])
+            for p, (a, b) in enumerate(pairwise(start.tolist()))
+            if b > a
+        ]
+
+    def _ends(self, finished: Finished) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Patch of the cell that each packet tells of, and the port of the node at which it came in."""
+        patch = self._wiring.patch_of_cell[self._pool.rows["cell"][finished.packet_id]]
+        return patch, self._wiring.topology.dst_port[finished.link]
+
+    def _note_latency(self, finished: Finished, index: NDArray[np.int64]) -> None:
+        sampled_ns = self._pool.rows["t_sampled_ns"][finished.packet_id[index]]
+        latency_ns = finished.t_ns[index] - sampled_ns
+        np.add.at(self.latency_us, np.minimum(latency_ns // 1000, _LATENCY_BINS - 1), 1)
+        self.latency_max_ns = max(self.latency_max_ns, int(latency_ns.max()))

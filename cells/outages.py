@@ -1,0 +1,116 @@
+"""When links carry nothing and cells have no power: faults and brown-outs, worked out before the run.
+
+Nothing that the network does changes what breaks, so the whole schedule is known in advance, and every host
+works out its own.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.wiring import Wiring
+from skinnet.deployment.power import PowerSpec
+from skinnet.messages import FOREVER_NS
+from skinnet.network.power import PowerGrid
+
+__all__ = ["Outage", "Transition", "outages"]
+
+
+@dataclass(frozen=True)
+class Outage:
+    """Links and a cell that are gone from `t_ns` until `until_ns`; `cuts_power`: its wires carry no power."""
+
+    t_ns: int
+    until_ns: int
+    links: tuple[int, ...] = ()
+    cell: int | None = None
+    cuts_power: bool = True
+
+
+@dataclass(frozen=True)
+class Transition:
+    """What changes at `t_ns`: the links, and the cells, that go down or come up."""
+
+    t_ns: int
+    links_down: tuple[int, ...] = ()
+    links_up: tuple[int, ...] = ()
+    cells_off: tuple[int, ...] = ()
+    cells_on: tuple[int, ...] = ()
+
+
+class _Schedule:
+    """The state of links and cells while time is walked through."""
+
+    def __init__(self, wiring: Wiring, power: PowerSpec | None, feeds: NDArray[np.int64]) -> None:
+        self._wiring = wiring
+        self._grid = None if power is None else PowerGrid(wiring.n_cells, wiring.power_wires, feeds, power)
+        self._link_faults: Counter[int] = Counter()
+        self._wire_cuts: Counter[int] = Counter()
+        self._cell_faults: Counter[int] = Counter()
+        self.cell_on = np.ones(wiring.n_cells, dtype=np.bool_)
+        self.link_up = np.ones(wiring.topology.n_links, dtype=np.bool_)
+
+    def count(self, outage: Outage, step: int) -> None:
+        """An outage begins (1) or ends (−1)."""
+        for link in outage.links:
+            self._link_faults[link] += step
+            if outage.cuts_power:
+                self._wire_cuts[link // 2] += step
+        if outage.cell is not None:
+            self._cell_faults[outage.cell] += step
+
+    def settle(self, t_ns: int) -> Transition:
+        """Which links and cells are up now; returns what has changed."""
+        cell_on = np.ones_like(self.cell_on)
+        cell_on[[cell for cell, n in self._cell_faults.items() if n]] = False
+        if self._grid is not None:
+            wire_ok = np.ones(len(self._wiring.power_wires), dtype=np.bool_)
+            wire_ok[[w for w, n in self._wire_cuts.items() if n and w < len(wire_ok)]] = False
+            cell_on &= ~self._grid.solve(cell_on, wire_ok).browned_out
+        link_up = np.ones_like(self.link_up)
+        link_up[[link for link, n in self._link_faults.items() if n]] = False
+        topology = self._wiring.topology
+        node_on = np.ones(topology.n_nodes, dtype=np.bool_)
+        node_on[self._wiring.node_of_cell[~cell_on]] = False
+        link_up &= node_on[topology.src] & node_on[topology.dst]
+        change = Transition(
+            t_ns,
+            links_down=_indices(self.link_up & ~link_up),
+            links_up=_indices(link_up & ~self.link_up),
+            cells_off=_indices(self.cell_on & ~cell_on),
+            cells_on=_indices(cell_on & ~self.cell_on),
+        )
+        self.cell_on, self.link_up = cell_on, link_up
+        return change
+
+
+def _indices(mask: NDArray[np.bool_]) -> tuple[int, ...]:
+    return tuple(np.flatnonzero(mask).tolist())
+
+
+def outages(
+    wiring: Wiring, found: Iterable[Outage], power: PowerSpec | None, feeds: Sequence[int]
+) -> tuple[Transition, ...]:
+    """Every change of links and cells in order of time; the first is at 0 and tells the beginning.
+
+    Args:
+        wiring: Cells and links.
+        found: What breaks, and when.
+        power: The power wires; None: every cell has power.
+        feeds: Cells that are fed.
+    """
+    schedule = _Schedule(wiring, power, np.array(feeds, dtype=np.int64))
+    at: dict[int, list[tuple[Outage, int]]] = {0: []}
+    for outage in found:
+        at.setdefault(outage.t_ns, []).append((outage, 1))
+        if outage.until_ns < FOREVER_NS:
+            at.setdefault(outage.until_ns, []).append((outage, -1))
+    transitions = []
+    for t_ns in sorted(at):
+        for outage, step in at[t_ns]:
+            schedule.count(outage, step)
+        transitions.append(schedule.settle(t_ns))
+    return tuple(transitions)

@@ -1,0 +1,80 @@
+"""How the network of a host comes back after something has changed: how long it took, what was lost."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.formation_driver import FormationDriver
+from cells.formation_gateway import Phase
+from cells.outages import Transition
+from cells.wiring import Wiring
+
+__all__ = ["Recoveries", "Recovery"]
+
+
+@dataclass
+class Recovery:
+    """One change of links or cells, and how a group of patches took it.
+
+    Attributes:
+        group: Number of the group.
+        t_ns: When it happened.
+        back_ns: When the last cell that had to had found its new way up; None if no cell had to.
+        complete_ns: When the computer knew of all; None while it does not.
+        lost_packets: Data packets that ended for want of a link or a route until then.
+    """
+
+    group: int
+    t_ns: int
+    back_ns: int | None = None
+    complete_ns: int | None = None
+    lost_packets: int = 0
+
+
+class Recoveries:
+    """All changes so far, in order.
+
+    Attributes:
+        all: The changes.
+    """
+
+    def __init__(self, wiring: Wiring, driver: FormationDriver, lost: NDArray[np.int64]) -> None:
+        """Nothing has changed yet; `lost` (g,) counts data packets that want a link or a route, by group."""
+        self.all: list[Recovery] = []
+        self._lost = lost
+        self._wiring = wiring
+        self._driver = driver
+        self._open: list[tuple[Recovery, int, int]] = []
+
+    def note(self, change: Transition) -> None:
+        """Something has changed."""
+        topology, wiring = self._wiring.topology, self._wiring
+        links, cells = change.links_down + change.links_up, change.cells_off + change.cells_on
+        nodes = [int(topology.src[link]) for link in links] + [int(wiring.node_of_cell[c]) for c in cells]
+        for group in sorted({int(wiring.group_of_node[node]) for node in nodes}):
+            recovery = Recovery(group, change.t_ns)
+            self.all.append(recovery)
+            self._open.append((recovery, self._driver.gateways[group].version, int(self._lost[group])))
+
+    def look(self, t_ns: int) -> None:
+        """Closes what is over by `t_ns`."""
+        still = []
+        for recovery, version, lost in self._open:
+            gateway = self._driver.gateways[recovery.group]
+            recovery.lost_packets = int(self._lost[recovery.group]) - lost
+            if gateway.version == version or gateway.phase not in (Phase.COMPLETE, Phase.FAILED):
+                still.append((recovery, version, lost))
+                continue
+            recovery.complete_ns = t_ns
+            recovery.back_ns = self._last_join_ns(recovery)
+        self._open = still
+
+    def _last_join_ns(self, recovery: Recovery) -> int | None:
+        """When the last cell of the group found the master that it has now, if since the change."""
+        of_patch = self._wiring.group_of_patch[self._wiring.patch_of_cell] == recovery.group
+        in_network = self._driver.gateways[recovery.group].forest
+        uids = {in_network.members[i].uid for i in in_network.joined}
+        agents = (self._driver.cells[cell] for cell in of_patch.nonzero()[0].tolist())
+        joined = [a.joined_ns for a in agents if a.uid in uids and a.joined_ns is not None]
+        return max((t_ns for t_ns in joined if t_ns > recovery.t_ns), default=None)

@@ -1,0 +1,134 @@
+"""What broken sensors of a host do to readings, between transducers and encoder: stuck and drifting.
+
+Where nothing is broken, nothing is touched.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.babbling import Babblers, Babbling, BabblingState
+from cells.fault_times import FaultTimes
+from cells.transducers import scales
+from skinnet.compiled import compiled
+from skinnet.deployment.faults import Drift, Stuck
+from skinnet.deployment.schema import CellSpec
+from skinnet.messages import READING_NAMES
+from skinnet.network.faults import FaultSpan
+
+__all__ = ["SensorFaultState", "SensorFaults"]
+
+
+class SensorFaultState(NamedTuple):
+    """All of sensor faults that changes with time; opaque."""
+
+    held: NDArray[np.float64]
+    babbling: BabblingState
+
+
+class SensorFaults:
+    """The sensor faults of the cells of a host.
+
+    A drifting sensor reads more, or less, by an offset that grows with time, in steps and within the range of
+    the sensor. A stuck one, whatever else is wrong with it, reads what it read first, or what its rule says.
+    A babbling cell sends events of its own. That a cell is dead is not known here.
+    """
+
+    def __init__(
+        self, spans: Iterable[FaultSpan], first_cell: Mapping[str, int], spec: CellSpec, seed: int
+    ) -> None:
+        """Picks from `spans` what is about the patches of `first_cell`, their first cells' numbers."""
+        mine = [span for span in spans if span.place.patch in first_cell]
+        drifting = [(span, span.rule) for span in mine if isinstance(span.rule, Drift)]
+        sticking = [(span, span.rule) for span in mine if isinstance(span.rule, Stuck)]
+        drift = [(span, rule.channel, rule.per_s, math.nan) for span, rule in drifting]
+        stuck = [
+            (span, name, 0.0, math.nan if rule.value is None else rule.value)
+            for span, rule in sticking
+            for name in (READING_NAMES if rule.channel == "all" else (rule.channel,))
+        ]
+        broken = [*drift, *stuck]  # in this order: what is stuck no longer drifts
+        self._scales = scales(spec)
+        self._period_ns = spec.period_ns
+        self._broken = FaultTimes([span for span, *_ in broken], first_cell)
+        self._column = np.array([READING_NAMES.index(name) for _, name, _, _ in broken], dtype=np.int64)
+        self._drift_per_s = np.array([per_s for _, _, per_s, _ in broken], dtype=np.float64)
+        self._held = np.array([value for *_, value in broken], dtype=np.float64)
+        self._babblers = Babblers(mine, first_cell, self._scales, seed)
+
+    def apply(
+        self, frame_start_ns: int, t_sampled_ns: NDArray[np.int64], readings: NDArray[np.float32]
+    ) -> None:
+        """Changes the `readings` (cells, 8) of a frame in place, by the times (cells,) of sampling.
+
+        Frames come in order: a stuck channel keeps the first reading that it is given.
+        """
+        active = self._broken.active(frame_start_ns, frame_start_ns + self._period_ns)
+        if active.size:
+            _, lsb, lowest, highest = self._scales
+            _apply(
+                active,
+                self._broken.cell,
+                self._broken.t_ns,
+                self._broken.until_ns,
+                self._column,
+                self._drift_per_s,
+                self._held,
+                t_sampled_ns,
+                lsb,
+                lowest,
+                highest,
+                readings,
+            )
+
+    def babble(self, start_ns: int, end_ns: int) -> Babbling:
+        """What cells make up from `start_ns` to before `end_ns`, however that time is cut into calls."""
+        return self._babblers.babble(start_ns, end_ns)
+
+    def snapshot(self) -> SensorFaultState:
+        """A copy of all that changes with time."""
+        return SensorFaultState(self._held.copy(), self._babblers.snapshot())
+
+    def restore(self, state: SensorFaultState) -> None:
+        """Goes back, or forth, to the moment at which faults of the same cells gave `state`."""
+        np.copyto(self._held, state.held)
+        self._babblers.restore(state.babbling)
+
+
+@compiled
+def _nearest(value: float, lsb: float, lowest: float, highest: float) -> float:
+    """What a sensor reads for a value: the nearest step within its range."""
+    steps = np.floor(value / lsb + 0.5)
+    nearest: float = lsb * min(max(steps, lowest), highest)
+    return nearest
+
+
+@compiled
+def _apply(
+    active: NDArray[np.int64],
+    cell: NDArray[np.int64],
+    t_ns: NDArray[np.int64],
+    until_ns: NDArray[np.int64],
+    column: NDArray[np.int64],
+    drift_per_s: NDArray[np.float64],
+    held: NDArray[np.float64],
+    t_sampled_ns: NDArray[np.int64],
+    lsb: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+    readings: NDArray[np.float32],
+) -> None:
+    for i in active:
+        who, what = cell[i], column[i]
+        if not t_ns[i] <= t_sampled_ns[who] < until_ns[i]:
+            continue
+        if drift_per_s[i] != 0.0:
+            value = readings[who, what] + drift_per_s[i] * ((t_sampled_ns[who] - t_ns[i]) * 1e-9)
+        else:
+            if math.isnan(held[i]):
+                held[i] = readings[who, what]
+            value = held[i]
+        readings[who, what] = _nearest(value, lsb[what], lowest[what], highest[what])

@@ -1,0 +1,213 @@
+"""The packet kernel against three other simulators, over four decades of cells, idle, and at the published case.
+
+All figures are CPU time, taken in one process and one run. A ratio is the median over rounds; in each round the
+other simulator runs between two runs of the kernel on the same packets, so that both meet the same machine.
+"""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skinnet.bench import heapq_network, ns3_network, simpy_network
+from skinnet.bench.patches import CELLS_PER_PATCH, PERIOD_NS, Workload, patches
+from skinnet.network.network import Network
+from skinnet.network.routes import NO_LINK, fewest_hops
+from skinnet.network.topology import Topology
+
+__all__ = ["measure", "published_worst_case_ms"]
+
+_CELLS = 1000
+_SIZES = (100, 1000, 10_000, 100_000)
+_IDLE_CALLS = 20_000
+_REPEATS = 8
+_SECOND_NS = 1_000_000_000
+
+Ends = dict[int, int]
+"""When each packet was delivered [ns], by its id."""
+
+
+def measure(*, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+    """Runs everything; returns flat figures.
+
+    A simulator that is not there has None for its figures, and `missing.NAME` says why and what to install.
+
+    Args:
+        quick: Fewer packets and rounds, for a look.
+        say: Told what is being measured.
+    """
+    n_periods, n_rounds = (5, 1) if quick else (20, 5)
+    workload = patches(_CELLS, n_periods)
+    say("compiling")
+    expected, hops = _deliveries(workload)
+    figures: dict[str, Any] = {
+        "cells": _CELLS,
+        "cells_per_patch": CELLS_PER_PATCH,
+        "hz": _SECOND_NS // PERIOD_NS,
+        "packets": workload.n_packets,
+        "packet_hops": hops,
+    }
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="skinnet-bench-")))
+        for name, rival in _rivals(workload, folder, figures).items():
+            figures |= _against(name, rival, workload, expected, hops, n_rounds, say)
+    for n_cells in _SIZES[:-1] if quick else _SIZES:
+        say(f"{n_cells} cells")
+        figures |= _at_size(n_cells, 20_000 if quick else 300_000)
+    figures["uart8.ms"] = published_worst_case_ms()
+    return figures
+
+
+def published_worst_case_ms() -> float:
+    """Wait behind 8 cells on one UART, three transactions queued each, 300 µs a hop; published: 6.3 ms [T11].
+
+    The 300 µs are store-and-forward under full load, so the serial link is held for all of them. The cell at
+    the interface waits for the transactions of the seven behind it, which follow its own.
+    """
+    n_cells, n_transactions, hop_ns = 8, 3, 300_000
+    wires = [(cell, 0, cell - 1, 1) for cell in range(1, n_cells + 1)]
+    network = Network(Topology.from_wires(n_cells + 1, wires, bits_per_s=_SECOND_NS, bits_per_byte=1))
+    network.set_routes(0, fewest_hops(network.topology, [0]))
+    cell = np.repeat(np.arange(1, n_cells + 1), n_transactions)
+    network.offer(cell * 0, cell, cell * 0, cell * 0 + hop_ns, cell)
+    done = network.advance(_SECOND_NS)
+    own_ns = done.t_ns[done.packet_id == 1].max()
+    return float(done.t_ns.max() - own_ns) / 1e6
+
+
+def _rivals(
+    workload: Workload, folder: Path, figures: dict[str, Any]
+) -> dict[str, Callable[[], tuple[float, Ends]]]:
+    """Those that are there, each as a call that gives CPU seconds and deliveries; why the others are not."""
+    columns = (
+        workload.t_ns,
+        workload.node,
+        workload.dest,
+        workload.size_bytes,
+        np.arange(workload.n_packets),
+    )
+    offers = [(*row, NO_LINK) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+    def timed(simulate: Callable[[], list[heapq_network.End]]) -> tuple[float, Ends]:
+        start_s = time.process_time()
+        ends = simulate()
+        return time.process_time() - start_s, {end[0]: end[1] for end in ends if end[4] == 0}
+
+    def with_ns3() -> tuple[float, Ends]:
+        done = ns3_network.run(program, folder, _end_ns(workload))
+        return done.cpu_s, dict(done.delivered.tolist())
+
+    routes, topology = workload.routes, workload.topology
+    rivals = {
+        "heapq": lambda: timed(lambda: heapq_network.simulate(topology, offers, [(0, "set_routes", routes)])),
+        "simpy": lambda: timed(lambda: simpy_network.simulate(topology, routes, offers)),
+        "ns3": with_ns3,
+    }
+    program, why = ns3_network.build(folder)
+    if program is None:
+        figures |= {"ratio.ns3": None, "missing.ns3": why}
+        del rivals["ns3"]
+    else:
+        ns3_network.write_inputs(folder, workload)
+    try:
+        simpy_network.simulate(topology, routes, [])
+    except ModuleNotFoundError:
+        figures |= {"ratio.simpy": None, "missing.simpy": "not installed; pip install simpy"}
+        del rivals["simpy"]
+    return rivals
+
+
+def _against(
+    name: str,
+    rival: Callable[[], tuple[float, Ends]],
+    workload: Workload,
+    expected: Ends,
+    hops: int,
+    n_rounds: int,
+    say: Callable[[str], None],
+) -> dict[str, Any]:
+    ratios, kernel_s, rival_s, agree = [], [], [], True
+    for number in range(n_rounds):
+        say(f"{name}, round {number + 1} of {n_rounds}")
+        before_s = _kernel_s(workload)
+        cpu_s, delivered = rival()
+        own_s = (before_s + _kernel_s(workload)) / 2
+        agree &= delivered == expected
+        ratios.append(cpu_s / own_s)
+        rival_s.append(cpu_s)
+        kernel_s.append(own_s)
+    return {
+        f"ratio.{name}": statistics.median(ratios),
+        f"ratio.{name}.least": min(ratios),
+        f"ratio.{name}.largest": max(ratios),
+        f"agrees.{name}": agree,
+        f"hops_per_s.{name}": hops / statistics.median(rival_s),
+        f"hops_per_s.kernel_beside_{name}": hops / statistics.median(kernel_s),
+    }
+
+
+def _at_size(n_cells: int, n_packets: int) -> dict[str, Any]:
+    workload = patches(n_cells, max(2, n_packets // n_cells))
+    network = workload.network()
+    hops = _run(network, workload)
+    cpu_s = statistics.median(_kernel_s(workload, repeats=1) for _ in range(3))
+    start_s = time.process_time()
+    for t_ns in range(network.now_ns, network.now_ns + _IDLE_CALLS):
+        network.advance(t_ns)
+    idle_s = time.process_time() - start_s
+    return {
+        f"hops_per_s.cells_{n_cells}": hops / cpu_s,
+        f"bytes_per_cell.cells_{n_cells}": network.n_bytes / n_cells,
+        f"idle_us.cells_{n_cells}": idle_s / _IDLE_CALLS * 1e6,
+    }
+
+
+def _kernel_s(workload: Workload, repeats: int = _REPEATS) -> float:
+    """CPU time for all packets, from offering them to having their ends, period by period."""
+    networks = [workload.network() for _ in range(repeats)]
+    start_s = time.process_time()
+    for network in networks:
+        _run(network, workload)
+    return (time.process_time() - start_s) / repeats
+
+
+def _run(network: Network, workload: Workload) -> int:
+    """Runs all packets as a cell host does, period by period; returns the packet-hops."""
+    ids = np.arange(workload.n_packets)
+    steps_ns = range(PERIOD_NS, _end_ns(workload) + PERIOD_NS, PERIOD_NS)
+    stops = np.searchsorted(workload.t_ns, steps_ns)
+    start = 0
+    for stop, until_ns in zip(stops.tolist(), steps_ns, strict=True):
+        now = slice(start, stop)
+        network.offer(
+            workload.t_ns[now], workload.node[now], workload.dest[now], workload.size_bytes[now], ids[now]
+        )
+        network.advance(until_ns)
+        start = stop
+    return int(network.link_counters.packets.sum())
+
+
+def _deliveries(workload: Workload) -> tuple[Ends, int]:
+    network = workload.network()
+    columns = (
+        workload.t_ns,
+        workload.node,
+        workload.dest,
+        workload.size_bytes,
+        np.arange(workload.n_packets),
+    )
+    network.offer(*columns)
+    done = network.advance(_end_ns(workload))
+    assert network.counters.delivered == workload.n_packets, "the queues of the benchmark are long enough"
+    ends = dict(zip(done.packet_id.tolist(), done.t_ns.tolist(), strict=True))
+    return ends, int(network.link_counters.packets.sum())
+
+
+def _end_ns(workload: Workload) -> int:
+    """Everything has arrived by then."""
+    return int(workload.t_ns[-1]) + 2 * PERIOD_NS

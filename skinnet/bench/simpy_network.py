@@ -1,0 +1,57 @@
+"""The same network as a SimPy user would write it: a process for each packet, a resource for each link.
+
+SimPy is needed only here; routes do not change, and nothing is lost but to full queues.
+"""
+
+from collections.abc import Generator, Iterable
+from typing import Any
+
+from skinnet.bench.heapq_network import End, Offer
+from skinnet.network.records import Outcome
+from skinnet.network.routes import NO_LINK, Routes
+from skinnet.network.topology import Topology
+
+__all__ = ["simulate"]
+
+
+def simulate(topology: Topology, routes: Routes, offers: Iterable[Offer]) -> list[End]:
+    """Ends of all packets, by packet id.
+
+    Raises:
+        ModuleNotFoundError: SimPy is not installed.
+    """
+    import simpy  # not a dependency of the package
+
+    env = simpy.Environment()
+    wires = [simpy.Resource(env) for _ in range(topology.n_links)]
+    columns = ("dst", "bits_per_s", "bits_per_byte", "delay_ns", "queue_packets")
+    links = list(zip(*(getattr(topology, name).tolist() for name in columns), strict=True))
+    entries = zip(routes.node.tolist(), routes.dest.tolist(), routes.link.tolist(), strict=True)
+    way = {(node, dest): link for node, dest, link in entries}
+    ends: list[End] = []
+
+    def travel(node: int, dest: int, size: int, number: int) -> Generator[Any]:
+        link = NO_LINK
+        while node != dest:
+            link = way[node, dest]
+            wire = wires[link]
+            dst, bits_per_s, bits_per_byte, delay_ns, queue_packets = links[link]
+            if len(wire.queue) >= queue_packets >= 0 and wire.count:
+                ends.append((number, env.now, node, link, Outcome.QUEUE_FULL))
+                return
+            with wire.request() as turn:
+                yield turn
+                yield env.timeout(-(-size * bits_per_byte * 10**9 // bits_per_s))
+            yield env.timeout(delay_ns)
+            node = dst
+        ends.append((number, env.now, node, link, Outcome.DELIVERED))
+
+    def enter() -> Generator[Any]:
+        for t_ns, node, dest, size, number, _ in offers:
+            if t_ns > env.now:
+                yield env.timeout(t_ns - env.now)
+            env.process(travel(node, dest, size, number))
+
+    env.process(enter())
+    env.run()
+    return sorted(ends)

@@ -1,0 +1,170 @@
+"""A body without physics: joints that follow their commands exactly, and skin that feels a script."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.actuation import acceptable
+from skinnet.body.model import load_model
+from skinnet.body.points import lifted
+from skinnet.body.scene import Motion, motion_of
+from skinnet.body.scripted_presses import press, presses_of, presses_until
+from skinnet.body.stimulus import felt_acceleration
+from skinnet.body.surface import Surface, skin_surface
+from skinnet.body.sway import Sway
+from skinnet.body.truth import reaction_truth
+from skinnet.body.world import GroundTruth
+from skinnet.clock import NS_PER_S
+from skinnet.compiled import compiled
+from skinnet.deployment.schema import Deployment
+from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES
+from skinnet.skin.placement import place
+
+__all__ = ["ScriptedBody"]
+
+Floats = NDArray[np.float64]
+
+
+class ScriptedBody:
+    """A robot with skin whose touches are prescribed.
+
+    Between two stimulus frames joints move at constant velocities, so accelerations are the mean over the
+    frame before: the change of velocity by its length. Sway turns the robot against gravity; its own, far
+    smaller accelerations are left out.
+
+    Attributes:
+        t_ns: Present time [ns].
+        cells: Rows of each patch's cells in the stimulus, by the name of the patch.
+        model: The compiled model.
+        data: MuJoCo's state: a pose and its derivatives, never stepped.
+        surface: All cells, on the bodies that carry them.
+        presses: The script.
+        refused: Number of commands that were refused.
+        crossings: Ground truth of forces and distances at which some stage of the program begins to react.
+    """
+
+    def __init__(self, deployment: Deployment, base_dir: Path) -> None:
+        """Puts the body into its home pose at time 0.
+
+        Raises:
+            ModelError: the model does not compile or lacks something.
+            DeploymentError: the deployment contradicts itself or the model.
+        """
+        assert deployment.script is not None
+        spec, teacher = deployment.body, deployment.teacher
+        self.t_ns = 0
+        self.refused = 0
+        self.model = load_model(spec, base_dir, teacher.tip_radius_m, teacher.temperature_c)
+        patches = [place(patch, deployment.cells) for patch in deployment.patches]
+        self.surface = skin_surface(self.model.mj, patches, deployment.cells, spec.model)
+        bounds = self.surface.patch_start.tolist()
+        self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(patches)}
+        sizes = {patch.name: patch.n_cells for patch in patches}
+        self.presses = presses_of(deployment.script, deployment.seed, sizes)
+        self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
+        self.data = mujoco.MjData(self.model.mj)
+        self.data.qpos[:] = self.model.home_qpos
+        self._motion = motion_of(self.model.mj, self.data)
+        self._sway = Sway(spec.sway, deployment.seed)
+        self._upright_rad = self.data.qpos[self.model.sway_qpos]
+        self._thickness_m = spec.foam.thickness_m
+        self._resting_c = self.model.temperature_c[self.surface.body]
+        self._speed_limit_rad_s = spec.servo.speed_limit_rad_s
+        self._position_rad: Floats = self.data.qpos[self.model.qpos]
+        self._command_rad_s = self._velocity_rad_s = np.zeros(self.n_dofs)
+        self._commanded_ns, self._commanded_rad = 0, self._position_rad
+        self._frame_ns = spec.stimulus_ns
+        self._frame_velocity_rad_s = np.zeros(self.n_dofs)
+        self._moving = True
+        self._stimulus = np.zeros((len(self.surface.body), len(STIMULUS_NAMES)))
+        self._feel()
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of controlled joints."""
+        return len(self.model.joint)
+
+    def set_command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
+        """Velocity command (D,) [rad/s], in force from now on; returns whether it was accepted."""
+        velocity = np.asarray(velocity_rad_s, dtype=np.float64)
+        accepted = acceptable(velocity, self.n_dofs, self._speed_limit_rad_s)
+        self._command_rad_s = velocity.copy() if accepted else np.zeros(self.n_dofs)
+        self._commanded_ns, self._commanded_rad = self.t_ns, self._position_rad
+        self._move()
+        self.refused += not accepted
+        return accepted
+
+    def begin_stage(self, name: str) -> None:
+        """The script goes by the time of the run, not by stages."""
+
+    def advance(self, until_ns: int) -> None:
+        """Moves the joints until `until_ns`, within their limits; frames lie on the way, one by one."""
+        while self.t_ns < until_ns:
+            next_frame_ns = (self.t_ns // self._frame_ns + 1) * self._frame_ns
+            self.t_ns = min(next_frame_ns, until_ns)
+            self._move()
+            if self.t_ns == next_frame_ns:
+                self._feel()
+
+    def stimulus(self) -> Floats:
+        """What all cells felt at the last stimulus frame: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
+        return self._stimulus.copy()
+
+    def joints(self) -> Floats:
+        """Positions (D,) of the controlled joints now [rad], a copy."""
+        return self._position_rad.copy()
+
+    def truth(self) -> GroundTruth:
+        """Crossings and refused commands as facts; the presses that began, as an array."""
+        facts = {
+            "touches": [],
+            "reaction_crossings": self.crossings.facts(),
+            "refused_commands": self.refused,
+        }
+        return GroundTruth(facts, {"presses": presses_until(self.presses, self.t_ns)})
+
+    def _move(self) -> None:
+        """Joints are where their command has brought them by now; one that reaches its limit stops there."""
+        if not self._command_rad_s.any():
+            self._velocity_rad_s = self._command_rad_s
+            return
+        wanted = self._commanded_rad + (self.t_ns - self._commanded_ns) / NS_PER_S * self._command_rad_s
+        self._position_rad = np.clip(wanted, *self.model.range_rad.T)
+        self._velocity_rad_s = np.where(wanted == self._position_rad, self._command_rad_s, 0.0)
+
+    def _feel(self) -> None:
+        """What cells feel at the present time, that of a stimulus frame."""
+        self._accelerate()
+        stimulus = self._stimulus
+        active = press(self.presses, self.t_ns, self._resting_c, stimulus) > 0
+        self.crossings.see_forces(self.t_ns, self._frame_ns, stimulus[:, :FORCE_CHANNELS], active)
+        self.crossings.see_stimulus(self.t_ns, stimulus)
+
+    def _accelerate(self) -> None:
+        """Accelerations of all cells, when anything about the motion has changed."""
+        velocity, before = self._velocity_rad_s, self._frame_velocity_rad_s
+        moving = bool(self._sway.spec.joints or velocity.any() or before.any())
+        if not moving and not self._moving:
+            return
+        self._moving, self._frame_velocity_rad_s = moving, velocity
+        data, model = self.data, self.model
+        data.qpos[model.qpos] = self._position_rad
+        data.qpos[model.sway_qpos] = self._upright_rad + self._sway.offsets_rad(self.t_ns)
+        data.qvel[model.dof] = velocity
+        data.qacc[model.dof] = (velocity - before) * (NS_PER_S / self._frame_ns)
+        mujoco.mj_kinematics(model.mj, data)
+        mujoco.mj_comPos(model.mj, data)
+        mujoco.mj_comVel(model.mj, data)
+        mujoco.mj_rnePostConstraint(model.mj, data)
+        _feel_motion(self.surface, self._motion, data.cacc, self._thickness_m, self._stimulus)
+
+
+@compiled
+def _feel_motion(surface: Surface, motion: Motion, cacc: Floats, height_m: float, stimulus: Floats) -> None:
+    """Writes what all accelerometers read into `stimulus`."""
+    for i in range(len(stimulus)):
+        x, y, z = lifted(surface, motion, i, height_m)
+        felt_acceleration(surface, motion, cacc, i, x, y, z, stimulus)

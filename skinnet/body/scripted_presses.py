@@ -1,0 +1,235 @@
+"""A script of presses: what cells feel of it, as a function of (seed, name of the cell, time).
+
+Nothing is integrated and nothing is drawn in sequence, so that a frame can be computed on its own.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.clock import NS_PER_S
+from skinnet.compiled import compiled
+from skinnet.deployment.script import Course, ScriptSpec
+from skinnet.deployment.table import ns_of_s
+from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES
+from skinnet.seeding import key_of, uniform
+
+__all__ = ["PRESS_ROW", "Presses", "press", "presses_of", "presses_until"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PRESS_ROW = np.dtype(
+    [
+        ("cell", "<i4"),
+        ("begin_ns", "<i8"),
+        ("contact_ns", "<i8"),
+        ("loose_ns", "<i8"),
+        ("end_ns", "<i8"),
+        ("force_n", "<f8"),
+    ]
+)
+"""One press as ground truth: which cell, when it came near, touched, let go, was gone, what force it held."""
+
+_DISTANCE = STIMULUS_NAMES.index("distance_m")
+_TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
+_NEVER_AGAIN = 2**62
+_DRAWS = np.uint64(8)
+"""Random numbers that belong to one press: force, phase of the modulation, one for each force cell."""
+
+
+class Presses(NamedTuple):
+    """Presses that recur, each on one cell; a cell may have several, whose forces add up.
+
+    Attributes:
+        cell: (m,) rows of the stimulus.
+        key: (m,) keys of their random numbers.
+        first_ns: (m,) when the first one begins to come near [ns].
+        period_ns: (m,) from one to the next [ns].
+        approach_ns: (m,) how long it comes near, and leaves [ns].
+        rise_ns: (m,) how long it presses harder [ns].
+        hold_ns: (m,) how long it holds [ns].
+        release_ns: (m,) how long it lets go [ns].
+        approach_m: (m,) distance from which it comes [m].
+        force_n: (m, 2) least and largest force [N].
+        modulation: (m,) share by which the force swings.
+        modulation_rad_s: (m,) angular frequency of that [rad/s].
+        unevenness: (m,) largest share of the force that a force cell may lack.
+        temperature_c: (m,) temperature of what presses [°C].
+    """
+
+    cell: Indices
+    key: NDArray[np.uint64]
+    first_ns: Indices
+    period_ns: Indices
+    approach_ns: Indices
+    rise_ns: Indices
+    hold_ns: Indices
+    release_ns: Indices
+    approach_m: Floats
+    force_n: Floats
+    modulation: Floats
+    modulation_rad_s: Floats
+    unevenness: Floats
+    temperature_c: Floats
+
+
+def presses_of(script: ScriptSpec, seed: int, sizes: Mapping[str, int]) -> Presses:
+    """The presses of `script` on patches of `sizes` cells, whose rows follow each other.
+
+    Raises:
+        DeploymentError: a touch names cells that do not exist.
+    """
+    names = [(patch, cell) for patch, n in sizes.items() for cell in range(n)]
+    row_of = {name: row for row, name in enumerate(names)}
+    keys = np.array([key_of(seed, *name, "script") for name in names], dtype=np.uint64)
+    chosen = np.sort(np.argsort(keys, kind="stable")[: round(script.stimulated * len(names))])
+    parts = [_stimulation(script, chosen, keys[chosen])]
+    for index, touch in enumerate(script.touches):
+        cells = script.touched(index, sizes)
+        rows = np.array([row_of[cell] for cell in cells], dtype=np.int64)
+        own = np.array([key_of(seed, *cell, "script", index) for cell in cells], dtype=np.uint64)
+        every_ns = _NEVER_AGAIN if touch.every_s is None else ns_of_s(touch.every_s)
+        first_ns = np.full(len(rows), ns_of_s(touch.start_s))
+        parts.append(_presses(touch, (touch.force_n, touch.force_n), rows, own, first_ns, every_ns))
+    return Presses._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+
+
+def _stimulation(script: ScriptSpec, cell: Indices, key: NDArray[np.uint64]) -> Presses:
+    spec = script.stimulation
+    stagger_ns = spec.period_ns if spec.stagger_s is None else ns_of_s(spec.stagger_s)
+    late_ns = [int(uniform(k, np.uint64(0)) * stagger_ns) for k in key]
+    first_ns = ns_of_s(spec.start_s) + np.array(late_ns, dtype=np.int64)
+    period_ns = spec.period_ns if spec.repeat else _NEVER_AGAIN
+    return _presses(spec, spec.force_n, cell, key, first_ns, period_ns)
+
+
+def _presses(
+    course: Course,
+    force_n: tuple[float, float],
+    cell: Indices,
+    key: NDArray[np.uint64],
+    first_ns: Indices,
+    period_ns: int,
+) -> Presses:
+    def alike(value: Any) -> NDArray[Any]:
+        return np.full(len(cell), value)
+
+    return Presses(
+        cell=cell.astype(np.int64),
+        key=key,
+        first_ns=first_ns,
+        period_ns=alike(period_ns),
+        approach_ns=alike(ns_of_s(course.approach_s)),
+        rise_ns=alike(ns_of_s(course.rise_s)),
+        hold_ns=alike(ns_of_s(course.hold_s)),
+        release_ns=alike(ns_of_s(course.release_s)),
+        approach_m=alike(course.approach_m),
+        force_n=np.tile(np.array(force_n), (len(cell), 1)),
+        modulation=alike(course.modulation),
+        modulation_rad_s=alike(2.0 * math.pi * course.modulation_hz),
+        unevenness=alike(course.unevenness),
+        temperature_c=alike(course.temperature_c),
+    )
+
+
+@compiled
+def _draw(presses: Presses, i: int, number: int, which: int) -> float:
+    """Random number `which` in (0, 1) of the press `number` of row `i`; none is that of `_stimulation`."""
+    return uniform(presses.key[i], np.uint64(number + 1) * _DRAWS + np.uint64(which))
+
+
+@compiled
+def _held_n(presses: Presses, i: int, number: int) -> float:
+    """Force [N] that the press `number` of row `i` holds on the force cell that it presses most."""
+    low_n, high_n = presses.force_n[i, 0], presses.force_n[i, 1]
+    held_n: float = low_n + (high_n - low_n) * _draw(presses, i, number, 0)
+    return held_n
+
+
+@compiled
+def _envelope(presses: Presses, i: int, since_ns: int) -> float:
+    """Share of the force, `since_ns` after the contact: rises and falls like a raised cosine."""
+    rise_ns, hold_ns, release_ns = presses.rise_ns[i], presses.hold_ns[i], presses.release_ns[i]
+    if since_ns < rise_ns:
+        return 0.5 - 0.5 * math.cos(math.pi * since_ns / rise_ns)
+    left_ns = rise_ns + hold_ns + release_ns - since_ns
+    if left_ns < release_ns:
+        return 0.5 - 0.5 * math.cos(math.pi * max(left_ns, 0) / release_ns)
+    return 1.0
+
+
+@compiled
+def press(presses: Presses, t_ns: int, resting_c: Floats, stimulus: Floats) -> int:
+    """Writes force, distance and temperature of all cells at `t_ns` into `stimulus` (n, 8).
+
+    A cell that nothing presses has no force, distance inf and the temperature (n,) `resting_c` [°C].
+
+    Returns:
+        How many presses are under way.
+    """
+    for cell in range(len(stimulus)):
+        for element in range(FORCE_CHANNELS):
+            stimulus[cell, element] = 0.0
+        stimulus[cell, _DISTANCE] = math.inf
+        stimulus[cell, _TEMPERATURE] = resting_c[cell]
+    active = 0
+    for i in range(len(presses.cell)):
+        since_ns = t_ns - presses.first_ns[i]
+        if since_ns < 0:
+            continue
+        number = since_ns // presses.period_ns[i]
+        since_ns -= number * presses.period_ns[i]
+        approach_ns = presses.approach_ns[i]
+        touching_ns = presses.rise_ns[i] + presses.hold_ns[i] + presses.release_ns[i]
+        if since_ns >= 2 * approach_ns + touching_ns:
+            continue
+        active += 1
+        cell = presses.cell[i]
+        since_ns -= approach_ns  # from now on: since the contact
+        away_ns = max(-since_ns, since_ns - touching_ns)
+        if away_ns > 0:
+            distance_m = presses.approach_m[i] * away_ns / approach_ns
+            stimulus[cell, _DISTANCE] = min(stimulus[cell, _DISTANCE], distance_m)
+            continue
+        stimulus[cell, _DISTANCE] = 0.0
+        stimulus[cell, _TEMPERATURE] = presses.temperature_c[i]
+        angle_rad = presses.modulation_rad_s[i] * since_ns / NS_PER_S
+        swing = math.sin(angle_rad + 2.0 * math.pi * _draw(presses, i, number, 1))
+        force_n = _held_n(presses, i, number) * _envelope(presses, i, since_ns)
+        force_n *= 1.0 + presses.modulation[i] * swing
+        # one force cell, another for each press, feels all of it
+        most = int(_draw(presses, i, number, 2) * FORCE_CHANNELS)
+        for element in range(FORCE_CHANNELS):
+            lacking = presses.unevenness[i] * _draw(presses, i, number, 3 + element)
+            share = 1.0 if element == most else 1.0 - lacking
+            stimulus[cell, element] += share * force_n
+    return active
+
+
+def presses_until(presses: Presses, end_ns: int) -> NDArray[Any]:
+    """All presses that began before `end_ns`, as `PRESS_ROW`, in the order of begin and cell."""
+    elapsed_ns = end_ns - presses.first_ns
+    count = np.where(elapsed_ns > 0, -(-elapsed_ns // presses.period_ns), 0)
+    row = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    found = np.zeros(len(row), dtype=PRESS_ROW)
+    found["cell"] = presses.cell[row]
+    found["begin_ns"] = presses.first_ns[row] + number * presses.period_ns[row]
+    found["contact_ns"] = found["begin_ns"] + presses.approach_ns[row]
+    touching_ns = presses.rise_ns + presses.hold_ns + presses.release_ns
+    found["loose_ns"] = found["contact_ns"] + touching_ns[row]
+    found["end_ns"] = found["loose_ns"] + presses.approach_ns[row]
+    found["force_n"] = _all_held_n(presses, row, number)
+    return found[np.lexsort((found["cell"], found["begin_ns"]))]
+
+
+@compiled
+def _all_held_n(presses: Presses, row: Indices, number: Indices) -> Floats:
+    held_n = np.empty(len(row))
+    for j in range(len(row)):
+        held_n[j] = _held_n(presses, row[j], number[j])
+    return held_n

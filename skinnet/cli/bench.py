@@ -1,0 +1,49 @@
+"""`skinnet bench network`: the packet kernel against others, measured on this machine."""
+
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from skinnet.bench.network import measure
+from skinnet.cli.console import Json, console, write_report
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="Measures this machine's speed, and others beside it.")
+
+
+@app.callback()
+def _group() -> None:
+    """Measures this machine's speed, and others beside it."""
+
+
+@app.command(name="network")
+def _network(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer packets and rounds, for a look.")] = False,
+    json: Json = None,
+) -> None:
+    """Measures the packet kernel against SimPy, a heap of events, and ns-3 if it is installed, in CPU time."""
+    progress = console(stderr=True)
+    with progress.status("starting") as status:
+        figures = measure(quick=quick, say=status.update)
+    console(stderr=json == "-").print(_table(figures))
+    write_report({"figures": figures}, json)
+
+
+def _table(figures: dict[str, Any]) -> Table:
+    title = (
+        "{packets} packets over {packet_hops} hops, {cells} cells in patches of {cells_per_patch} at {hz} Hz"
+    )
+    table = Table(title=title.format(**figures), show_header=False)
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    for name, value in figures.items():
+        table.add_row(name, _shown(name, value))
+    return table
+
+
+def _shown(name: str, value: object) -> str:
+    if name.startswith("hops_per_s"):
+        return f"{float(str(value)) / 1e6:.3g} million/s"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,77 @@
+"""`skinnet plan`: the link budget of a deployment before it runs."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skinnet.cli.console import File, Json, Out, Set, console, write_report
+from skinnet.deployment import load
+from skinnet.deployment.checks import check
+from skinnet.errors import DeploymentError
+from skinnet.files import write_json
+from skinnet.plan.plan import make
+from skinnet.plan.report import report
+from skinnet.plan.table import print_plan
+
+__all__ = ["EXAMPLES", "plan"]
+
+EXAMPLES = """
+Examples:
+
+  skinnet plan deployments/hrp2_touch.toml
+
+  skinnet plan deployments/h1_1260.toml --encoding clock --latency-ms 2 --json -
+
+  skinnet plan deployments/hrp2_touch.toml --set power.link_ohm=0.2 --voltage 3.1
+"""
+_DPI = 130
+
+
+def plan(
+    file: File,
+    settings: Set = None,
+    latency_ms: Annotated[float | None, typer.Option(help="Limit of the worst-case latency.")] = None,
+    utilisation: Annotated[float | None, typer.Option(help="Limit of the load of a link, 0 to 1.")] = None,
+    voltage: Annotated[float | None, typer.Option(help="Limit of the lowest voltage of a cell.")] = None,
+    encoding: Annotated[
+        str | None, typer.Option(metavar="clock|delta|levels", help="What cells send.")
+    ] = None,
+    stimulated: Annotated[float | None, typer.Option(help="Share of touched cells, 0 to 1.")] = None,
+    events_hz: Annotated[float | None, typer.Option(help="Events a second of a touched cell.")] = None,
+    idle_events_hz: Annotated[float | None, typer.Option(help="Events a second of any other.")] = None,
+    out: Out = None,
+    json: Json = None,
+    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the skin.")] = True,
+) -> None:
+    """Plans a deployment: load of every link, latencies, voltages, and the fewest gateways that will do."""
+    given = {
+        "latency_ms": latency_ms,
+        "utilisation": utilisation,
+        "voltage_v": voltage,
+        "encoding": encoding,
+        "stimulated": stimulated,
+        "events_hz": events_hz,
+        "idle_events_hz": idle_events_hz,
+    }
+    options = tuple(f"plan.{key}={value}" for key, value in given.items() if value is not None)
+    deployment = load(file, (*(settings or ()), *options))
+    try:
+        check(deployment)
+        made = make(deployment)
+    except DeploymentError as error:
+        raise DeploymentError(f"{file}: {error}") from None
+    result = report(made)
+    terminal = console(stderr=json == "-")
+    print_plan(terminal, result)
+    write_report(result, json)
+    if not plots and out is None:
+        return
+    folder = out or Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}"
+    write_json(folder / "plan.json", result)
+    if plots:
+        from skinnet.plan.picture import draw  # matplotlib takes a second to import
+
+        draw(made).savefig(folder / "plan.png", dpi=_DPI)
+    terminal.print(f"everything is in {folder}", highlight=False)

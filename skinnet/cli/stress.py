@@ -1,0 +1,116 @@
+"""`skinnet stress`: how much skin the network, the machine and the controller carry."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+from msgspec import ValidationError, convert, to_builtins
+from rich.console import Console
+
+from skinnet.cli.console import File, Json, Out, Set, console, write_report
+from skinnet.deployment import Deployment
+from skinnet.deployment.stress import StressSpec
+from skinnet.errors import DeploymentError, SkinnetError
+from skinnet.files import write_json
+from skinnet.run.launch import Order, prepare
+from skinnet.stress.report import figures_of, print_table
+from skinnet.stress.sweep import Result, sweep
+
+__all__ = ["stress"]
+
+_QUICK = {"duration_s": 1.0, "settle_s": 0.5, "delta_sigmas": ()}
+T = TypeVar("T")
+
+
+def stress(
+    file: File,
+    settings: Set = None,
+    cells: Annotated[
+        str | None, typer.Option(metavar="N,…", help="Numbers of cells, by whole patches.")
+    ] = None,
+    encodings: Annotated[str | None, typer.Option(metavar="clock,delta,levels")] = None,
+    stimulated: Annotated[
+        str | None, typer.Option(metavar="SHARE,…", help="Shares of stimulated cells.")
+    ] = None,
+    gateways: Annotated[str | None, typer.Option(metavar="N,…", help="Gateways of each patch.")] = None,
+    sigmas: Annotated[
+        str | None,
+        typer.Option(metavar="K,…", help="Also send-on-delta with deltas of so many times the noise."),
+    ] = None,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", help="Simulated time measured in each point.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One second a point, no sweep of thresholds.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep the finished points of an earlier sweep in --out.")
+    ] = False,
+    out: Out = None,
+    json: Json = None,
+    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots.")] = True,
+) -> None:
+    """Sweeps cells, encodings, stimulation and gateways, through real processes over Zenoh."""
+    if resume and out is None:
+        raise DeploymentError("--resume: say with --out which sweep to go on with")
+    deployment = prepare(Order(file, tuple(settings or ()), plots=False))
+    given: dict[str, Any] = dict(_QUICK) if quick else {}
+    for name, text, kind in (
+        ("cells", cells, int),
+        ("encodings", encodings, str),
+        ("stimulated", stimulated, float),
+        ("gateways", gateways, int),
+        ("delta_sigmas", sigmas, float),
+    ):
+        if text is not None:
+            given[name] = _list(name, text, kind)
+    if duration_s is not None:
+        given["duration_s"] = duration_s
+    spec = _spec(deployment, given)
+    folder = out or Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    terminal = console(stderr=json == "-")
+    results = sweep(file, deployment, spec, folder, resume=resume, say=_say(terminal))
+    report = {
+        "deployment": deployment.name,
+        "stress": to_builtins(spec),
+        "points": [result.point.name for result in results],
+        "failed": {result.point.name: result.failed for result in results if result.failed is not None},
+        "figures": figures_of(deployment, spec, results),
+    }
+    write_json(folder / "stress.json", report)
+    if plots:
+        _draw(spec, deployment, results, folder)
+    print_table(terminal, deployment, spec, results)
+    terminal.print(f"everything is in {folder}", highlight=False, soft_wrap=True)
+    write_report(report, json)
+    if report["failed"]:
+        raise SkinnetError(f"{len(report['failed'])} of {len(results)} points failed")
+
+
+def _say(terminal: Console) -> Callable[[str], None]:
+    return lambda line: terminal.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
+    """The values of "a,b,c"."""
+    try:
+        return tuple(kind(word.strip()) for word in text.split(","))
+    except ValueError:
+        option = "--sigmas" if name == "delta_sigmas" else f"--{name}"
+        raise DeploymentError(f"{option} {text}: write numbers with commas between them") from None
+
+
+def _spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
+    """The deployment's sweep with what the command line gives instead."""
+    try:
+        return convert(to_builtins(deployment.stress) | given, StressSpec)
+    except ValidationError as error:
+        raise DeploymentError(f"stress: {error}") from None
+
+
+def _draw(spec: StressSpec, deployment: Deployment, results: list[Result], folder: Path) -> None:
+    from skinnet.stress.plots import draw  # matplotlib takes a second to import
+
+    draw(deployment, spec, results, folder)

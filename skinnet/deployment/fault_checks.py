@@ -1,0 +1,56 @@
+"""What a rule of faults says of itself: times, and values that the sensors have.
+
+Whether what it names exists, only the placed patches know (`skinnet.network.faults.check_targets`).
+"""
+
+from skinnet.deployment.faults import Drift, FaultRule, Stuck
+from skinnet.deployment.schema import CellSpec, Deployment
+from skinnet.errors import DeploymentError
+
+__all__ = ["check_faults"]
+
+
+def check_faults(deployment: Deployment) -> None:
+    """Raises DeploymentError with key, value and what is allowed if a rule does not hold."""
+    for index, rule in enumerate(deployment.faults):
+        key = f"faults[{index}]"
+        _check_times(key, rule, deployment.run.max_s)
+        if isinstance(rule, Drift) and rule.per_s == 0.0:
+            raise DeploymentError(f"{key}.per_s = 0: nothing would drift; above or below zero")
+        if isinstance(rule, Stuck) and rule.value is not None:
+            low, high = _range(deployment.cells, rule.channel)
+            if not low <= rule.value <= high:
+                hint = "; give each channel a rule of its own" if rule.channel == "all" else ""
+                raise DeploymentError(
+                    f"{key}.value = {rule.value:g}: {rule.channel} reads {low:g} to {high:g}{hint}"
+                )
+
+
+def _check_times(key: str, rule: FaultRule, end_s: float) -> None:
+    times = {"at_s": rule.at_s, "between_s": rule.between_s, "mean_interval_s": rule.mean_interval_s}
+    given = [name for name, value in times.items() if value is not None]
+    if len(given) > 1:
+        raise DeploymentError(f"{key}: {' and '.join(given)} exclude each other; give one of them")
+    never = f"s is not before run.max_s = {end_s:g}, it would never happen; break it earlier or run longer"
+    if rule.at_s is not None and rule.at_s >= end_s:
+        raise DeploymentError(f"{key}.at_s = {rule.at_s:g}: {rule.at_s:g} {never}")
+    if rule.between_s is not None:
+        first_s, last_s = rule.between_s
+        if not first_s < last_s:
+            raise DeploymentError(f"{key}.between_s = [{first_s:g}, {last_s:g}]: must ascend")
+        if last_s > end_s:
+            raise DeploymentError(f"{key}.between_s = [{first_s:g}, {last_s:g}]: {last_s:g} {never}")
+
+
+def _range(cells: CellSpec, channel: str) -> tuple[float, float]:
+    """Lowest and highest reading of a channel; of all of them, what every one can read."""
+    acceleration, warmth = cells.accelerometer, cells.temperature
+    match channel:
+        case "ax_g" | "ay_g" | "az_g":
+            return -acceleration.range_g, acceleration.range_g
+        case "temperature_c":
+            return warmth.min_c, warmth.max_c
+        case "all":
+            return max(0.0, warmth.min_c), min(1.0, acceleration.range_g, warmth.max_c)
+        case _:
+            return 0.0, 1.0

@@ -1,0 +1,132 @@
+"""When what breaks: the rules of a deployment unrolled into spans of time at places.
+
+All of it follows from the deployment and its seed. Every draw belongs to a rule and to the name of what is
+hit, so neither the spread over hosts nor other rules shift it.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skinnet.deployment.faults import BurstLoss, FaultRule
+from skinnet.deployment.schema import Deployment
+from skinnet.deployment.table import ns_of_s
+from skinnet.messages import FOREVER_NS
+from skinnet.network.breakable import Inventory, Place, Placed, chosen
+from skinnet.seeding import key_of, uniform
+
+__all__ = ["FaultSpan", "Place", "burst_phases", "check_targets", "timeline"]
+
+
+@dataclass(frozen=True)
+class FaultSpan:
+    """One fault at one place, from `t_ns` until `until_ns`.
+
+    Attributes:
+        index: Number of its rule.
+        rule: The rule.
+        t_ns: First instant of the fault [ns].
+        until_ns: First instant after it [ns]; `FOREVER_NS` if it stays.
+        place: The cell, gateway or host; for rules about links the directed link that leaves by a port, so a
+            cut in both directions is two spans of one time.
+    """
+
+    index: int
+    rule: FaultRule
+    t_ns: int
+    until_ns: int
+    place: Place
+
+    @property
+    def kind(self) -> str:
+        """Kind of the rule."""
+        return self.rule.kind
+
+    @property
+    def target(self) -> str:
+        """Name of the place."""
+        return self.place.names[-1]
+
+    def key(self, seed: int, *names: str | int) -> np.uint64:
+        """Key of a random stream of this fault alone."""
+        return key_of(seed, "fault", self.index, self.target, self.t_ns, *names)
+
+
+def check_targets(deployment: Deployment, placed: Sequence[Placed]) -> None:
+    """Refuses rules that are about what the placed patches do not have.
+
+    Raises:
+        DeploymentError: an unknown patch, cell, port, gateway or host, a pattern that matches nothing, or
+            fewer matches than are to be picked.
+    """
+    inventory = Inventory(deployment, placed)
+    for index, rule in enumerate(deployment.faults):
+        chosen(inventory, rule, index, deployment.seed)
+
+
+def timeline(deployment: Deployment, placed: Sequence[Placed]) -> tuple[FaultSpan, ...]:
+    """All faults of a run in the order of time, then of rules, then of the deployment.
+
+    Faults of one rule at one place do not overlap: what is broken does not break again before it is whole.
+
+    Raises:
+        DeploymentError: as `check_targets`.
+    """
+    if not deployment.faults:
+        return ()
+    inventory = Inventory(deployment, placed)
+    spans = [
+        FaultSpan(index, rule, t_ns, until_ns, place)
+        for index, rule in enumerate(deployment.faults)
+        for one in chosen(inventory, rule, index, deployment.seed)
+        for t_ns, until_ns in _times_ns(
+            rule, key_of(deployment.seed, "fault", index, one.name), deployment.max_ns
+        )
+        for place in one.places
+    ]
+    return tuple(sorted(spans, key=lambda span: span.t_ns))  # sorting keeps the order of rules and places
+
+
+def burst_phases(span: FaultSpan, seed: int) -> Iterator[tuple[int, float]]:
+    """Times [ns] from which a link in bursts of loss loses packets with a probability, until the span ends.
+
+    The first phase begins with the span, good or bad as often as the link is so on average; every directed
+    link has its own. Of a span that stays there is no last one.
+    """
+    rule = span.rule
+    assert isinstance(rule, BurstLoss)
+    key = span.key(seed, "burst")
+    bad = _draw(key, 0) < rule.mean_bad_s / (rule.mean_good_s + rule.mean_bad_s)
+    t_ns, number = span.t_ns, 1
+    while t_ns < span.until_ns:
+        yield t_ns, rule.loss_bad if bad else rule.loss_good
+        t_ns += _dwell_ns(rule.mean_bad_s if bad else rule.mean_good_s, _draw(key, number))
+        bad, number = not bad, number + 1
+
+
+def _times_ns(rule: FaultRule, key: np.uint64, end_ns: int) -> Iterator[tuple[int, int]]:
+    """When one target breaks and is whole again, before the run ends."""
+    duration_ns = None if rule.duration_s is None else max(ns_of_s(rule.duration_s), 1)
+    if rule.mean_interval_s is None:
+        t_ns = ns_of_s(rule.at_s or 0.0)
+        if rule.between_s is not None:
+            first_s, last_s = rule.between_s
+            t_ns = ns_of_s(first_s + _draw(key, 0) * (last_s - first_s))
+        yield t_ns, FOREVER_NS if duration_ns is None else t_ns + duration_ns
+        return
+    t_ns, number = _dwell_ns(rule.mean_interval_s, _draw(key, 0)), 1
+    while t_ns < end_ns:
+        until_ns = FOREVER_NS if duration_ns is None else t_ns + duration_ns
+        yield t_ns, until_ns
+        t_ns, number = until_ns + _dwell_ns(rule.mean_interval_s, _draw(key, number)), number + 1
+
+
+def _draw(key: np.uint64, number: int) -> float:
+    return uniform(key, np.uint64(number))
+
+
+def _dwell_ns(mean_s: float, draw: float) -> int:
+    """Exponentially distributed time from a uniform draw [ns], at least 1."""
+    return max(round(-math.log(draw) * mean_s * 1e9), 1)

@@ -1,0 +1,62 @@
+"""What must be known of packets outside the network, in arrays that stay as small as what is on the way."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Ledger", "Seen"]
+
+
+class Ledger:
+    """Numbers for packets that are under way: a number is used again when its packet has left."""
+
+    def __init__(self) -> None:
+        self._id = self._t_ns = self._free = np.empty(0, dtype=np.int64)
+
+    def enter(self, ids: NDArray[np.int64], t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Numbers for packets with these ids that enter at these times, (n,)."""
+        if (missing := ids.size - self._free.size) > 0:
+            size = self._id.size
+            more = max(missing, size)
+            self._id, self._t_ns = (
+                np.append(a, np.empty(more, dtype=np.int64)) for a in (self._id, self._t_ns)
+            )
+            self._free = np.append(self._free, np.arange(size, size + more))
+        numbers, self._free = self._free[: ids.size], self._free[ids.size :]
+        self._id[numbers], self._t_ns[numbers] = ids, t_ns
+        return numbers
+
+    def leave(self, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Ids of packets that have ended, and when they entered [ns], each (n,)."""
+        self._free = np.append(numbers, self._free)
+        return self._id[numbers], self._t_ns[numbers]
+
+
+class Seen:
+    """Which ids were there, as runs of consecutive ones: ids without gaps take no room."""
+
+    def __init__(self) -> None:
+        self._start = self._stop = np.empty(0, dtype=np.int64)
+
+    @property
+    def n_runs(self) -> int:
+        """How many runs there are."""
+        return self._start.size
+
+    def add(self, ids: NDArray[np.int64]) -> int | None:
+        """Takes ids in, (n,); returns the first position of one that was there before, or None."""
+        order = np.argsort(ids, kind="stable")
+        ordered = ids[order]
+        again = np.concatenate(([False], ordered[1:] == ordered[:-1])) if ids.size else np.empty(0, np.bool_)
+        run = np.searchsorted(self._start, ordered, side="right") - 1
+        again |= (run >= 0) & (ordered <= self._stop[run]) if self._stop.size else False
+        if again.any():
+            return int(order[again].min())
+        breaks = np.flatnonzero(ordered[1:] - 1 != ordered[:-1])
+        start = np.concatenate((self._start, ordered[:1], ordered[breaks + 1]))
+        stop = np.concatenate((self._stop, ordered[breaks], ordered[-1:]))
+        order = np.argsort(start, kind="stable")
+        start, stop = start[order], stop[order]
+        apart = start[1:] - 1 != stop[:-1]
+        self._start = start[np.concatenate(([True], apart))] if start.size else start
+        self._stop = stop[np.concatenate((apart, [True]))] if stop.size else stop
+        return None

@@ -1,0 +1,173 @@
+"""The resistive network of the power wires: the voltage at every cell, and which cells brown out.
+
+Power is routed passively [T11]: a wire is a resistor, and a cell passes power on whether it runs or not.
+Plus and ground run side by side over the same wires and between the same cells, so both drop alike, and one
+network with the resistance of both conductors together gives what a cell has between its two.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import SuperLU, splu
+
+from skinnet.deployment.power import PowerSpec
+
+__all__ = ["PowerGrid", "PowerState"]
+
+_RESOLUTION_V = 1e-9
+"""Voltages closer than this are equal: which cell is the worst may not depend on rounding."""
+
+
+class PowerState(NamedTuple):
+    """Voltages and currents of a skin at rest.
+
+    Attributes:
+        voltage_v: (n,) at every cell; 0 where no wire leads to a feed [V].
+        browned_out: (n,) cells that were on and have too low a voltage to stay on.
+        current_a: (m,) from the first to the second end of every wire; 0 if it is cut [A].
+        feed_current_a: (f,) out of every feed [A].
+    """
+
+    voltage_v: NDArray[np.float64]
+    browned_out: NDArray[np.bool_]
+    current_a: NDArray[np.float64]
+    feed_current_a: NDArray[np.float64]
+
+
+class _Factored(NamedTuple):
+    """What depends on the wires only: the pieces of the skin, and its factored conductances."""
+
+    piece: NDArray[np.int64]
+    powered: NDArray[np.bool_]
+    free: NDArray[np.int64]
+    factors: SuperLU | None
+
+
+class PowerGrid:
+    """The power wires of a skin, any number of patches and bridges between them.
+
+    Every cell that is on draws the same current, whatever its voltage (a linear regulator does). Where a
+    voltage is below the minimum, the worst cell of its piece of skin goes off first, for the others then
+    have more; this goes on until all that are left have enough. That is the order in which a sagging
+    supply takes them, and the most that can stay: whoever goes off would go off, too, if all that are too
+    low left at once, but not the other way round. A cell that went off stays off until the next `solve`,
+    else it would come back, be too low again, and flicker. Every `solve` starts with all of `cell_on`: the
+    result depends on the cells and wires that are in order now, not on how it came to that.
+
+    Args:
+        n_cells: Number of cells.
+        wires: Rows of (cell, port, cell, port), or of (cell, cell).
+        feeds: (f,) cells that are fed; a cell may have several feeds.
+        spec: Supply, resistances, current of a cell.
+    """
+
+    def __init__(self, n_cells: int, wires: ArrayLike, feeds: ArrayLike, spec: PowerSpec) -> None:
+        ends = np.asarray(wires, dtype=np.int64)
+        ends = ends.reshape(-1, ends.shape[-1] if ends.ndim == 2 else 2)
+        self._a, self._b = ends[:, 0], ends[:, ends.shape[1] // 2]
+        self._feeds = np.asarray(feeds, dtype=np.int64).reshape(-1)
+        for name, cells in (("wires", ends[:, :: ends.shape[1] // 2]), ("feeds", self._feeds)):
+            if cells.size and (cells.min() < 0 or cells.max() >= n_cells):
+                raise ValueError(f"{name} name a cell outside 0 to {n_cells - 1}")
+        self._n = n_cells
+        self._spec = spec
+        self._n_feeds = np.bincount(self._feeds, minlength=n_cells)
+        self._key = b""
+        self._factored: _Factored | None = None
+
+    def solve(self, cell_on: ArrayLike | None = None, wire_ok: ArrayLike | None = None) -> PowerState:
+        """The state in which every cell that still runs has enough.
+
+        Args:
+            cell_on: (n,) cells that want to run; all by default.
+            wire_ok: (m,) wires that are in order; all by default.
+        """
+        on = self._mask("cell_on", cell_on, self._n)
+        ok = self._mask("wire_ok", wire_ok, len(self._a))
+        factored = self._factor(ok)
+        running = on & factored.powered
+        drop_v = self._drops(running, factored)
+        limit_v = self._spec.supply_v - self._spec.minimum_v
+        while (low := running & (drop_v > limit_v + _RESOLUTION_V)).any():
+            running[_worst(drop_v, low, factored.piece)] = False
+            drop_v = self._drops(running, factored)
+        voltage_v = np.where(factored.powered, self._spec.supply_v - drop_v, 0.0)
+        current_a = np.where(ok, (voltage_v[self._a] - voltage_v[self._b]) / self._spec.link_ohm, 0.0)
+        return PowerState(
+            voltage_v, on & ~running, current_a, self._feed_currents(running, drop_v, current_a)
+        )
+
+    def _mask(self, name: str, values: ArrayLike | None, n: int) -> NDArray[np.bool_]:
+        mask = np.ones(n, dtype=np.bool_) if values is None else np.array(values, dtype=np.bool_)
+        if mask.shape != (n,):
+            raise ValueError(f"{name} has shape {mask.shape}; give ({n},)")
+        return mask
+
+    def _factor(self, ok: NDArray[np.bool_]) -> _Factored:
+        """Takes the last factors as long as no wire has changed."""
+        key = ok.tobytes()
+        if self._factored is None or key != self._key:
+            self._key, self._factored = key, self._factor_anew(ok)
+        return self._factored
+
+    def _factor_anew(self, ok: NDArray[np.bool_]) -> _Factored:
+        n, a, b = self._n, self._a[ok], self._b[ok]
+        siemens = np.full(len(a), 1.0 / self._spec.link_ohm)
+        piece = connected_components(coo_array((siemens, (a, b)), shape=(n, n)), directed=False)[1]
+        fed = self._n_feeds > 0
+        powered = np.isin(piece, piece[fed])
+        ideal = fed & (self._spec.feed_ohm == 0.0)  # such a cell is at the supply's voltage
+        free = np.flatnonzero(powered & ~ideal)
+        if not len(free):
+            return _Factored(piece.astype(np.int64), powered, free, None)
+        cells = np.arange(n)
+        to_supply = self._n_feeds / self._spec.feed_ohm if self._spec.feed_ohm else np.zeros(n)
+        laplacian = coo_array(
+            (
+                np.concatenate([siemens, siemens, -siemens, -siemens, to_supply]),
+                (np.concatenate([a, b, a, b, cells]), np.concatenate([a, b, b, a, cells])),
+            ),
+            shape=(n, n),
+        ).tocsc()
+        # symmetric and diagonally dominant: no pivoting, and an ordering that keeps it sparse
+        factors = splu(
+            laplacian[free][:, free],
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        return _Factored(piece.astype(np.int64), powered, free, factors)
+
+    def _drops(self, running: NDArray[np.bool_], factored: _Factored) -> NDArray[np.float64]:
+        """(n,) how far every cell is below the supply: with no load there is no drop anywhere [V]."""
+        drop_v = np.zeros(self._n)
+        if factored.factors is not None:
+            drop_v[factored.free] = factored.factors.solve(self._drawn_a(running)[factored.free])
+        return drop_v
+
+    def _drawn_a(self, running: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return np.where(running, self._spec.current_ma * 1e-3, 0.0)
+
+    def _feed_currents(
+        self, running: NDArray[np.bool_], drop_v: NDArray[np.float64], current_a: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        if self._spec.feed_ohm:
+            through_a: NDArray[np.float64] = drop_v[self._feeds] / self._spec.feed_ohm
+            return through_a
+        out_a = self._drawn_a(running)
+        np.add.at(out_a, self._a, current_a)
+        np.add.at(out_a, self._b, -current_a)
+        shared_a: NDArray[np.float64] = out_a[self._feeds] / self._n_feeds[self._feeds]
+        return shared_a
+
+
+def _worst(
+    drop_v: NDArray[np.float64], low: NDArray[np.bool_], piece: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Of every piece with cells that are too low, the cell with the lowest voltage, the first of equals."""
+    cells = np.flatnonzero(low)
+    order = cells[np.lexsort((cells, -np.round(drop_v[cells] / _RESOLUTION_V), piece[cells]))]
+    return order[np.unique(piece[order], return_index=True)[1]]

@@ -1,0 +1,220 @@
+"""From files of links and packets to files of deliveries and drops, in memory for what is on the way."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from gzip import GzipFile
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skinnet.errors import DeploymentError
+from skinnet.files import replacing
+from skinnet.network.csv_files import INT64, Column, Table, blocks
+from skinnet.network.csv_network import NODE, Wired, read_links, read_routes
+from skinnet.network.kernel import MAX_SIZE_BYTES
+from skinnet.network.latency import Latencies
+from skinnet.network.ledger import Ledger, Seen
+from skinnet.network.network import Finished, Network
+from skinnet.network.records import FAR_NS, Outcome
+from skinnet.network.routes import fewest_hops
+
+__all__ = ["Files", "simulate"]
+
+_PACKETS = (
+    Column("id", *INT64),
+    Column("t_ns", 0, FAR_NS - 1),
+    Column("node", *NODE),
+    Column("dest", *NODE),
+    Column("size_bytes", 1, MAX_SIZE_BYTES),
+)
+_ROUTES_AT_ONCE = 2**22
+_CAUSES = np.array([outcome.name.lower() for outcome in Outcome])
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where everything is read and written; names that end in `.gz` are gzipped.
+
+    Attributes:
+        links: `src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets`, and if wanted
+            `loss_probability,jitter_ns,bit_error_rate`.
+        packets: `id,t_ns,node,dest,size_bytes`, in order of time.
+        delivered: Written: `id,t_delivered_ns`, by time, then node, then the order in which they came.
+        routes: `node,dest,src_port`; fewest hops if there is no such file.
+        drops: Written if given: `id,t_ns,node,cause`, in the same order.
+    """
+
+    links: Path
+    packets: Path
+    delivered: Path
+    routes: Path | None = None
+    drops: Path | None = None
+
+
+def simulate(
+    files: Files, until_ns: int, *, seed: int = 0, progress: Callable[[float], None] = lambda _: None
+) -> dict[str, Any]:
+    """Runs packets through a network up to, and without, `until_ns`; returns flat figures.
+
+    Args:
+        files: What is read and written. The results appear when all is done, never half of them.
+        until_ns: End of the simulation [ns].
+        seed: Of loss, jitter and bit errors.
+        progress: Told now and then which share of the packets has been read.
+
+    Raises:
+        DeploymentError: A file does not hold what is allowed; file, line and what is wrong.
+    """
+    _require_distinct(files)
+    wired = read_links(files.links)
+    with ExitStack() as stack:
+        run = _Run(files, wired, until_ns, seed)
+        out = stack.enter_context(_written(files.delivered, "id,t_delivered_ns"))
+        drops = stack.enter_context(_written(files.drops, "id,t_ns,node,cause")) if files.drops else None
+        for table, share in _read(files.packets):
+            now_ns = run.offer(table)
+            run.write(run.advance(now_ns), out, drops)
+            progress(share)
+        run.write(run.advance(until_ns), out, drops)
+        progress(1.0)
+    return run.figures()
+
+
+class _Run:
+    """A network under way, and what must be known of the packets in it."""
+
+    def __init__(self, files: Files, wired: Wired, until_ns: int, seed: int) -> None:
+        topology = wired.topology
+        self._files, self._wired, self._until_ns = files, wired, until_ns
+        self._network = Network(
+            topology, seed=seed, node_keys=wired.nodes.view(np.uint64), hop_limit=topology.n_nodes
+        )
+        self._routed = np.zeros(topology.n_nodes, dtype=np.bool_)
+        if files.routes is not None:
+            self._network.set_routes(0, read_routes(files.routes, wired))
+            self._routed[:] = True
+        self._ids, self._ledger, self._latencies = Seen(), Ledger(), Latencies()
+        self._last_ns, self._n_later, self._total_bytes = 0, 0, 0
+
+    def offer(self, table: Table) -> int:
+        """Lets the packets of a table enter, but for those from `until_ns` on; returns how far one may go."""
+        t_ns = table.whole("t_ns")
+        backwards = np.diff(t_ns, prepend=self._last_ns) < 0
+        if backwards.any():
+            row = int(np.argmax(backwards))
+            before = t_ns[row - 1] if row else self._last_ns
+            table.refuse(row, f"t_ns is {t_ns[row]} after {before}; packets must be in order of time")
+        if (again := self._ids.add(table.whole("id"))) is not None:
+            table.refuse(again, f"id {table.whole('id')[again]} is there twice; give each packet its own")
+        node, dest = (self._wired.index(table, name) for name in ("node", "dest"))
+        self._last_ns = int(t_ns[-1]) if t_ns.size else self._last_ns
+        n = int(np.searchsorted(t_ns, self._until_ns))
+        self._n_later += t_ns.size - n
+        size_bytes = table.whole("size_bytes")[:n]
+        self._require_time(table, size_bytes)
+        self._find_routes(dest[:n])
+        slots = self._ledger.enter(table.whole("id")[:n], t_ns[:n])
+        self._network.offer(t_ns[:n], node[:n], dest[:n], size_bytes, slots)
+        return min(self._last_ns, self._until_ns)
+
+    def advance(self, until_ns: int) -> Finished:
+        """What ended before `until_ns`."""
+        return self._network.advance(until_ns)
+
+    def write(self, finished: Finished, out: IO[bytes], drops: IO[bytes] | None) -> None:
+        """Writes what was delivered, and what was dropped."""
+        ids, entered_ns = self._ledger.leave(finished.packet_id)
+        arrived = finished.outcome == Outcome.DELIVERED
+        self._latencies.add(finished.t_ns[arrived] - entered_ns[arrived])
+        out.write(_lines("%d,%d\n", ids[arrived], finished.t_ns[arrived]))
+        if drops is not None:
+            lost = ~arrived
+            nodes, causes = self._wired.nodes[finished.node[lost]], _CAUSES[finished.outcome[lost]]
+            drops.write(_lines("%d,%d,%d,%s\n", ids[lost], finished.t_ns[lost], nodes, causes))
+
+    def figures(self) -> dict[str, Any]:
+        """All that was counted."""
+        counters, links = self._network.counters, self._network.link_counters
+        dropped = sum(counters.dropped.values())
+        left = counters.delivered + dropped + counters.in_flight
+        return {
+            "nodes": self._wired.topology.n_nodes,
+            "links": self._wired.topology.n_links,
+            "until_ns": self._until_ns,
+            "packets.offered": counters.offered,
+            "packets.delivered": counters.delivered,
+            "packets.dropped": dropped,
+            **{f"packets.dropped.{c.name.lower()}": n for c, n in counters.dropped.items()},
+            "packets.in_flight": counters.in_flight,
+            "packets.conserved": counters.offered == left,
+            "packets.not_before_until": self._n_later,
+            "packet_hops": int(links.packets.sum()),
+            **self._latencies.figures(),
+            "links.utilisation.largest": float(links.busy_ns.max() / max(self._until_ns, 1)),
+            "links.queue_high_water": int(links.queue_high_water.max()),
+        }
+
+    def _find_routes(self, dest: NDArray[np.int64]) -> None:
+        """Routes to the destinations that are new, in portions that fit into memory."""
+        fresh = np.unique(dest[~self._routed[dest]])
+        self._routed[fresh] = True
+        portion = max(1, _ROUTES_AT_ONCE // self._wired.topology.n_nodes)
+        for start in range(0, fresh.size, portion):
+            routes = fewest_hops(self._wired.topology, fresh[start : start + portion])
+            self._network.set_routes(self._network.now_ns, routes)
+
+    def _require_time(self, table: Table, size_bytes: NDArray[np.int64]) -> None:
+        """Refuses what could still be under way when 64-bit time ends, 146 years from the start."""
+        topology = self._wired.topology
+        self._total_bytes += int(size_bytes.sum())
+        bits = self._total_bytes * int(topology.bits_per_byte.max())
+        hop_ns = int(topology.delay_ns.max()) + int(topology.jitter_ns.max())
+        waits_ns = (bits * 10**9 // int(topology.bits_per_s.min()) + hop_ns) * topology.n_nodes
+        if self._last_ns + waits_ns >= FAR_NS and len(table):
+            table.refuse(
+                len(table) - 1,
+                "with the packets up to here a link could be busy for longer than 146 years; "
+                "raise bits_per_s, or lower delay_ns or size_bytes",
+            )
+
+
+def _read(path: Path) -> Iterator[tuple[Table, float]]:
+    """The packets, table by table, and which share of the file has been read."""
+    try:
+        raw = path.open("rb")
+        size = path.stat().st_size
+    except OSError as error:
+        raise DeploymentError(f"{path}: {error.strerror}; give a CSV file that can be read") from error
+    for table in blocks(path, _PACKETS, raw):
+        yield table, (min(raw.tell() / size, 1.0) if size and not raw.closed else 0.0)
+
+
+def _lines(form: str, *columns: ArrayLike) -> bytes:
+    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+    return "".join(map(form.__mod__, rows)).encode()
+
+
+@contextmanager
+def _written(path: Path, header: str) -> Iterator[IO[bytes]]:
+    """A file with this header that appears when the block has ended well."""
+    with replacing(path) as file:
+        if path.suffix == ".gz":
+            with GzipFile(filename="", mode="wb", fileobj=file, mtime=0, compresslevel=5) as packed:
+                packed.write(header.encode() + b"\n")
+                yield packed  # type: ignore[misc]
+        else:
+            file.write(header.encode() + b"\n")
+            yield file
+
+
+def _require_distinct(files: Files) -> None:
+    written = [path for path in (files.delivered, files.drops) if path is not None]
+    read = [path for path in (files.links, files.packets, files.routes) if path is not None]
+    for path in written:
+        if path.is_dir():
+            raise DeploymentError(f"{path}: a folder; give the name of a file to write")
+        if [other.resolve() for other in (*read, *written)].count(path.resolve()) > 1:
+            raise DeploymentError(f"{path}: named twice; give every file that is written a name of its own")

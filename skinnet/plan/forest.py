@@ -1,0 +1,92 @@
+"""The trees on which data runs to the gateways, as the cells will form them.
+
+Tokens start at all gateways at once and take equally long over every link; a cell takes the first that
+arrives as its way to the computer, and of several at one instant that of its lowest port. So every cell has a
+way of fewest hops, which is found here without running the protocol.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skinnet.network.routes import NO_LINK, fewest_hops
+from skinnet.network.topology import Topology
+
+__all__ = ["GATEWAY", "NOWHERE", "Forest", "grow"]
+
+GATEWAY = -1
+NOWHERE = -2
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Every cell's way to its gateway. Each cell has one link upwards, so links are named by their cells.
+
+    Attributes:
+        parent: (n,) the next cell, `GATEWAY`, or `NOWHERE` for a cell without a way.
+        port: (n,) port by which a cell sends; −1 for none.
+        gateway: (n,) which gateway; −1 for none.
+        depth: (n,) hops to the gateway, from 1; 0 for a cell without a way.
+    """
+
+    parent: NDArray[np.int64]
+    port: NDArray[np.int64]
+    gateway: NDArray[np.int64]
+    depth: NDArray[np.int64]
+
+    @cached_property
+    def levels(self) -> list[NDArray[np.int64]]:
+        """The cells of depth 1, of depth 2, and so on."""
+        return [np.flatnonzero(self.depth == depth) for depth in range(1, int(self.depth.max(initial=0)) + 1)]
+
+    @cached_property
+    def below(self) -> NDArray[np.int64]:
+        """(n,) cells whose packets go over a cell's link, itself among them."""
+        return self.sum_up((self.depth > 0).astype(np.int64))
+
+    @cached_property
+    def tree(self) -> NDArray[np.int64]:
+        """(n,) cells that share the gateway of each cell."""
+        size = np.bincount(self.gateway[self.gateway >= 0], minlength=1)
+        return np.where(self.gateway >= 0, size[np.maximum(self.gateway, 0)], 0)
+
+    def sum_up(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Sums of `values` (n,) over each cell and all that send through it."""
+        total = values.copy()
+        for level in self.levels[:0:-1]:
+            np.add.at(total, self.parent[level], total[level])
+        return total
+
+    def sum_down(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sums of `values` (n,) over the links on each cell's way to the gateway."""
+        total = values.copy()
+        for level in self.levels[1:]:
+            total[level] += total[self.parent[level]]
+        return total
+
+
+def grow(n_cells: int, wires: ArrayLike, gateways: ArrayLike) -> Forest:
+    """The forest of cells that `wires` (m, 4) connect, from the free ports `gateways` (g, 2) of cells."""
+    ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
+    roots = np.asarray(gateways, dtype=np.int64).reshape(-1, 2)
+    computer = np.column_stack([np.full(len(roots), n_cells), np.arange(len(roots)), roots])
+    topology = Topology.from_wires(
+        n_cells + 1, np.vstack([ends, computer]), bits_per_s=1_000_000, bits_per_byte=10
+    )
+    routes = fewest_hops(topology, [n_cells])
+    leads = routes.link != NO_LINK
+    cell, link = routes.node[leads], routes.link[leads]
+    parent = np.full(n_cells, NOWHERE, dtype=np.int64)
+    port, gateway, depth = (np.full(n_cells, fill, dtype=np.int64) for fill in (-1, -1, 0))
+    parent[cell] = np.where(topology.dst[link] == n_cells, GATEWAY, topology.dst[link])
+    port[cell] = topology.src_port[link]
+    top = parent[cell] == GATEWAY
+    gateway[cell[top]] = topology.dst_port[link[top]]
+    depth[cell[top]] = 1
+    level = cell[top]
+    while len(level):
+        level = np.flatnonzero(np.isin(parent, level))
+        gateway[level], depth[level] = gateway[parent[level]], depth[parent[level]] + 1
+    return Forest(parent, port, gateway, depth)

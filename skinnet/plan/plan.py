@@ -1,0 +1,104 @@
+"""The plan of a deployment: its budget, and the fewest gateways that keep its limits."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.deployment import Deployment
+from skinnet.plan.budget import Budget, draw_up
+from skinnet.plan.search import Group, Limits, Search, breaches, fewest
+from skinnet.plan.traffic import Traffic, traffic_of
+from skinnet.skin.placement import bridges_of, place_all
+from skinnet.skin.whole import WholeSkin, join
+
+__all__ = ["Plan", "make"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that a plan says.
+
+    Attributes:
+        deployment: What is planned.
+        skin: Its cells, wires and gateways.
+        feeds: (f,) fed cells; empty without power wires.
+        traffic: What the cells send.
+        limits: What must be kept.
+        budget: With the gateways of the deployment.
+        groups: Patches that bridges join, each as one.
+        searches: The fewest gateways of each group.
+    """
+
+    deployment: Deployment
+    skin: WholeSkin
+    feeds: NDArray[np.int64]
+    traffic: Traffic
+    limits: Limits
+    budget: Budget
+    groups: tuple[Group, ...]
+    searches: tuple[Search, ...]
+
+    @property
+    def breaches(self) -> dict[str, float]:
+        """Limits that the deployment does not keep as it is, with the worst value of each."""
+        return breaches(self.budget, self.limits)
+
+    def link(self, cell: int) -> str:
+        """The link by which a cell sends, in words."""
+        parent = int(self.budget.forest.parent[cell])
+        start = f"{self.skin.name_of(cell)}:{self.budget.forest.port[cell]}"
+        return f"{start} → {self.skin.name_of(parent) if parent >= 0 else 'gateway'}"
+
+    def places(self, index: int) -> list[str]:
+        """Where the search would put the gateways of a group, as "patch/cell:port"."""
+        cells, found = self.groups[index].cells, self.searches[index].gateways
+        return [f"{self.skin.name_of(int(cells[cell]))}:{port}" for cell, port in found.tolist()]
+
+
+def make(deployment: Deployment) -> Plan:
+    """Plans a deployment that has been checked.
+
+    Raises:
+        DeploymentError: cells, bridges or feeds do not fit together.
+    """
+    placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
+    skin = join(placed, bridges_of(deployment.bridges, placed))
+    power = deployment.power
+    feeds = np.empty(0, dtype=np.int64) if power is None else skin.feeds(power.feeds)
+    traffic = traffic_of(deployment)
+    limits = _limits(deployment)
+    budget = draw_up(
+        skin.n_cells, skin.wires, skin.gateways, feeds, traffic, deployment.network, deployment.power
+    )
+    own_feeds = power is not None and bool(power.feeds)
+    groups = tuple(_group(skin, number, feeds if own_feeds else None) for number in _numbers(skin))
+    searches = tuple(fewest(group, limits, traffic, deployment.network, power) for group in groups)
+    return Plan(deployment, skin, feeds, traffic, limits, budget, groups, searches)
+
+
+def _limits(deployment: Deployment) -> Limits:
+    plan, power = deployment.plan, deployment.power
+    lowest_v = 0.0 if power is None else power.minimum_v
+    return Limits(
+        math.inf if plan.latency_ms is None else plan.latency_ms * 1e6,
+        plan.utilisation,
+        lowest_v if plan.voltage_v is None else plan.voltage_v,
+    )
+
+
+def _numbers(skin: WholeSkin) -> list[int]:
+    """Groups in the order of their first patches."""
+    return list(dict.fromkeys(skin.group_of_patch.tolist()))
+
+
+def _group(skin: WholeSkin, number: int, feeds: NDArray[np.int64] | None) -> Group:
+    inside = skin.group_of_patch[skin.patch_of_cell] == number
+    cells = np.flatnonzero(inside)
+    new = np.cumsum(inside) - 1
+    wires = skin.wires[inside[skin.wires[:, 0]]].copy()
+    gateways = skin.gateways[inside[skin.gateways[:, 0]]].copy()
+    wires[:, [0, 2]] = new[wires[:, [0, 2]]]
+    gateways[:, 0] = new[gateways[:, 0]]
+    return Group(cells, wires, gateways, None if feeds is None else new[feeds[inside[feeds]]])

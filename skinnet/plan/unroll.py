@@ -1,0 +1,78 @@
+"""A patch unrolled onto paper: hexagons in the plane, wherever the cells sit on the body."""
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.skin.lattice import PORT_ANGLES_RAD
+from skinnet.skin.placement import PlacedPatch
+
+__all__ = ["unroll"]
+
+_OVERLAP = 0.9
+_GAP = 1.5
+
+
+def unroll(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 2) of the cells in pitches, seen from outside, and the angle (n,) of port 0 [rad].
+
+    A wire joins the middles of two edges, so from one cell follows where its neighbours lie, whatever the
+    curvature; a ring is cut open where its ends meet. Pieces that no wire joins lie side by side. Where
+    that makes cells overlap (a cone, a ball), all are projected on the plane that fits best instead.
+    """
+    n = patch.n_cells
+    at, turn = np.full((n, 2), math.nan), np.zeros(n)
+    neighbours: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
+    for a, port_a, b, port_b in patch.wires.tolist():
+        neighbours[a].append((port_a, b, port_b))
+        neighbours[b].append((port_b, a, port_a))
+    right = 0.0
+    for first in range(n):
+        if math.isnan(at[first, 0]):
+            piece = _unroll_piece(first, neighbours, at, turn)
+            at[piece] += [right - at[piece, 0].min(), -at[piece, 1].mean()]
+            right = float(at[piece, 0].max()) + _GAP
+    if _too_near(at):
+        return _projected(patch)
+    return at - 0.5 * (at.min(axis=0) + at.max(axis=0)), turn
+
+
+def _unroll_piece(
+    first: int,
+    neighbours: list[list[tuple[int, int, int]]],
+    at: NDArray[np.float64],
+    turn: NDArray[np.float64],
+) -> list[int]:
+    at[first] = 0.0
+    piece, waiting = [first], deque([first])
+    while waiting:
+        cell = waiting.popleft()
+        for port, other, its_port in sorted(neighbours[cell]):
+            if not math.isnan(at[other, 0]):
+                continue
+            angle = turn[cell] + PORT_ANGLES_RAD[port]
+            at[other] = at[cell] + [math.cos(angle), math.sin(angle)]
+            turn[other] = angle + math.pi - PORT_ANGLES_RAD[its_port]
+            piece.append(other)
+            waiting.append(other)
+    return piece
+
+
+def _too_near(at: NDArray[np.float64]) -> bool:
+    gaps = np.linalg.norm(at[:, None] - at[None], axis=2)
+    return bool((gaps[np.triu_indices(len(at), 1)] < _OVERLAP).any())
+
+
+def _projected(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres on the plane through the patch that leaves out least, in distances of the nearest cells."""
+    centred = patch.position_m - patch.position_m.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2][:2]
+    outwards = patch.R_body_cell[:, :, 2].mean(axis=0)
+    if np.cross(axes[0], axes[1]) @ outwards < 0.0:
+        axes[1] *= -1.0
+    gaps = np.linalg.norm(patch.position_m[:, None] - patch.position_m[None], axis=2)
+    pitch_m = gaps[np.triu_indices(patch.n_cells, 1)].min()
+    towards = patch.R_body_cell[:, :, 0] @ axes.T
+    return centred @ axes.T / pitch_m, np.arctan2(towards[:, 1], towards[:, 0])

@@ -1,0 +1,98 @@
+"""What is wrong with a deployment, in words, and which of its limits can be kept."""
+
+import numpy as np
+
+from skinnet.plan.plan import Plan
+
+__all__ = ["problems"]
+
+_LIMITS = {
+    "latency_ms": ("worst-case latency", "ms"),
+    "utilisation": ("utilisation", ""),
+    "voltage_v": ("lowest voltage", "V"),
+}
+
+
+def problems(plan: Plan) -> list[str]:
+    """One line for each thing that is wrong; none if all is well."""
+    return [*_overload(plan), *_full_queues(plan), *_brown_out(plan), *_limits(plan), *_impossible(plan)]
+
+
+def _overload(plan: Plan) -> list[str]:
+    over = np.flatnonzero(plan.budget.utilisation > 1.0 + 1e-9)
+    if not len(over):
+        return []
+    worst = int(over[plan.budget.utilisation[over].argmax()])
+    load = float(plan.budget.utilisation[worst])
+    patches = len(np.unique(plan.skin.patch_of_cell[over]))
+    return [
+        f"it will drop packets: {len(over)} links of {patches} patches get more than they can send; worst is "
+        f"{plan.link(worst)} with {load:.2f} of what it carries ({1 - 1 / load:.0%} lost there)"
+    ]
+
+
+def _full_queues(plan: Plan) -> list[str]:
+    room = plan.deployment.network.queue_packets
+    backlog = np.where(plan.budget.utilisation > 1.0 + 1e-9, 0.0, plan.budget.backlog)
+    if room < 0 or backlog.max() <= room:
+        return []
+    worst = int(backlog.argmax())
+    return [
+        f"it may drop packets if cells sample at the wrong moments: up to {backlog[worst]:.0f} would wait at "
+        f"{plan.link(worst)}, and a queue holds {room}"
+    ]
+
+
+def _brown_out(plan: Plan) -> list[str]:
+    power = plan.budget.power
+    if power is None or not power.browned_out.any():
+        return []
+    gone = np.flatnonzero(power.browned_out)
+    dark = int((power.voltage_v[gone] == 0.0).sum())
+    names = ", ".join(plan.skin.name_of(int(cell)) for cell in gone[:3])
+    return [
+        f"{len(gone)} cells brown out ({names}{', …' if len(gone) > 3 else ''}"
+        f"{f'; {dark} of them have no wire to a feed' if dark else ''})"
+    ]
+
+
+def _limits(plan: Plan) -> list[str]:
+    found = plan.breaches
+    if plan.limits.utilisation >= 1.0:
+        found.pop("utilisation", None)  # already said
+    asked = _asked(plan)
+    return [
+        f"{_LIMITS[key][0]} is {_shown(key, value)}; {_shown(key, asked[key])} are asked for"
+        for key, value in found.items()
+        if not (key == "voltage_v" and value >= asked[key])
+    ]
+
+
+def _impossible(plan: Plan) -> list[str]:
+    """What no number of gateways keeps; patches of which the same is to be said share a line."""
+    asked = _asked(plan)
+    names: dict[str, list[str]] = {}
+    for group, search in zip(plan.groups, plan.searches, strict=True):
+        if search.breaches:
+            limits = " and ".join(
+                f"{_LIMITS[key][0]} (at best {_shown(key, value)}, asked {_shown(key, asked[key])})"
+                for key, value in search.breaches.items()
+            )
+            count = len(search.gateways)
+            line = f"even {count} gateways, one at every cell at the edge, do not keep {limits}"
+            patches = np.unique(plan.skin.patch_of_cell[group.cells])
+            names.setdefault(line, []).append(" + ".join(plan.skin.patches[p].name for p in patches))
+    return [f"{', '.join(patches)}: {line}" for line, patches in names.items()]
+
+
+def _asked(plan: Plan) -> dict[str, float]:
+    limits = plan.limits
+    return {
+        "latency_ms": limits.latency_ns * 1e-6,
+        "utilisation": limits.utilisation,
+        "voltage_v": limits.voltage_v,
+    }
+
+
+def _shown(key: str, value: float) -> str:
+    return f"{value:.3g} {_LIMITS[key][1]}".strip() if key != "voltage_v" else f"{value:.2f} V"

@@ -1,0 +1,90 @@
+"""The skin as a whole: the cells of all patches in one numbering, with the bridges between patches."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from skinnet.errors import DeploymentError
+from skinnet.skin.placement import Bridge, PlacedPatch
+
+__all__ = ["WholeSkin", "join"]
+
+
+@dataclass(frozen=True)
+class WholeSkin:
+    """All patches of a robot as one graph.
+
+    Attributes:
+        patches: In order; their cells are numbered one patch after the other.
+        first_cell: (p + 1,) number of the first cell of each patch, then of all cells.
+        wires: (m, 4) rows of (cell, port, cell, port): those of the patches in order, then the bridges.
+        bridges: (b, 4) the last of these rows.
+        gateways: (g, 2) rows of (cell, port): the interfaces of the patches in order.
+    """
+
+    patches: tuple[PlacedPatch, ...]
+    first_cell: NDArray[np.int64]
+    wires: NDArray[np.int64]
+    bridges: NDArray[np.int64]
+    gateways: NDArray[np.int64]
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return int(self.first_cell[-1])
+
+    @cached_property
+    def patch_of_cell(self) -> NDArray[np.int64]:
+        """(n,) patch of every cell."""
+        return np.repeat(np.arange(len(self.patches)), np.diff(self.first_cell))
+
+    @cached_property
+    def group_of_patch(self) -> NDArray[np.int64]:
+        """(p,) number of the group of each patch: patches that bridges join share one."""
+        ends = self.patch_of_cell[self.bridges[:, [0, 2]]]
+        n = len(self.patches)
+        graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
+        return connected_components(graph, directed=False)[1].astype(np.int64)
+
+    def name_of(self, cell: int) -> str:
+        """A cell as "patch/cell"."""
+        patch = int(self.patch_of_cell[cell])
+        return f"{self.patches[patch].name}/{cell - int(self.first_cell[patch])}"
+
+    def feeds(self, names: Iterable[str]) -> NDArray[np.int64]:
+        """(f,) cells of the feed points "patch/cell:port" of `power.feeds`; of all gateways if none is named.
+
+        Raises:
+            DeploymentError: there is no such patch or cell.
+        """
+        named = [self._cell(f"power.feeds[{index}]", name) for index, name in enumerate(names)]
+        return np.array(named, dtype=np.int64) if named else self.gateways[:, 0]
+
+    def _cell(self, key: str, name: str) -> int:
+        patch_name, _, rest = name.partition("/")
+        cell = int(rest.partition(":")[0])
+        for patch, first in zip(self.patches, self.first_cell.tolist(), strict=False):
+            if patch.name == patch_name and cell < patch.n_cells:
+                return int(first + cell)
+            if patch.name == patch_name:
+                raise DeploymentError(f"{key} = {name!r}: {patch_name} has cells 0 to {patch.n_cells - 1}")
+        known = ", ".join(patch.name for patch in self.patches)
+        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {known}")
+
+
+def join(patches: tuple[PlacedPatch, ...], bridges: Sequence[Bridge] = ()) -> WholeSkin:
+    """One graph of all `patches` and `bridges`."""
+    first_cell = np.concatenate([[0], np.cumsum([patch.n_cells for patch in patches])]).astype(np.int64)
+    shifts = np.zeros((len(patches), 1, 4), dtype=np.int64)
+    shifts[:, 0, [0, 2]] = first_cell[:-1, None]
+    inner = [patch.wires + shift for patch, shift in zip(patches, shifts, strict=True)]
+    gateways = [patch.interfaces + shift[:, :2] for patch, shift in zip(patches, shifts, strict=True)]
+    first = {patch.name: int(cell) for patch, cell in zip(patches, first_cell, strict=False)}
+    across = [(first[b.a_patch] + b.a_cell, b.a_port, first[b.b_patch] + b.b_cell, b.b_port) for b in bridges]
+    ends = np.array(across, dtype=np.int64).reshape(-1, 4)
+    return WholeSkin(patches, first_cell, np.vstack([*inner, ends]), ends, np.vstack(gateways))

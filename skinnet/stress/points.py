@@ -1,0 +1,196 @@
+"""The points of a sweep, and the deployment of each."""
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+from msgspec.structs import replace
+
+from skinnet.deployment import Deployment
+from skinnet.deployment.checks import check
+from skinnet.deployment.schema import CellSpec, ControllerSpec, EncodingSpec, PatchSpec, RunSpec, StageSpec
+from skinnet.deployment.stress import StressSpec
+from skinnet.errors import DeploymentError
+from skinnet.network.faults import check_targets
+from skinnet.skin.gateways import with_gateways
+from skinnet.skin.placement import place_all
+
+__all__ = ["LISTEN", "Point", "derive", "noise_sigma", "points_of"]
+
+LISTEN = "listen"
+"""Name of the only stage that a point's controller runs."""
+_FORMATION_S = 10.0
+"""Simulated time within which the network must have formed."""
+_PATIENCE_S = 120.0
+"""Wall time for a frame: several sweeps may share a machine, and a first run compiles."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of a sweep; None stands for what the deployment has."""
+
+    cells: int
+    encoding: str
+    gateways: int | None = None
+    stimulated: float | None = None
+    delta_sigma: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of its folder and of its figures."""
+        words = [f"c{self.cells}", self.encoding]
+        if self.delta_sigma is not None:
+            words.append(f"k{self.delta_sigma:g}")
+        if self.stimulated is not None:
+            words.append(f"s{self.stimulated:g}")
+        if self.gateways is not None:
+            words.append(f"g{self.gateways}")
+        return "-".join(words)
+
+
+def points_of(deployment: Deployment, spec: StressSpec) -> list[Point]:
+    """All points of the sweep `spec`, in the order in which they run, each once.
+
+    Raises:
+        DeploymentError: more cells than there are, or stimulated cells without a script.
+    """
+    total = sum(patch.n_cells for patch in deployment.patches)
+    for cells in spec.cells:
+        if cells > total:
+            raise DeploymentError(f"stress.cells: {cells}; {deployment.name} has {total} cells, at most that")
+    if deployment.script is None and any(spec.stimulated):
+        raise DeploymentError(
+            "stress.stimulated: shares of stimulated cells need a [script]; add one, or leave them out"
+        )
+    gateways = spec.gateways or (None,)
+    stimulated = _stimulated(deployment, spec)
+    counts = tuple(dict.fromkeys(_reached(deployment.patches, cells) for cells in spec.cells or (total,)))
+    points = [
+        Point(cells, encoding, ports, share)
+        for cells, ports, share, encoding in product(counts, gateways, stimulated, spec.encodings)
+    ]
+    points += [
+        Point(max(counts), "delta", gateways[0], share, sigma)
+        for share, sigma in product(stimulated, spec.delta_sigmas)
+    ]
+    return list(dict.fromkeys(points))
+
+
+def _stimulated(deployment: Deployment, spec: StressSpec) -> tuple[float | None, ...]:
+    if deployment.script is None:
+        return (None,)
+    return spec.stimulated or tuple(dict.fromkeys((0.0, deployment.script.stimulated)))
+
+
+def _chosen(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpec, ...]:
+    """The first patches that have `cells` cells together, or a few more."""
+    chosen: list[PatchSpec] = []
+    for patch in patches:
+        if sum(one.n_cells for one in chosen) >= cells:
+            break
+        chosen.append(patch)
+    return tuple(chosen)
+
+
+def _reached(patches: tuple[PatchSpec, ...], cells: int) -> int:
+    return sum(patch.n_cells for patch in _chosen(patches, cells))
+
+
+def derive(deployment: Deployment, point: Point, spec: StressSpec) -> Deployment:
+    """The deployment of a point: it forms its network, listens, and ends.
+
+    Raises:
+        DeploymentError: there is no room for so many gateways, or the settings do not hold together.
+    """
+    cells = _with_encoding(deployment.cells, point)
+    patches = _chosen(deployment.patches, point.cells)
+    script = deployment.script
+    if script is not None and point.stimulated is not None:
+        script = replace(script, stimulated=point.stimulated)
+    derived = replace(
+        _only(deployment, {patch.name for patch in patches}),
+        run=_run(deployment.run, spec),
+        cells=cells,
+        patches=tuple(_wired(patch, cells, deployment, point.gateways) for patch in patches),
+        script=script,
+        controller=_listening(deployment.controller, spec),
+    )
+    try:
+        check(derived)
+        check_targets(derived, place_all(derived.patches, derived.cells))
+    except DeploymentError as error:
+        raise DeploymentError(f"point {point.name}: {error}") from None
+    return derived
+
+
+def _only(deployment: Deployment, names: set[str]) -> Deployment:
+    """`deployment` without what belongs to other patches than `names`."""
+
+    def there(place: str) -> bool:
+        patch = place.split("/")[0].split(":")[0]
+        return patch in names or patch not in all_names
+
+    all_names = {patch.name for patch in deployment.patches}
+    hosts = deployment.hosts
+    if isinstance(hosts, dict):
+        kept = {host: tuple(name for name in group if name in names) for host, group in hosts.items()}
+        hosts = {host: group for host, group in kept.items() if group}
+    power, script = deployment.power, deployment.script
+    if power is not None:
+        power = replace(power, feeds=tuple(feed for feed in power.feeds if there(feed)))
+    if script is not None:
+        touches = (replace(t, cells=tuple(filter(there, t.cells))) for t in script.touches)
+        script = replace(script, touches=tuple(touch for touch in touches if touch.cells))
+    return replace(
+        deployment,
+        hosts=hosts,
+        bridges=tuple(b for b in deployment.bridges if there(b.a) and there(b.b)),
+        power=power,
+        faults=tuple(rule for rule in deployment.faults if there(rule.target)),
+        script=script,
+        teacher=replace(deployment.teacher, touches=()),
+    )
+
+
+def _run(run: RunSpec, spec: StressSpec) -> RunSpec:
+    max_s = _FORMATION_S + spec.settle_s + spec.duration_s
+    return replace(run, max_s=max_s, pace="lockstep", deadline_s=_PATIENCE_S, may_be_lost=())
+
+
+def _listening(control: ControllerSpec, spec: StressSpec) -> ControllerSpec:
+    stage = StageSpec(kind="listen", duration_s=spec.settle_s + spec.duration_s)
+    return replace(control, program=(LISTEN,), stages={LISTEN: stage})
+
+
+def _wired(patch: PatchSpec, cells: CellSpec, deployment: Deployment, gateways: int | None) -> PatchSpec:
+    """`patch` with so many gateways; one that only bridges lead to stays so."""
+    if gateways is None or not patch.interfaces:
+        return patch
+    ends = [end for bridge in deployment.bridges for end in (bridge.a, bridge.b)]
+    ports = [end.partition("/")[2].split(":") for end in ends if end.partition("/")[0] == patch.name]
+    return with_gateways(patch, cells, gateways, [(int(cell), int(port)) for cell, port in ports])
+
+
+def noise_sigma(cells: CellSpec) -> dict[str, float]:
+    """Standard deviation of a reading at rest, by modality: the sensor's noise and its quantisation."""
+    sensors = {
+        "force": (cells.force.noise, cells.force.lsb),
+        "proximity": (cells.proximity.noise, cells.proximity.lsb),
+        "acceleration": (cells.accelerometer.noise_g, cells.accelerometer.lsb_g),
+        "temperature": (cells.temperature.noise_c, cells.temperature.lsb_c),
+    }
+    return {name: math.hypot(noise, lsb / math.sqrt(12.0)) for name, (noise, lsb) in sensors.items()}
+
+
+def _with_encoding(cells: CellSpec, point: Point) -> CellSpec:
+    cells = replace(cells, encoding=EncodingSpec(kind=point.encoding))  # type: ignore[arg-type]
+    if point.delta_sigma is None:
+        return cells
+    delta = {name: point.delta_sigma * sigma for name, sigma in noise_sigma(cells).items()}
+    return replace(
+        cells,
+        force=replace(cells.force, delta=delta["force"]),
+        proximity=replace(cells.proximity, delta=delta["proximity"]),
+        accelerometer=replace(cells.accelerometer, delta_g=delta["acceleration"]),
+        temperature=replace(cells.temperature, delta_c=delta["temperature"]),
+    )

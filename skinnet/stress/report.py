@@ -1,0 +1,198 @@
+"""What a sweep tells: flat figures, and a table."""
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from skinnet.deployment import Deployment
+from skinnet.deployment.stress import PublishedSpec, StressSpec
+from skinnet.stress.points import Point, noise_sigma
+from skinnet.stress.sweep import Result
+
+__all__ = ["crossing", "figures_of", "is_stimulated", "largest", "print_table", "thresholds"]
+
+_WHATS = ("packets", "bytes")
+_HEADLINE = (
+    "packets_per_s",
+    "bytes_per_s",
+    "share.packets",
+    "share.bytes",
+    "dropped",
+    "missing",
+    "conserved",
+    "cpu.controller",
+    "cores.controller",
+    "cpu.all",
+    "rtf",
+)
+
+
+def is_stimulated(point: Point) -> bool:
+    """Whether cells are stimulated in a point."""
+    return bool(point.stimulated)
+
+
+def largest(results: list[Result]) -> list[Result]:
+    """Points with all cells, their first gateways and the deployment's own thresholds, that gave figures."""
+    done = [r for r in results if r.failed is None and r.point.delta_sigma is None]
+    if not done:
+        return []
+    cells = max(r.point.cells for r in done)
+    first = next(r.point.gateways for r in done)
+    return [r for r in done if (r.point.cells, r.point.gateways) == (cells, first)]
+
+
+def thresholds(deployment: Deployment) -> dict[str, float]:
+    """Deltas of the deployment, the noise of a reading at rest, and their ratio, by modality."""
+    cells = deployment.cells
+    deltas = {
+        "force": cells.force.delta,
+        "proximity": cells.proximity.delta,
+        "acceleration": cells.accelerometer.delta_g,
+        "temperature": cells.temperature.delta_c,
+    }
+    figures = {}
+    for name, sigma in noise_sigma(cells).items():
+        figures[f"delta.{name}"] = deltas[name]
+        figures[f"noise.{name}"] = sigma
+        if sigma > 0.0:
+            figures[f"delta_sigmas.{name}"] = deltas[name] / sigma
+    return figures
+
+
+def crossing(results: list[Result], published: PublishedSpec, what: str) -> float | None:
+    """Delta, in multiples of the noise, at which the swept share of `what` falls to a published one.
+
+    Between two points of the sweep the share's logarithm is taken as a straight line; None if the sweep does
+    not reach the published share.
+    """
+    line = sorted(
+        (result.point.delta_sigma, result.figures[f"share.{what}"])
+        for result in results
+        if result.failed is None
+        and result.point.delta_sigma is not None
+        and is_stimulated(result.point) == published.stimulated
+    )
+    for (low, above), (high, below) in pairwise(line):
+        if above >= published.share >= below > 0.0 and above > below:
+            way = math.log(above / published.share) / math.log(above / below)
+            return low + way * (high - low)
+    return None
+
+
+def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) -> dict[str, Any]:
+    """All figures of a sweep under flat names; those of the largest points without the points' names, too.
+
+    `<encoding>.<unstimulated|stimulated>.…` stands for the points with all cells; with several shares of
+    stimulated cells, for the largest.
+    """
+    figures: dict[str, Any] = {
+        "points": len(results),
+        "failed": sum(result.failed is not None for result in results),
+    }
+    for result in sorted(largest(results), key=lambda r: r.point.stimulated or 0.0):
+        label = "stimulated" if is_stimulated(result.point) else "unstimulated"
+        for name in _HEADLINE:
+            figures[f"{result.point.encoding}.{label}.{name}"] = result.figures[name]
+    for published in spec.published:
+        label = "stimulated" if published.stimulated else "unstimulated"
+        name = f"published.{published.source}.{label}"
+        figures[f"{name}.share"] = published.share
+        for what in _WHATS:
+            if published.is_of(what) and (sigmas := crossing(results, published, what)) is not None:
+                figures[f"{name}.delta_sigmas.{what}"] = sigmas
+    figures |= thresholds(deployment)
+    for result in results:
+        figures |= {f"{result.point.name}.{name}": value for name, value in result.figures.items()}
+    return figures
+
+
+def print_table(console: Console, deployment: Deployment, spec: StressSpec, results: list[Result]) -> None:
+    """Prints a row for each point, then what event-driven buys beside what was published."""
+    table = Table(
+        title=f"{deployment.name} under stress", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+    )
+    table.add_column("point", no_wrap=True)
+    for name in _COLUMNS:
+        table.add_column(name, justify="right", no_wrap=True, min_width=max(map(len, name.split("\n"))))
+    for result in results:
+        if result.failed is not None:
+            table.add_row(result.point.name, "failed")
+        else:
+            table.add_row(result.point.name, *_cells(result.figures))
+    console.print(table)
+    for line in _lines(deployment, spec, results):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+_COLUMNS = (
+    "packets\n/s",
+    "share",
+    "kB/s",
+    "share",
+    "Zenoh\nkB/s",
+    "drop-\nped",
+    "mis-\nsing",
+    "model\np99 µs",
+    "machine\np99 µs",
+    "control\nCPU s/s",
+    "all\nCPU s/s",
+    "×real\ntime",
+)
+"""Rates into the controller, shares of clock-driven; packets lost on the modelled way and after it."""
+
+
+def _cells(f: dict[str, Any]) -> Iterator[str]:
+    yield f"{f['packets_per_s']:.0f}"
+    yield _percent(f["share.packets"])
+    yield f"{f['bytes_per_s'] * 1e-3:.0f}"
+    yield _percent(f["share.bytes"])
+    yield f"{f['zenoh_bytes_per_s'] * 1e-3:.0f}"
+    yield str(f["dropped"])
+    yield str(f["missing"])
+    for name in ("latency_us.p99", "machine_us.p99"):
+        yield f"{f[name]:.0f}" if name in f else "–"
+    yield f"{f['cpu.controller']:.2f}"
+    yield f"{f['cpu.all']:.2f}"
+    yield f"{f['rtf']:.2f}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2f} %"
+
+
+def _lines(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Iterator[str]:
+    for result in results:
+        if result.failed is not None:
+            yield f"{result.point.name} failed: {result.failed}"
+    figures = thresholds(deployment)
+    given = ", ".join(
+        f"{name} {figures[f'delta.{name}']:g} = {figures[f'delta_sigmas.{name}']:.1f} σ"
+        for name in ("force", "proximity", "acceleration", "temperature")
+        if f"delta_sigmas.{name}" in figures
+    )
+    yield f"Deltas of send-on-delta, σ of noise and quantisation: {given}."
+    for published in spec.published:
+        label = "stimulated" if published.stimulated else "unstimulated"
+        share = f"{'at most ' if published.at_most else ''}{_percent(published.share)}"
+        here = "; ".join(_here(results, published, what) for what in _WHATS if published.is_of(what))
+        yield f"[{published.source}] {label}, {share} of clock-driven. Here: {here}."
+
+
+def _here(results: list[Result], published: PublishedSpec, what: str) -> str:
+    """What was measured beside a published share, and the threshold that gives it."""
+    found = [
+        result
+        for result in largest(results)
+        if result.point.encoding != "clock" and is_stimulated(result.point) == published.stimulated
+    ]
+    found.sort(key=lambda result: (result.point.encoding, result.point.stimulated or 0.0))
+    values = ", ".join(f"{r.point.encoding} {_percent(r.figures[f'share.{what}'])}" for r in found)
+    sigmas = crossing(results, published, what)
+    given_by = "" if sigmas is None else f"; deltas of {sigmas:.1f} σ give the published share"
+    return f"{what} {values or 'not measured'}{given_by}"

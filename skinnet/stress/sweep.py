@@ -1,0 +1,115 @@
+"""Runs the points of a sweep one after the other; what is finished stays, whatever happens to the rest."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+
+from skinnet import __version__
+from skinnet.deployment import Deployment, resolved_json
+from skinnet.deployment.stress import StressSpec
+from skinnet.errors import SkinnetError
+from skinnet.files import write_json
+from skinnet.run.launch import Order, run_once
+from skinnet.run.processes import processes
+from skinnet.run.progress import Progress
+from skinnet.stress.measure import measure
+from skinnet.stress.points import Point, derive, points_of
+
+__all__ = ["Result", "sweep"]
+
+_RESULT = "point.json"
+
+
+@dataclass
+class Result:
+    """What a point gave: its figures, or why there are none."""
+
+    point: Point
+    figures: dict[str, Any] = field(default_factory=dict)
+    failed: str | None = None
+
+
+def sweep(
+    file: Path,
+    deployment: Deployment,
+    spec: StressSpec,
+    out: Path,
+    *,
+    resume: bool,
+    say: Callable[[str], None],
+) -> list[Result]:
+    """Runs every point of `spec` in a folder of its own below `out`; a point that fails does not end it.
+
+    Args:
+        file: The deployment's file; paths in it start from its folder.
+        deployment: What to vary.
+        spec: How.
+        out: Folder of the sweep.
+        resume: Keep the points in `out` that are finished and were made from the same deployment.
+        say: Tells how it goes, line by line.
+
+    Raises:
+        DeploymentError: a point does not hold; nothing has run then.
+    """
+    points = points_of(deployment, spec)
+    derived = [derive(deployment, point, spec) for point in points]
+    results = []
+    for number, (point, what) in enumerate(zip(points, derived, strict=True), start=1):
+        head = f"{number}/{len(points)} {point.name}"
+        folder, mark = out / point.name, _mark(what, file)
+        result = _finished(folder, mark, point) if resume else None
+        if result is not None:
+            say(f"{head}: kept, {_gist(result)}")
+        else:
+            result = _run(file, what, spec, point, folder)
+            if result.failed is None:
+                write_json(folder / _RESULT, {"mark": mark} | asdict(result))
+            say(f"{head}: {_gist(result)}")
+        results.append(result)
+    return results
+
+
+def _mark(deployment: Deployment, file: Path) -> str:
+    """What a result depends on: the whole deployment, where its paths start, and the program's version."""
+    what = resolved_json(deployment) + f"{file.resolve().parent} {__version__}".encode()
+    return hashlib.sha256(what).hexdigest()
+
+
+def _finished(folder: Path, mark: str, point: Point) -> Result | None:
+    try:
+        saved = msgspec.json.decode((folder / _RESULT).read_bytes())
+    except (FileNotFoundError, msgspec.DecodeError):
+        return None
+    return Result(point, saved["figures"]) if saved.get("mark") == mark else None
+
+
+def _run(file: Path, deployment: Deployment, spec: StressSpec, point: Point, folder: Path) -> Result:
+    (folder / _RESULT).unlink(missing_ok=True)
+    quiet = Progress(Console(stderr=True), quiet=True)
+    try:
+        run_once(Order(file, plots=False), deployment, folder, quiet)
+        names = [process.name for process in processes(deployment)]
+        return Result(point, measure(deployment, spec, folder, names))
+    except SkinnetError as error:
+        return Result(point, failed=_why(error))
+
+
+def _why(error: SkinnetError) -> str:
+    """An error in one line: what failed, and the last it said."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0] if len(lines) < 2 else f"{lines[0]} {lines[-1]}"
+
+
+def _gist(result: Result) -> str:
+    if result.failed is not None:
+        return f"failed: {result.failed}"
+    figures = result.figures
+    return (
+        f"{figures['packets_per_s']:.0f} packets/s, {100 * figures['share.packets']:.1f} % of clock-driven, "
+        f"controller {figures['cpu.controller']:.2f} CPU-s/s, {figures['rtf']:.2f} × real time"
+    )

@@ -1,0 +1,293 @@
+"""A sweep varies what it says and nothing else, measures what was there, and survives what goes wrong."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from launching import ROOT
+from small_robot import patch, small
+
+import skinnet.stress.sweep
+from skinnet.cli.main import main
+from skinnet.deployment import Deployment
+from skinnet.deployment.checks import check
+from skinnet.deployment.stress import PublishedSpec, StressSpec
+from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
+from skinnet.part import Part
+from skinnet.run.launch import Order, prepare
+from skinnet.stress.measure import Window, measure, usage_within
+from skinnet.stress.plots import draw
+from skinnet.stress.points import Point, derive, noise_sigma, points_of
+from skinnet.stress.report import crossing, figures_of
+from skinnet.stress.sweep import Result, sweep
+from skinnet.usage import USAGE_ROW, UsageTrace
+
+ARM = ROOT / "deployments" / "two_link_arm.toml"
+SCRIPTED = ("script.stimulated=0.5", "script.stimulation.start_s=0.0", "script.stimulation.pause_s=0.1")
+
+
+def row_of_patches(**tables: Any) -> Deployment:
+    """Three patches of six cells, a bridge between the first two, and everything that names a patch."""
+    patches = [patch(name) for name in ("a", "b", "c")]
+    for i, one in enumerate(patches):
+        one["lattice"]["origin_m"] = (0.3 * i, 0.0, 0.0)
+    return small(*patches, script={"stimulated": 0.5}, **tables)
+
+
+# What is varied
+
+
+def test_points_are_all_combinations_each_once() -> None:
+    spec = StressSpec(
+        cells=(6, 7, 18),
+        gateways=(1, 2),
+        stimulated=(0.0, 0.5),
+        encodings=("clock", "delta"),
+        delta_sigmas=(3.0,),
+    )
+    points = points_of(row_of_patches(), spec)
+    assert len(points) == len({point.name for point in points}) == 3 * 2 * 2 * 2 + 2
+    assert {point.cells for point in points} == {6, 12, 18}  # by whole patches
+    assert {p.stimulated for p in points if p.delta_sigma is not None} == {0.0, 0.5}
+    assert all(p.cells == 18 and p.encoding == "delta" for p in points if p.delta_sigma is not None)
+
+
+def test_a_sweep_of_nothing_is_the_deployment_itself_touched_and_not() -> None:
+    points = points_of(row_of_patches(), StressSpec(encodings=("clock",)))
+    assert points == [Point(18, "clock", stimulated=0.0), Point(18, "clock", stimulated=0.5)]
+    assert points_of(small(), StressSpec(encodings=("clock",))) == [Point(8, "clock")]
+
+
+@given(cells=st.integers(1, 18))
+def test_whole_patches_are_kept_until_there_are_enough_cells(cells: int) -> None:
+    (point, *_) = points_of(row_of_patches(), StressSpec(cells=(cells,)))
+    assert cells <= point.cells < cells + 6
+
+
+def test_a_smaller_skin_forgets_whatever_names_the_patches_that_are_gone() -> None:
+    deployment = row_of_patches(
+        hosts={"one": ("a", "c"), "two": ("b",)},
+        faults=(
+            {"kind": "link_cut", "target": "c/0:1", "at_s": 1.0},
+            {"kind": "link_cut", "target": "a/0:1", "at_s": 1.0},
+        ),
+    )
+    spec = StressSpec(cells=(6,))
+    derived = derive(deployment, Point(6, "clock", stimulated=0.25), spec)
+    check(derived)
+    assert [one.name for one in derived.patches] == ["a"]
+    assert derived.hosts == {"one": ("a",)}
+    assert [rule.target for rule in derived.faults] == ["a/0:1"]
+    assert derived.script is not None
+    assert derived.script.stimulated == 0.25
+    assert derived.cells.encoding.kind == "clock"
+
+
+def test_a_point_without_wishes_changes_what_is_run_and_nothing_else() -> None:
+    deployment = row_of_patches()
+    derived = derive(deployment, Point(18, "levels"), StressSpec())
+    for name in ("name", "robot", "seed", "hosts", "body", "cells", "network", "patches", "script"):
+        assert getattr(derived, name) == getattr(deployment, name)
+    assert derived.controller.program == ("listen",)
+    assert derived.controller.stages["listen"].duration_s == StressSpec().settle_s + StressSpec().duration_s
+
+
+def test_gateways_are_as_many_as_asked_for() -> None:
+    derived = derive(row_of_patches(), Point(18, "clock", gateways=2), StressSpec())
+    assert [len(one.interfaces) for one in derived.patches] == [2, 2, 2]
+
+
+def test_thresholds_follow_the_noise_of_the_sensors() -> None:
+    deployment = row_of_patches()
+    cells = derive(deployment, Point(18, "delta", delta_sigma=3.0), StressSpec()).cells
+    # noise 0.004 and steps of 1/1024: independent errors add as squares
+    assert cells.force.delta == pytest.approx(3.0 * math.sqrt(0.004**2 + (1 / 1024) ** 2 / 12))
+    sigma = noise_sigma(deployment.cells)
+    assert cells.accelerometer.delta_g / sigma["acceleration"] == pytest.approx(3.0)
+    assert cells.temperature.delta_c / sigma["temperature"] == pytest.approx(3.0)
+    assert cells.proximity.delta / sigma["proximity"] == pytest.approx(3.0)
+
+
+def test_what_cannot_be_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    def refused(deployment: Deployment, said: str, **spec: Any) -> None:
+        with pytest.raises(DeploymentError, match=said):
+            sweep(ARM, deployment, StressSpec(**spec), tmp_path, resume=False, say=print)
+
+    refused(row_of_patches(), "has 18 cells, at most that", cells=(6, 19))
+    refused(row_of_patches(), "gateways: allowed are 1 to", gateways=(1, 100))
+    refused(small(), r"need a \[script\]", stimulated=(0.0, 0.5))
+    assert list(tmp_path.iterdir()) == []
+
+
+# What is measured
+
+
+def test_usage_is_noted_on_a_grid_of_simulated_time() -> None:
+    trace = UsageTrace(lambda: (10, 20))
+    for t_ns in range(0, 1_000_000_000, 4_000_000):
+        trace.note(t_ns)
+    rows = trace.rows
+    assert len(rows) == 20
+    assert (np.diff(rows["t_ns"]) <= 54_000_000).all()
+    assert (np.diff(rows["cpu_s"]) >= 0.0).all()
+    assert (rows["received_bytes"] == 10).all()
+    assert (rows["sent_bytes"] == 20).all()
+
+
+def test_what_was_used_outside_the_window_does_not_count() -> None:
+    rows = np.zeros(5, dtype=USAGE_ROW)
+    rows["t_ns"] = [0, 100, 200, 300, 400]
+    rows["cpu_s"] = [0.0, 7.0, 8.0, 10.0, 99.0]
+    used = usage_within(Part("x", "cells", {}, {"usage": rows}), Window(100, 300))
+    assert used["cpu_s"] == 3.0
+    with pytest.raises(SkinnetError, match="too short"):
+        usage_within(Part("x", "cells", {}, {"usage": rows}), Window(110, 290))
+
+
+def swept(**shares: float) -> list[Result]:
+    """Results of send-on-delta with deltas of k2, k4, … multiples of the noise."""
+    return [
+        Result(Point(6, "delta", stimulated=0.0, delta_sigma=float(name[1:])), {"share.bytes": share})
+        for name, share in shares.items()
+    ]
+
+
+def test_the_threshold_that_gives_a_published_share_is_found_between_two_points() -> None:
+    published = PublishedSpec(share=0.1, stimulated=False, source="x")
+    assert crossing(swept(k2=1.0, k4=0.01), published, "bytes") == pytest.approx(3.0)
+    assert crossing(swept(k4=0.01, k2=1.0, k3=0.1), published, "bytes") == pytest.approx(3.0)
+    assert crossing(swept(k2=0.05, k4=0.01), published, "bytes") is None
+    assert crossing(swept(k2=1.0, k4=0.0), published, "bytes") is None
+    touched = PublishedSpec(share=0.1, stimulated=True, source="x")
+    assert crossing(swept(k2=1.0, k4=0.01), touched, "bytes") is None
+
+
+# Real sweeps
+
+
+def stress(*arguments: str, settings: tuple[str, ...] = SCRIPTED) -> "subprocess.CompletedProcess[str]":
+    sets = [word for setting in settings for word in ("--set", setting)]
+    line = [sys.executable, "-m", "skinnet.cli", "stress", str(ARM), *sets, *arguments]
+    return subprocess.run(line, capture_output=True, text=True, check=False, timeout=300)
+
+
+@pytest.fixture(scope="module")
+def small_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Two points of 15 cells, through real processes."""
+    out = tmp_path_factory.mktemp("sweep")
+    done = stress(
+        "--quick", "--encodings", "clock,delta", "--stimulated", "0.5", "--out", str(out), "--json", "-"
+    )
+    assert done.returncode == 0, done.stderr
+    return out, json.loads(done.stdout)
+
+
+@pytest.mark.processes
+def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, dict[str, Any]]) -> None:
+    out, report = small_sweep
+    figures = report["figures"]
+    assert report["points"] == ["c15-clock-s0.5", "c15-delta-s0.5"]
+    assert report == json.loads((out / "stress.json").read_text())
+    for name in report["points"]:
+        f = {key.removeprefix(f"{name}."): value for key, value in figures.items() if key.startswith(name)}
+        assert f["conserved"]
+        assert f["offered"] == f["delivered"] + f["dropped"] + f["in_flight"]
+        assert f["received"] <= f["delivered"]
+        assert f["missing"] == f["rejected"] == f["malformed"] == f["dropped"] == 0
+        assert 0.0 < f["latency_us.p50"] <= f["latency_us.p99"] <= f["latency_us.p999"]
+        assert 0.0 <= f["machine_us.p50"] <= f["machine_us.p99"]
+        assert f["cpu.all"] == pytest.approx(
+            sum(f[f"cpu.{who}"] for who in ("body", "host0", "host1", "controller"))
+        )
+        assert 0.0 < f["cores.controller"] <= 2.0
+        assert f["peak_mb.controller"] > 20.0
+        # each packet takes 60 bytes of a stream, or more as an event
+        assert f["zenoh_bytes_per_s"] > 60 * f["packets_per_s"]
+    clock = 15 * 250
+    assert figures["clock.stimulated.packets_per_s"] == pytest.approx(clock, rel=1e-3)
+    assert figures["clock.stimulated.share.packets"] == pytest.approx(1.0, rel=1e-3)
+    assert figures["clock.stimulated.share.bytes"] == pytest.approx(1.0, rel=1e-3)
+    share = figures["delta.stimulated.share.packets"]
+    assert 0.0 < share < 1.0
+    assert figures["delta.stimulated.share.bytes"] == pytest.approx(share * 8 / 23)
+    assert {path.name for path in out.glob("*.png")} == {
+        f"{n}.png" for n in ("rates", "latency", "cpu", "event_driven")
+    }
+
+
+@pytest.mark.processes
+def test_a_sweep_goes_on_where_it_was_killed(
+    small_sweep: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, report = small_sweep
+    deployment = prepare(Order(ARM, SCRIPTED))
+    spec = StressSpec(
+        **{name: tuple(v) if isinstance(v, list) else v for name, v in report["stress"].items()}
+    )
+
+    def fail(*_: object) -> None:
+        raise ProcessFailedError("host0 was killed by signal 9; its last lines:\n    one\n    two")
+
+    monkeypatch.setattr(skinnet.stress.sweep, "run_once", fail)
+    told: list[str] = []
+    kept = sweep(ARM, deployment, spec, out, resume=True, say=told.append)
+    assert [result.failed for result in kept] == [None, None]
+    assert kept[0].figures == json.loads((out / "c15-clock-s0.5" / "point.json").read_text())["figures"]
+    # another seed makes other points
+    other = sweep(ARM, prepare(Order(ARM, (*SCRIPTED, "seed=2"))), spec, out, resume=True, say=told.append)
+    assert all(result.failed for result in other)
+    assert other[0].failed == "host0 was killed by signal 9; its last lines: two"
+    figures = figures_of(deployment, spec, [kept[0], other[1]])
+    assert (figures["points"], figures["failed"]) == (2, 1)
+    draw(deployment, spec, [kept[0], other[1]], out / "half")
+
+
+@pytest.mark.processes
+def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, dict[str, Any]]) -> None:
+    out, _ = small_sweep
+    folder = out / "c15-clock-s0.5"
+    names = ["body", "host0", "host1", "controller"]
+    deployment = prepare(Order(ARM, SCRIPTED))
+    with pytest.raises(SkinnetError, match="did not form"):
+        measure(deployment, StressSpec(settle_s=1000.0), folder, names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--cells", "99"), "stress.cells: 99; two_link_arm has 15 cells"),
+        (("--cells", "ten"), "--cells ten: write numbers"),
+        (("--cells", "0"), "stress: Expected `int` >= 1"),
+        (("--encodings", "morse"), "stress: Invalid enum value 'morse'"),
+        (("--stimulated", "1.5"), "stress: Expected `float` <= 1.0"),
+        (("--sigmas", "0"), "stress: Expected `float` > 0.0"),
+        (("--duration-s", "-1"), "stress: Expected `float` > 0.0"),
+        (("--gateways", "7"), "7 gateways: allowed are 1 to"),
+        (("--resume",), "--resume: say with --out"),
+    ],
+)
+def test_bad_input_is_one_clear_line(
+    arguments: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = () if arguments == ("--resume",) else ("--out", str(tmp_path / "out"))
+    monkeypatch.setattr(sys, "argv", ["skinnet", "stress", str(ARM), *arguments, *out])
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit) as exit_info:
+        main()
+    errors = capsys.readouterr().err
+    assert exit_info.value.code == 2
+    assert said in errors
+    assert len(errors.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
