@@ -56,8 +56,8 @@ def compiled(function: F) -> F:
 def inlined(function: F) -> F:
     """Like `compiled`, and merged into whatever compiled function calls it.
 
-    For what a hot loop calls with arrays: a real call counts references to them, atomically, which takes longer
-    than a few lines of work.
+    For what a hot loop calls with arrays: a real call counts references to them, atomically, which takes
+    longer than a few lines of work.
     """
     result: F = numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")(function)
     return result

@@ -165,7 +165,7 @@ def _write_golden() -> None:
             done = ns3_network.run(program, folder, UNTIL_NS)
             goal = GOLDEN / case
             goal.mkdir(parents=True, exist_ok=True)
-            for file in (*INPUTS, "ns3_delivered.csv", "ns3_drops.csv"):
+            for file in (*INPUTS, *ns3_network.OUTPUTS):
                 (goal / f"{file}.gz").write_bytes(gzip.compress((folder / file).read_bytes(), mtime=0))
             print(f"{case}: {len(done.delivered)} delivered, {len(done.dropped)} dropped, {done.hops} hops")  # noqa: T201
 

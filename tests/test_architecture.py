@@ -97,8 +97,8 @@ def test_every_top_package_is_typed_and_every_folder_a_package() -> None:
 
 
 def test_modules_are_small() -> None:
-    """80 to 200 lines, 300 needs a reason: a schema and a kernel have one."""
-    reasons = {"skinnet/deployment/schema.py", "skinnet/network/kernel.py"}
+    """80 to 200 lines, 300 needs a reason: a schema, a kernel and a state machine have one."""
+    reasons = {"skinnet/deployment/schema.py", "skinnet/network/kernel.py", "cells/formation.py"}
     sizes = {str(f.relative_to(ROOT)): len(f.read_text(encoding="utf-8").splitlines()) for f in FILES}
     assert {name: n for name, n in sizes.items() if n > 300 and name not in reasons} == {}
 

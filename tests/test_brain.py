@@ -45,6 +45,7 @@ STAGES: dict[str, Any] = {
     "structure": {"kind": "structure"},
     "map": {"kind": "map"},
     "guide": {"kind": "guide", "duration_s": 2.0, "force_gain": 1.0, "force_threshold": 0.05},
+    "listen": {"kind": "listen", "duration_s": 0.5},
 }
 FAST = {
     "structure": {"settle_s": 0.0, "average_s": 0.01},
@@ -132,6 +133,20 @@ def test_the_program_goes_in_its_order_and_the_robot_gets_there() -> None:
     assert robot.brain.knowledge.structure is not None
     assert len(robot.brain.knowledge.map) == 1
     assert robot.brain.progress == 1.0
+
+
+def test_who_listens_takes_in_what_the_skin_says_and_does_nothing() -> None:
+    robot = Robot("listen", "bow").know()
+    while robot.brain.stage != "bow":
+        robot.feel("arm", (0, 3, 0.5), seq=robot.t_ns)
+        tick = robot.tick()
+        if robot.brain.stage == "listen":
+            assert not tick.velocity_rad_s.any()
+        assert not len(tick.streams_on)
+        assert robot.brain.felt is None
+    begins = dict(robot.brain.stage_log)
+    assert begins["bow"] - begins["listen"] == pytest.approx(500_000_000, abs=2 * TICK_NS)
+    assert robot.brain.picture.readings(Modality.FORCE)[0, 0] == 0.5
 
 
 def test_a_pose_is_reached_before_the_next_stage_begins() -> None:

@@ -1,4 +1,4 @@
-"""The network of a host while links and cells come and go: who is back when, and what became of each packet."""
+"""The network of a host while links and cells come and go: who is back when, what became of each packet."""
 
 from collections.abc import Sequence
 from typing import Any

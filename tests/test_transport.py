@@ -322,3 +322,24 @@ async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> No
         assert hub.malformed == 1
     finally:
         hub.close()
+
+
+async def test_every_envelope_is_weighed_and_timed(endpoint: str) -> None:
+    hub = ZenohTransport(KEYS, "hub", listen=endpoint)
+    a = ZenohTransport(KEYS, "a", connect=endpoint)
+    try:
+        hub.subscribe([key("*")], ["a"])
+        hub.announce(KEYS.alive("here", "hub"))
+        a.watch_alive(KEYS.alive("*", "*"))  # its coming follows the hub's subscription
+        assert await hear(a, 1) == [Delivery(KEYS.alive("here", "hub"), b"")]
+        for n in range(1, 6):
+            for i in range(n):
+                a.put(key(f"x{i}"), bytes(n))
+            a.flush()
+        await hear(hub, 15)
+        assert hub.transit_us.sum() == 5
+        assert hub.received_bytes == a.sent_bytes > sum(n * n for n in range(1, 6))
+        assert hub.malformed == a.received_bytes == 0
+    finally:
+        a.close()
+        hub.close()

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from skinnet.bench.patches import Workload
 
-__all__ = ["Ns3Run", "build", "run", "write_inputs"]
+__all__ = ["OUTPUTS", "Ns3Run", "build", "run", "write_inputs"]
 
 _SOURCE = Path(__file__).parents[2] / "tests" / "ns3" / "skin_network.cc"
+OUTPUTS = ("ns3_delivered.csv", "ns3_drops.csv", "ns3_counters.csv")
 _LIBRARIES = ("ns3-point-to-point", "ns3-network", "ns3-core")
 
 
@@ -24,12 +25,14 @@ class Ns3Run(NamedTuple):
         hops: Packets that arrived over a link.
         delivered: Rows (packet id, t_ns), in order of time.
         dropped: Rows (packet id, t_ns, node), in order of time.
+        counters: Rows (packets, bytes, queue high water), by link.
     """
 
     cpu_s: float
     hops: int
     delivered: NDArray[np.int64]
     dropped: NDArray[np.int64]
+    counters: NDArray[np.int64]
 
 
 def build(folder: Path) -> tuple[Path | None, str]:
@@ -72,13 +75,14 @@ def run(program: Path, folder: Path, until_ns: int) -> Ns3Run:
     Raises:
         subprocess.CalledProcessError: It failed; what it said is in `stderr`.
     """
-    names = ("links.csv", "packets.csv", "routes.csv", str(until_ns), "ns3_delivered.csv", "ns3_drops.csv")
-    done = subprocess.run([program, *names], cwd=folder, capture_output=True, text=True, check=True)
+    inputs, outputs = ("links.csv", "packets.csv", "routes.csv"), OUTPUTS
+    line = [str(program), *inputs, str(until_ns), *outputs]
+    done = subprocess.run(line, cwd=folder, capture_output=True, text=True, check=True)
     figures = dict(word.split("=") for word in done.stdout.split())
-    delivered, dropped = (
-        _read(folder / name, width) for name, width in (("ns3_delivered.csv", 2), ("ns3_drops.csv", 3))
+    delivered, dropped, counters = (
+        _read(folder / name, width) for name, width in zip(outputs, (2, 3, 3), strict=True)
     )
-    return Ns3Run(float(figures["cpu_s"]), int(figures["hops"]), delivered, dropped)
+    return Ns3Run(float(figures["cpu_s"]), int(figures["hops"]), delivered, dropped, counters)
 
 
 def _read(path: Path, width: int) -> NDArray[np.int64]:

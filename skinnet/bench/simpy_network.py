@@ -33,6 +33,9 @@ def simulate(topology: Topology, routes: Routes, offers: Iterable[Offer]) -> lis
     def travel(node: int, dest: int, size: int, number: int) -> Generator[Any]:
         link = NO_LINK
         while node != dest:
+            if (node, dest) not in way:
+                ends.append((number, env.now, node, link, Outcome.NO_ROUTE))
+                return
             link = way[node, dest]
             wire = wires[link]
             dst, bits_per_s, bits_per_byte, delay_ns, queue_packets = links[link]

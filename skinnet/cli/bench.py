@@ -23,7 +23,7 @@ def _network(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer packets and rounds, for a look.")] = False,
     json: Json = None,
 ) -> None:
-    """Measures the packet kernel against SimPy, a heap of events, and ns-3 if it is installed, in CPU time."""
+    """Measures the packet kernel against SimPy, a heap of events and, if it is there, ns-3, in CPU time."""
     progress = console(stderr=True)
     with progress.status("starting") as status:
         figures = measure(quick=quick, say=status.update)

@@ -22,6 +22,7 @@ __all__ = ["Window", "measure", "usage_within"]
 
 _DATA = ("event", "reading")
 _NO_CAUSE = ("offered", "delivered", "in_flight")
+_MALFORMED = ("malformed", "malformed_envelopes")
 _SHARES = (("p50", 0.50), ("p99", 0.99), ("p999", 0.999))
 
 
@@ -109,7 +110,7 @@ def _packets(hosts: list[Part], controller: Part) -> dict[str, Any]:
         "received": controller.facts["received_packets"],
         "missing": controller.facts["missing_packets"],
         "rejected": controller.facts["rejected"],
-        "malformed": sum(controller.facts["counters"].values()),
+        "malformed": sum(controller.facts["counters"].get(name, 0) for name in _MALFORMED),
     }
     return figures | {f"dropped.{cause}": count for cause, count in sorted(total.items()) if count}
 

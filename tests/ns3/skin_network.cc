@@ -4,11 +4,12 @@
 // Build (Debian: apt-get install g++ libns3-dev):
 //     g++ -O2 -std=c++17 skin_network.cc -o skin_network -lns3-point-to-point -lns3-network -lns3-core
 // Use:
-//     skin_network LINKS.csv PACKETS.csv ROUTES.csv UNTIL_NS DELIVERED.csv DROPS.csv
+//     skin_network LINKS.csv PACKETS.csv ROUTES.csv UNTIL_NS DELIVERED.csv DROPS.csv COUNTERS.csv
 //
 // Columns stand in the order src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets /
-// id,t_ns,node,dest,size_bytes / node,dest,src_port. The last line on standard output is the CPU time of the
-// event loop and the number of hops: "cpu_s=… hops=…".
+// id,t_ns,node,dest,size_bytes / node,dest,src_port. COUNTERS.csv has packets,bytes,queue_high_water of every
+// link, in the order of LINKS.csv; a packet that is sent at once counts as having been in the queue.
+// The line on standard output is the CPU time of the event loop and the number of hops: "cpu_s=… hops=…".
 //
 // ns-3 sends eight bits a byte, so the rate of a device is bits_per_s * 8 / bits_per_byte, which must be
 // whole. A packet carries its number, destination and hops so far in a header, as every forwarding protocol
@@ -20,6 +21,7 @@
 #include "ns3/point-to-point-channel.h"
 #include "ns3/point-to-point-net-device.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -97,6 +99,12 @@ class SkinHeader : public Header
     }
 };
 
+struct Counters
+{
+    uint64_t packets = 0, bytes = 0;
+    uint32_t queue_high_water = 0;
+};
+
 struct Forwarder
 {
     int64_t number;
@@ -109,10 +117,10 @@ std::vector<Offered> offered;
 std::vector<Forwarder> nodes;
 std::unordered_map<int64_t, uint32_t> index_of;
 std::vector<End> delivered, dropped;
+std::vector<Counters> counters; // by link
 size_t next_offered = 0;
 int64_t until_ns = 0;
 Address broadcast;
-uint64_t hops = 0;
 
 [[noreturn]] void
 Fail(const std::string& what)
@@ -169,7 +177,6 @@ void
 Receive(uint32_t at, Ptr<NetDevice>, Ptr<const Packet> packet, uint16_t, const Address&,
         const Address&, NetDevice::PacketType)
 {
-    ++hops;
     Ptr<Packet> copy = packet->Copy();
     SkinHeader header;
     copy->RemoveHeader(header);
@@ -202,6 +209,19 @@ NodeOf(int64_t number)
     return at;
 }
 
+void
+CountArrival(size_t link, Ptr<const Packet> packet)
+{
+    counters[link].packets += 1;
+    counters[link].bytes += packet->GetSize();
+}
+
+void
+CountQueue(size_t link, uint32_t, uint32_t waiting)
+{
+    counters[link].queue_high_water = std::max(counters[link].queue_high_water, waiting);
+}
+
 Ptr<PointToPointNetDevice>
 Device(uint32_t at, int64_t queue_packets)
 {
@@ -228,6 +248,10 @@ Wire(const Row& row)
     near->Attach(channel);
     far->Attach(channel);
     nodes[src].port[row[1]] = near;
+    far->TraceConnectWithoutContext("PhyRxEnd", MakeBoundCallback(&CountArrival, counters.size()));
+    near->GetQueue()->TraceConnectWithoutContext("PacketsInQueue",
+                                                 MakeBoundCallback(&CountQueue, counters.size()));
+    counters.emplace_back();
 }
 
 void
@@ -248,8 +272,8 @@ Write(const char* path, const char* header, const std::vector<End>& ends, bool w
 int
 main(int argc, char* argv[])
 {
-    if (argc != 7)
-        Fail("LINKS.csv PACKETS.csv ROUTES.csv UNTIL_NS DELIVERED.csv DROPS.csv");
+    if (argc != 8)
+        Fail("LINKS.csv PACKETS.csv ROUTES.csv UNTIL_NS DELIVERED.csv DROPS.csv COUNTERS.csv");
     until_ns = std::stoll(argv[4]);
     for (const Row& row : Read(argv[1], 8))
         Wire(row);
@@ -278,6 +302,14 @@ main(int argc, char* argv[])
 
     Write(argv[5], "id,t_delivered_ns", delivered, false);
     Write(argv[6], "id,t_ns,node", dropped, true);
+    std::ofstream file(argv[7]);
+    file << "packets,bytes,queue_high_water\n";
+    uint64_t hops = 0;
+    for (const Counters& link : counters)
+    {
+        hops += link.packets;
+        file << link.packets << "," << link.bytes << "," << link.queue_high_water << "\n";
+    }
     std::printf("cpu_s=%.6f hops=%llu\n", cpu_s, static_cast<unsigned long long>(hops));
     Simulator::Destroy();
     return 0;
