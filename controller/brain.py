@@ -16,9 +16,14 @@ from controller.stages import Stage, make_stage
 from controller.touch.fusion import TactilePicture
 from controller.touch.safety import SafetyClamp, SafetyLimits
 from skinnet.deployment.schema import ControllerSpec
+from skinnet.messages import FOREVER_NS
 
 __all__ = ["Brain", "Tick"]
 
+_PATIENCE_NS = 100_000_000
+"""A cell that does not do what it was asked for so long is asked again; an assumption."""
+_MEMORY_NS = 1_000_000_000
+"""Whoever streams on for longer after it was asked to stop was asked to by somebody else."""
 _EVENT_FIELDS = ("t_sampled_ns", "modality", "channel", "kind", "level", "value")
 
 
@@ -53,6 +58,10 @@ class Brain:
         self._name = ""
         self._stage: Stage | None = None
         self._streaming = np.zeros(n_cells, dtype=np.bool_)
+        self._asked_ns = np.full(n_cells, -FOREVER_NS)
+        self._heard_ns = np.full(n_cells, -FOREVER_NS)
+        self.asked_again = 0
+        """Requests to cells that were repeated, since nothing came of them."""
 
     @property
     def done(self) -> bool:
@@ -78,6 +87,13 @@ class Brain:
     def safety(self) -> SafetyClamp | None:
         """The clamp; None before the first tick."""
         return self._clamp
+
+    def see_cells(self, cells: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
+        """Some cells are in the network, others are not: these feel nothing, and return as new."""
+        gone, back = cells[~present], cells[present & ~self.picture.found[cells]]
+        self.picture.set_found(gone, False)
+        self.picture.set_found(back, True)
+        self._streaming[gone] = False
 
     def tick(
         self, t_ns: int, position_rad: NDArray[np.float64], t_joints_ns: int, t_skin_ns: int, *, ready: bool
@@ -116,6 +132,7 @@ class Brain:
         cell, rows = stream
         if len(cell):
             self.picture.apply_stream(cell, rows["t_sampled_ns"], rows["values"])
+            self._heard_ns[cell] = rows["t_delivered_ns"]
             if self._stage is not None:
                 self._stage.take(stream)
 
@@ -145,7 +162,14 @@ class Brain:
             wanted = self.picture.streams_wanted(t_ns, stage.gains)
         wanted &= self.picture.found
         on, off = wanted & ~self._streaming, self._streaming & ~wanted
+        since_ns = self._heard_ns - self._asked_ns
+        overdue = t_ns - np.maximum(self._asked_ns, self._heard_ns) > _PATIENCE_NS
+        silent = wanted & self._streaming & overdue
+        talking = ~wanted & ~self._streaming & (since_ns > _PATIENCE_NS) & (since_ns < _MEMORY_NS)
+        self.asked_again += int(silent.sum() + talking.sum())
+        on, off = on | silent, off | talking
         self._streaming = wanted
+        self._asked_ns[on | off] = t_ns
         return np.flatnonzero(on), np.flatnonzero(off)
 
 

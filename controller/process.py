@@ -2,7 +2,7 @@
 
 import hashlib
 import time
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,8 @@ class ControllerNode:
         self._frame_ns = deployment.frame_ns
         self._max_ns = deployment.max_ns
         self._patch_of_cell = [(patch, cell) for patch, n in sizes.items() for cell in range(n)]
-        self._topology: dict[str, Topology] = {}
+        self._topologies: dict[str, deque[Topology]] = {patch: deque() for patch in sizes}
+        self._formed: set[str] = set()
         self._brain = Brain(deployment.controller, SkinInput(sizes), len(self._patch_of_cell))
         self._n_dofs = len(deployment.body.joints)
         self._t_ns = 0
@@ -121,7 +122,10 @@ class ControllerNode:
                 frame = decode(payload, SkinFrame)
                 patch.close(frame.covered_ns, frame.events)
             case "topology":
-                self._topology[patch.name] = decode(payload, Topology)
+                topology = decode(payload, Topology)
+                if len(topology.network_id) != len(self._brain.skin.cells(patch.name)):
+                    raise ProtocolError(f"topology of {len(topology.network_id)} cells of {patch.name}")
+                self._topologies[patch.name].append(topology)
                 patch.arrive()
             case _:
                 raise ProtocolError(f"the controller does not read {channel}")
@@ -134,8 +138,9 @@ class ControllerNode:
         """One tick."""
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
+        self._see_topologies()
         alive = [patch for patch in self._patches.values() if not patch.lost]
-        ready = all(self._formed(patch.name) for patch in alive)
+        ready = all(patch.name in self._formed for patch in alive)
         t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
         tick, events, stream = self._brain.tick(t_ns, position, t_ns, t_skin_ns, ready=ready)
         self._finished = self._brain.done
@@ -158,10 +163,14 @@ class ControllerNode:
         self._trace.add(t_ns, tick.velocity_rad_s, self._brain.felt, (len(events.cell), len(stream.cell)))
         self._t_ns += self._period_ns
 
-    def _formed(self, patch: str) -> bool:
-        """Whether a patch was formed by this tick; a host that is ahead may tell of it before its time."""
-        topology = self._topology.get(patch)
-        return topology is not None and topology.t_ns <= self._t_ns
+    def _see_topologies(self) -> None:
+        """Takes in what is known by this tick; a host that is ahead may tell of it before its time."""
+        for patch, waiting in self._topologies.items():
+            while waiting and waiting[0].t_ns <= self._t_ns:
+                present = np.array(waiting.popleft().network_id) > 0
+                self._formed.add(patch)
+                if not self._patches[patch].lost:
+                    self._brain.see_cells(self._brain.skin.cells(patch), present)
 
     def _send_configs(self, put: Put, tick: Tick, effect_ns: int) -> dict[str, int]:
         counts: Counter[str] = Counter()
@@ -202,6 +211,7 @@ class ControllerNode:
             "stages": brain.stage_log,
             "end_ns": self._t_ns,
             "rejected": brain.picture.rejected,
+            "asked_again": brain.asked_again,
             "received_packets": brain.skin.received,
             "missing_packets": brain.skin.gaps,
             "cells": self._patch_of_cell,

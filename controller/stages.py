@@ -15,12 +15,12 @@ from controller.selforganisation.structural_exploration import (
 )
 from controller.skin_input import SkinRows
 from controller.touch.fusion import TactilePicture
+from controller.touch.guidance import Guide
+from controller.touch.listening import Listen
 from controller.touch.posture import PoseTarget, Posture
-from controller.touch.reactions import TactileReaction
 from skinnet.deployment.schema import ControllerSpec, MapSpec, StageSpec, StructureSpec
-from skinnet.messages import Modality
 
-__all__ = ["Explore", "Guide", "Listen", "Stage", "TakePosture", "make_stage"]
+__all__ = ["Explore", "Stage", "TakePosture", "make_stage"]
 
 _ACCELERATION = slice(4, 7)
 
@@ -154,103 +154,6 @@ class TakePosture:
         self._way_rad = max(self._way_rad, self._left_rad)
         self.done = self.done or event is not None
         return velocity
-
-    def finish(self, t_ns: int) -> None:
-        """Nothing is learnt."""
-
-
-class Guide:
-    """Tactile guidance: the robot evades touch, and follows whoever pushes it: equation (4)."""
-
-    wants_stream = False
-
-    def __init__(
-        self, spec: StageSpec, control: ControllerSpec, knowledge: Knowledge, n_cells: int, start_ns: int
-    ) -> None:
-        assert spec.duration_s is not None
-        self._start_ns = start_ns
-        self._duration_ns = round(spec.duration_s * 1e9)
-        self._t_ns = start_ns
-        self._max_age_ns = round(control.safety.stale_ms * 1e6)
-        self._knowledge = knowledge
-        self._reaction = TactileReaction(n_cells)
-        self.felt: NDArray[np.float64] | None = None
-        if control.reactions.enabled:
-            self.tune(Modality.FORCE, spec.force_threshold, spec.force_gain)
-            self.tune(Modality.PROXIMITY, spec.proximity_threshold, spec.proximity_gain)
-
-    def tune(self, modality: Modality, threshold: float, gain: float) -> None:
-        """Sets threshold and gain of a modality, of all cells."""
-        self._reaction.tune(modality, threshold=threshold, gain=gain)
-
-    @property
-    def gains(self) -> NDArray[np.float64]:
-        """(S, 4) gains."""
-        return self._reaction.gains
-
-    @property
-    def thresholds(self) -> NDArray[np.float64]:
-        """(S, 4) thresholds, inf without a gain."""
-        return self._reaction.thresholds
-
-    @property
-    def done(self) -> bool:
-        """The time of the stage is over."""
-        return self._t_ns - self._start_ns >= self._duration_ns
-
-    @property
-    def progress(self) -> float:
-        """Share of the stage's time."""
-        return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
-
-    def take(self, stream: SkinRows) -> None:
-        """The picture has taken them in already."""
-
-    def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
-    ) -> NDArray[np.float64]:
-        """The superposition of all cells' reactions by the closest map."""
-        self._t_ns = t_ns
-        touch = picture.touch(t_ns, self._max_age_ns)  # cells in contact stream: an old reading is a lost one
-        velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
-        self.felt = touch
-        return velocity
-
-    def finish(self, t_ns: int) -> None:
-        """Nothing is learnt."""
-
-
-class Listen:
-    """Takes in whatever the skin says, and holds still."""
-
-    gains = None
-    thresholds = None
-    felt = None
-    wants_stream = False
-
-    def __init__(self, duration_s: float, start_ns: int) -> None:
-        self._start_ns, self._t_ns = start_ns, start_ns
-        self._duration_ns = round(duration_s * 1e9)
-
-    @property
-    def done(self) -> bool:
-        """The time of the stage is over."""
-        return self._t_ns - self._start_ns >= self._duration_ns
-
-    @property
-    def progress(self) -> float:
-        """Share of the stage's time."""
-        return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
-
-    def take(self, stream: SkinRows) -> None:
-        """The picture has taken them in already."""
-
-    def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
-    ) -> NDArray[np.float64]:
-        """No motion."""
-        self._t_ns = t_ns
-        return np.zeros(len(position_rad))
 
     def finish(self, t_ns: int) -> None:
         """Nothing is learnt."""
