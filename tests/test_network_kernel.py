@@ -44,13 +44,21 @@ def rows(finished: Finished) -> list[tuple[int, ...]]:
     return list(zip(*(column.tolist() for column in finished), strict=True))
 
 
-def run(scenario: Scenario, cuts: Iterable[int] = ()) -> list[tuple[int, ...]]:
-    """Ends of all packets, with everything offered in the stretch in which it enters."""
+def run(scenario: Scenario, cuts: Iterable[int] = (), *, move: bool = False) -> list[tuple[int, ...]]:
+    """Ends of all packets, with everything offered in the stretch in which it enters.
+
+    If they shall `move`, another object carries on at every cut, from a snapshot.
+    """
     topology, packets, changes, hop_limit = scenario
-    network = Network(topology, seed=5, hop_limit=hop_limit)
+    networks = [Network(topology, seed=5, hop_limit=hop_limit) for _ in range(2)]
+    network = networks[0]
     schedule(network, changes)
     ends: list[tuple[int, ...]] = []
-    for until_ns in [*sorted(cuts), END_NS]:
+    for turn, until_ns in enumerate([*sorted(cuts), END_NS]):
+        if move:
+            snapshot = network.snapshot()
+            network = networks[turn % 2]
+            network.restore(snapshot)
         offer(network, [packet for packet in packets if network.now_ns <= packet[0] < until_ns])
         done = rows(network.advance(until_ns))
         assert all(end[1] < until_ns for end in done)
@@ -143,11 +151,13 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 
 @settings(max_examples=300, deadline=None)
-@given(scenarios(), st.lists(st.integers(0, 320), max_size=5))
-def test_equals_the_heap_of_events_however_time_is_cut(scenario: Scenario, cuts: list[int]) -> None:
+@given(scenarios(), st.lists(st.integers(0, 320), max_size=5), st.booleans())
+def test_equals_the_heap_of_events_however_time_is_cut(
+    scenario: Scenario, cuts: list[int], move: bool
+) -> None:
     topology, packets, changes, hop_limit = scenario
     expected = simulate(topology, packets, changes, seed=5, hop_limit=hop_limit)
-    assert run(scenario, cuts) == expected
+    assert run(scenario, cuts, move=move) == expected
 
 
 def crowded_patch(seed: int) -> Scenario:

@@ -2,53 +2,20 @@
 
 import copy
 import heapq
-from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skinnet.network import kernel
+from skinnet.network.changes import Change, Fail, Impair, Repair, Snapshot
 from skinnet.network.layout import bucket_shifts, lay_out, with_room, with_routes
 from skinnet.network.offers import require, survey
-from skinnet.network.records import ENDED, FAR_NS, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
+from skinnet.network.records import ENDED, FAR_NS, IN_FLIGHT, NONE, Outcome, Records, Scratch
 from skinnet.network.results import Counters, Finished, LinkCounters
 from skinnet.network.routes import NO_LINK, Routes
-from skinnet.network.topology import ALLOWED, Topology
+from skinnet.network.topology import Topology
 
 __all__ = ["Counters", "Finished", "LinkCounters", "Network", "Snapshot"]
-
-
-@dataclass(frozen=True)
-class _Fail:
-    rank: int
-
-
-@dataclass(frozen=True)
-class _Repair:
-    rank: int
-
-
-@dataclass(frozen=True)
-class _Impair:
-    rank: int
-    values: dict[str, float]
-
-
-_Change: TypeAlias = _Fail | _Repair | _Impair | Routes
-
-
-@dataclass
-class Snapshot:
-    """All of a network that changes with time; opaque, and good for any network of the same topology."""
-
-    arrays: State
-    now_ns: int = 0
-    next_ns: int = FAR_NS
-    offered: int = 0
-    least_size_bytes: int = kernel.MAX_SIZE_BYTES + 1
-    n_changes: int = 0
-    changes: list[tuple[int, int, _Change]] = field(default_factory=list)
 
 
 class Network:
@@ -215,11 +182,11 @@ class Network:
 
     def fail_link(self, t_ns: int, link: int) -> None:
         """Takes a link down at `t_ns`: what has not fully arrived before, or is sent over it, is lost."""
-        self._schedule(t_ns, _Fail(self._rank_of(link)))
+        self._schedule(t_ns, Fail(self._rank_of(link)))
 
     def repair_link(self, t_ns: int, link: int) -> None:
         """Takes a link into service again, empty, at `t_ns`."""
-        self._schedule(t_ns, _Repair(self._rank_of(link)))
+        self._schedule(t_ns, Repair(self._rank_of(link)))
 
     def impair_link(
         self,
@@ -243,11 +210,7 @@ class Network:
             "bit_error_rate": bit_error_rate,
         }
         values = {name: value for name, value in given.items() if value is not None}
-        for name, value in values.items():
-            lowest, highest = ALLOWED[name]
-            if not lowest <= value <= highest:
-                raise ValueError(f"{name} is {value}; allowed are {lowest} to {highest}")
-        self._schedule(t_ns, _Impair(self._rank_of(link), values))
+        self._schedule(t_ns, Impair(self._rank_of(link), values))
 
     def set_routes(self, t_ns: int, routes: Routes) -> None:
         """Replaces the listed entries of the route tables at `t_ns`; packets in a queue stay in it.
@@ -282,7 +245,7 @@ class Network:
             raise ValueError(f"link is {link}; allowed are 0 to {self.topology.n_links - 1}")
         return int(self._rank[link])
 
-    def _schedule(self, t_ns: int, change: _Change) -> None:
+    def _schedule(self, t_ns: int, change: Change) -> None:
         state = self._state
         if t_ns < state.now_ns:
             raise ValueError(f"t_ns is {t_ns}; the network is already at {state.now_ns}")
@@ -295,15 +258,15 @@ class Network:
             state.next_ns = kernel.advance(until_ns, self._hop_limit, state.arrays, self._scratch)
         state.now_ns = until_ns
 
-    def _apply(self, t_ns: int, change: _Change) -> None:
+    def _apply(self, t_ns: int, change: Change) -> None:
         state = self._state
         links = state.arrays.links
         match change:
-            case _Fail(rank):
+            case Fail(rank):
                 kernel.fail(rank, t_ns, state.arrays, self._scratch)
-            case _Repair(rank):
+            case Repair(rank):
                 links["up"][rank] = 1
-            case _Impair(rank, values):
+            case Impair(rank, values):
                 for name, value in values.items():
                     links[name][rank] = value
             case Routes(node, dest, rank):
