@@ -89,11 +89,15 @@ def test_commands_are_understood(line: str) -> None:
 
 
 def check_skinnet(arguments: list[str]) -> None:
-    group: Any = typer.main.get_command(app)
+    command: Any = typer.main.get_command(app)
     if arguments == ["--help"]:
         return
-    context = group.commands[arguments[0]].make_context(arguments[0], arguments[1:])
-    given = context.params
+    while hasattr(command, "commands"):
+        name, *arguments = arguments
+        command = command.commands[name]
+    given = command.make_context(name, arguments).params
+    if "file" not in given:
+        return
     pace = (f"run.pace={given['pace']}",) if given.get("pace") else ()
     deployment = load(ROOT / given["file"], (*(given["settings"] or ()), *pace), given.get("seed"))
     check(deployment)
