@@ -1,287 +1,56 @@
-"""A cell host as a process: the agents of some patches, period by period.
+"""A cell host as a process: it rehearses with two cells, so all is compiled before others wait for it."""
 
-In each period of 4 ms every cell samples once, at its own phase, between the stimulus frames at the
-period's two ends. What it has to say enters the network at that instant; what reaches a gateway before the
-period ends is published, and the patch's frame closes the period.
-"""
-
-import logging
-import time
-from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec.structs import replace
 
-from cells.damage import impairments, outages_of
-from cells.deliveries import Delivered
-from cells.encoding import Emission, Encoder
-from cells.outages import outages
-from cells.packets import PacketKind
-from cells.publisher import PatchPublisher
-from cells.sensor_faults import SensorFaults
-from cells.skin_network import SkinNetwork
-from cells.transducers import Transducers, noise_keys, phases_ns
-from cells.wiring import wire
-from skinnet.channels import Keys, Role
+from cells.host import HostNode
 from skinnet.deployment import Deployment
-from skinnet.deployment.faults import SlowHost
-from skinnet.errors import ProtocolError
-from skinnet.loop import Put
-from skinnet.messages import READING_NAMES, Config, Stimulus, decode, unpack
-from skinnet.network.faults import timeline
-from skinnet.part import Part
-from skinnet.skin.placement import bridges_of, place
-from skinnet.upstream import Upstream
+from skinnet.deployment.schema import EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.messages import STIMULUS_NAMES, Stimulus, encode
 
-__all__ = ["HostNode", "build"]
+__all__ = ["build", "rehearse"]
 
-log = logging.getLogger(__name__)
-
-_N_COLUMNS = len(READING_NAMES)
-
-
-class HostNode:
-    """The cells of some patches.
-
-    Cells are numbered through the host's patches. Nothing that a cell does depends on which other
-    patches its host has.
-    """
-
-    role = Role.CELLS.value
-    paced = False
-
-    def __init__(self, deployment: Deployment, name: str) -> None:
-        self.name = name
-        mine = deployment.host_patches()[name]
-        placed = tuple(place(patch, deployment.cells) for patch in deployment.patches)
-        patches = {patch.name: patch for patch in placed}
-        self._patches = tuple(patches[patch] for patch in mine)
-        self._index = {patch: i for i, patch in enumerate(mine)}
-        keys = Keys(deployment.robot)
-        configs = [keys.of("config", patch, "*") for patch in mine]
-        self.subscriptions = (keys.of("stimulus", name), *configs)
-        self._body = Upstream("body", "body", covered_ns=-1)
-        self.upstreams = {"body": self._body}
-        self.senders = frozenset({"body", "controller"})
-        self.peers = frozenset({"body", "controller", *deployment.host_patches()})
-        self.tolerated = frozenset(deployment.run.may_be_lost)
-        self.counters: Counter[str] = Counter()
-        self._period_ns = deployment.cells.period_ns
-        self._end_ns = deployment.max_ns
-        self._frame = 0
-        self._stimuli: dict[int, NDArray[np.float32]] = {}
-        self._configs: list[tuple[int, int, Config]] = []
-        groups = [[patches[patch] for patch in group] for group in deployment.groups() if group[0] in mine]
-        self._wiring = wire(groups, deployment.network, bridges_of(deployment.bridges, placed))
-        n_cells = self._wiring.n_cells
-        seed = deployment.seed
-        self._transducers = Transducers(
-            deployment.cells,
-            np.concatenate([noise_keys(seed, p.name, p.n_cells) for p in self._patches]),
-            np.concatenate([phases_ns(seed, p.name, p.n_cells, self._period_ns) for p in self._patches]),
-        )
-        self._encoder = Encoder(deployment.cells, n_cells)
-        self._readings = np.zeros((n_cells, _N_COLUMNS), dtype=np.float32)
-        faults = timeline(deployment, placed)
-        self._sensor_faults = SensorFaults(
-            faults, dict(zip(mine, self._wiring.first_cell.tolist(), strict=False)), deployment.cells, seed
-        )
-        self._delays = [span for span in faults if span.place.host == name]
-        self._network = SkinNetwork(
-            self._wiring,
-            deployment.cells,
-            deployment.network,
-            seed,
-            transitions=outages(
-                self._wiring, outages_of(faults, self._wiring), deployment.power, self._feeds(deployment)
-            ),
-            impairments=impairments(faults, self._wiring, loss=deployment.network.loss, seed=seed),
-        )
-        self._formed: list[tuple[str, bytes]] = []
-        self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
-
-    def _feeds(self, deployment: Deployment) -> list[int]:
-        """Cells of this host that are fed."""
-        wiring = self._wiring
-        if deployment.power is not None and deployment.power.feeds:
-            ends = [feed.split(":")[0].split("/") for feed in deployment.power.feeds]
-            cells = [(self._index[patch], int(cell)) for patch, cell in ends if patch in self._index]
-        else:
-            cells = [(p, int(c)) for p, patch in enumerate(wiring.patches) for c, _ in patch.interfaces]
-        return [int(wiring.first_cell[patch]) + cell for patch, cell in cells]
-
-    def start(self, put: Put) -> None:
-        """The network begins to form as soon as there is power."""
-        self._network.start(0)
-
-    def needs(self) -> dict[str, int] | None:
-        """The stimulus at both ends of the next period; with it come the configurations that begin in it."""
-        end_ns = (self._frame + 1) * self._period_ns
-        if end_ns > self._end_ns:
-            return None
-        return {"body": end_ns}
-
-    def due_ns(self) -> int:
-        """End of the next period."""
-        return (self._frame + 1) * self._period_ns
-
-    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in a stimulus frame or a configuration."""
-        match channel:
-            case "stimulus":
-                self._accept_stimulus(decode(payload, Stimulus))
-            case "config":
-                self._accept_config(fields, decode(payload, Config))
-            case _:
-                raise ProtocolError(f"a cell host does not read {channel}")
-
-    def _accept_stimulus(self, stimulus: Stimulus) -> None:
-        values = unpack(stimulus.values, "<f4", _N_COLUMNS)
-        if len(values) != self._wiring.n_cells:
-            raise ProtocolError(f"stimulus of {len(values)} cells; this host has {self._wiring.n_cells}")
-        self._stimuli[stimulus.t_ns] = values
-        self._body.close(stimulus.covered_ns, stimulus.configs)
-        if stimulus.end_ns is not None:
-            self._end_ns = min(self._end_ns, stimulus.end_ns)
-
-    def _accept_config(self, fields: tuple[str, ...], config: Config) -> None:
-        patch = self._index.get(config.patch)
-        if patch is None or fields != (config.patch, str(config.cell)):
-            raise ProtocolError(f"config of {config.patch}/{config.cell} under the key of {'/'.join(fields)}")
-        if not 0 <= config.cell < self._patches[patch].n_cells:
-            n_cells = self._patches[patch].n_cells
-            raise ProtocolError(f"config of cell {config.cell}: {config.patch} has cells 0 to {n_cells - 1}")
-        cell = int(self._wiring.first_cell[patch]) + config.cell
-        if config.t_ns:
-            self._body.arrive()
-        else:
-            self.counters["configs_from_outside"] += 1
-        self._configs.append((config.t_ns, cell, config))
-
-    def lose(self, upstream: Upstream) -> None:
-        """Without the body there is nothing to feel; it may never be lost."""
-
-    def step(self, put: Put) -> None:
-        """Computes one period."""
-        start_ns = self._frame * self._period_ns
-        end_ns = start_ns + self._period_ns
-        self._send_configs(start_ns, end_ns)
-        self._sample()
-        data, configs = self._network.advance(end_ns)
-        for cell, config in configs:
-            self._configure(cell, config)
-        self._publish(put, data, start_ns, end_ns)
-        self._dawdle(start_ns)
-        self._frame += 1
-
-    def _send_configs(self, start_ns: int, end_ns: int) -> None:
-        """The interfaces send the configurations that are due in this period."""
-        if not self._configs:
-            return
-        due = [entry for entry in self._configs if entry[0] < end_ns]
-        self._configs = [entry for entry in self._configs if entry[0] >= end_ns]
-        for t_ns, cell, config in sorted(due, key=lambda entry: entry[:2]):
-            self._network.send_config(max(t_ns, start_ns), cell, config)
-
-    def _sample(self) -> None:
-        """Every cell samples; those that are part of the network send what they have to say."""
-        start_ns = self._frame * self._period_ns
-        before = self._stimuli.pop(start_ns)
-        after = self._stimuli[start_ns + self._period_ns]
-        times_ns = self._transducers.sample_times_ns(self._frame)
-        restarted = self._network.restarted()
-        if len(restarted):
-            self._transducers.reset(restarted)
-            self._encoder.reset(restarted)
-        self._transducers.sample(self._frame, before, after, self._readings)
-        self._sensor_faults.apply(start_ns, times_ns, self._readings)
-        heard = self._network.members.reached
-        if self._network.changes_before(start_ns + self._period_ns):
-            heard = heard & self._network.has_power(times_ns)
-        everyone = bool(heard.all())
-        if not everyone:
-            self._readings[~heard] = 0.0
-        emission = self._encoder.encode(self._readings)
-        if not everyone:
-            emission = _only(emission, heard)
-        if len(emission.cell) or len(emission.full):
-            self._network.send_data(times_ns, emission, self._readings)
-        babble = self._sensor_faults.babble(start_ns, start_ns + self._period_ns)
-        if len(babble.cell):
-            self._network.send_babble(babble)
-
-    def _dawdle(self, t_ns: int) -> None:
-        """A slow host takes its time; what it computes stays the same."""
-        for span in self._delays:
-            if span.t_ns <= t_ns < span.until_ns and isinstance(span.rule, SlowHost):
-                time.sleep(span.rule.extra_ms * 1e-3)
-
-    def _configure(self, cell: int, config: Config) -> None:
-        """A cell has received new settings; it refuses what does not hold, and keeps what it has."""
-        try:
-            self._encoder.configure(cell, config)
-        except ProtocolError as error:
-            self.counters["refused_configs"] += 1
-            if self.counters["refused_configs"] == 1:
-                log.warning("%s/%d refused a configuration: %s", config.patch, config.cell, error)
-
-    def _publish(self, put: Put, data: list[Delivered], start_ns: int, end_ns: int) -> None:
-        streams: dict[int, NDArray[Any]] = {}
-        for patch, kind, rows, gateway, t_ns in data:
-            rows["cell"] -= rows["cell"].dtype.type(self._wiring.first_cell[patch])
-            if kind == PacketKind.EVENT:
-                self._publishers[patch].events(put, rows, gateway, t_ns)
-            else:
-                streams[patch] = rows
-        for patch, publisher in enumerate(self._publishers):
-            if self._network.members.version(patch) != publisher.version:
-                self._formed.append(publisher.topology(put, self._network.members.topology(patch, end_ns)))
-            publisher.close(put, start_ns, end_ns, streams.get(patch))
-
-    def news(self) -> tuple[str, bytes] | None:
-        """A topology that was formed, for those who come later and ask."""
-        return self._formed.pop(0) if self._formed else None
-
-    def result(self) -> Part:
-        """Counters of the network and its latencies."""
-        facts = {
-            "logs": {publisher.patch: publisher.log_sha256 for publisher in self._publishers},
-            "network": self._network.counters(),
-            "formation_packets": self._network.formation.sent,
-            "formation_repeated": self._network.formation.repeated,
-            "tree_depth": self._network.members.depth(),
-            "formed_ns": self._network.members.formed_by_patch(),
-            "unreached": sum(self._network.members.missing(patch) for patch in range(len(self._patches))),
-            "cut_off": [name for i, name in enumerate(self._index) if self._network.members.cut_off(i)],
-            "without_power": int((~self._network.formation.powered).sum()),
-            "recoveries": self._recoveries(),
-            "latency_max_ns": self._network.deliveries.latency_max_ns,
-        }
-        return Part(self.name, self.role, facts, {"latency_us": self._network.deliveries.latency_us})
-
-    def _recoveries(self) -> list[dict[str, Any]]:
-        first = self._wiring.first_patch
-        return [
-            asdict(recovery)
-            | {
-                "patches": [
-                    p.name for p in self._wiring.patches[first[recovery.group] : first[recovery.group + 1]]
-                ]
-            }
-            for recovery in self._network.recoveries.all
-        ]
-
-
-def _only(emission: Emission, reached: NDArray[np.bool_]) -> Emission:
-    """What cells of the network say; those that it has not reached are not heard."""
-    heard = reached[emission.cell]
-    columns = [column[heard] for column in emission[:-1]]
-    return Emission._make([*columns, emission.full[reached[emission.full]]])
+_PERIODS = 40
+"""More than two cells need to form their network and to stream."""
+_PATCH = PatchSpec(
+    name="rehearsal",
+    body="",
+    lattice=LatticeSpec(columns=2, rows=1, origin_m=(0, 0, 0), normal=(0, 0, 1), up=(0, 1, 0)),
+    interfaces=(InterfaceSpec(cell=0, port=2),),
+)
 
 
 def build(deployment: Deployment, name: str, base: Path) -> HostNode:
     """The cell host `name` of `deployment`."""
+    rehearse(deployment)
     return HostNode(deployment, name)
+
+
+def rehearse(deployment: Deployment) -> int:
+    """Runs a host of two cells that stream; returns how many of their readings arrived."""
+    stage = replace(
+        deployment,
+        hosts=1,
+        patches=(_PATCH,),
+        bridges=(),
+        faults=(),
+        power=None,
+        cells=replace(deployment.cells, encoding=EncodingSpec(kind="clock")),
+    )
+    node = HostNode(stage, "host0")
+    felt = np.zeros((_PATCH.n_cells, len(STIMULUS_NAMES)), dtype="<f4").tobytes()
+    node.start(_nowhere)
+    for frame in range(_PERIODS + 1):
+        t_ns = frame * stage.body.stimulus_ns
+        stimulus = Stimulus(host="host0", t_ns=t_ns, covered_ns=t_ns, values=felt)
+        node.accept("stimulus", ("host0",), encode(stimulus))
+        if frame:
+            node.step(_nowhere)
+    delivered: int = node.result().facts["network"]["reading"]["delivered"]
+    return delivered
+
+
+def _nowhere(_key: str, _payload: bytes) -> None:
+    """Nobody hears a rehearsal."""

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from small_robot import SHIPPED, patch, small
 
-from cells.process import HostNode
+from cells.host import HostNode
+from cells.process import rehearse
 from cells.transducers import phases_ns
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment, load
@@ -247,7 +248,7 @@ def test_thresholds_and_encoding_of_one_cell() -> None:
 
 def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogCaptureFixture) -> None:
     calm, told = (Host(small(hosts=1)) for _ in range(2))
-    with caplog.at_level(logging.WARNING, "cells.process"):
+    with caplog.at_level(logging.WARNING, "cells.host"):
         for cell in range(3):
             told.tell(Config(patch="arm", cell=cell, t_ns=40 * MS, levels={"force": [0.5, 0.1]}, stream=True))
         told.run(30)
@@ -325,3 +326,8 @@ def test_noise_belongs_to_the_cell() -> None:
     more = Host(small(patch("arm"), patch("hand", 2, 1), patch("leg"), hosts=1)).run(20)
     assert one.facts["logs"]["hand"] == more.facts["logs"]["hand"]
     assert len(one.heard(Events)) > 10
+
+
+def test_a_rehearsal_reaches_the_last_step() -> None:
+    """Cells form, sample, stream and are heard: whatever is compiled on the way is."""
+    assert rehearse(small()) > 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,7 +27,7 @@ from skinnet.run.launch import Order, prepare
 from skinnet.stress.measure import Window, measure, usage_within
 from skinnet.stress.plots import draw
 from skinnet.stress.points import Point, derive, noise_sigma, points_of
-from skinnet.stress.report import crossing, figures_of
+from skinnet.stress.report import crossing, figures_of, nearest
 from skinnet.stress.sweep import Result, sweep
 from skinnet.usage import USAGE_ROW, UsageTrace
 
@@ -170,6 +171,24 @@ def test_the_threshold_that_gives_a_published_share_is_found_between_two_points(
     assert crossing(swept(k2=1.0, k4=0.01), touched, "bytes") is None
 
 
+def test_the_thresholds_nearest_to_what_was_published_are_nearest_to_all_of_it() -> None:
+    shares = {2.0: (0.4, 0.5), 3.0: (0.2, 0.4), 5.0: (0.001, 0.45), 9.0: (0.0, 0.45)}
+    results = [
+        Result(Point(6, "delta", stimulated=touched, delta_sigma=sigma), {"share.packets": share})
+        for sigma, both in shares.items()
+        for touched, share in zip((0.0, 0.5), both, strict=True)
+    ]
+    untouched, touched, bound = (
+        PublishedSpec(share=0.16, stimulated=False, source="x"),
+        PublishedSpec(share=0.45, stimulated=True, source="x"),
+        PublishedSpec(share=0.01, stimulated=True, source="x", at_most=True),
+    )
+    assert nearest(results, StressSpec(published=(untouched, touched, bound))) == 3.0
+    assert nearest(results, StressSpec(published=(touched,))) in (5.0, 9.0)
+    assert nearest(results, StressSpec(published=(bound,))) is None
+    assert nearest([], StressSpec(published=(touched,))) is None
+
+
 # Real sweeps
 
 
@@ -209,6 +228,7 @@ def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, d
         )
         assert 0.0 < f["cores.controller"] <= 2.0
         assert f["peak_mb.controller"] > 20.0
+        assert 0.0 <= f["others_cores"] <= psutil.cpu_count()
         # each packet takes 60 bytes of a stream, or more as an event
         assert f["zenoh_bytes_per_s"] > 60 * f["packets_per_s"]
     clock = 15 * 250

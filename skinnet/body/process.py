@@ -179,4 +179,5 @@ class BodyNode:
 def build(deployment: Deployment, name: str, base: Path) -> BodyNode:
     """The body of `deployment`: scripted if it has a script."""
     body = Body(deployment, base) if deployment.script is None else ScriptedBody(deployment, base)
+    body.stimulus()  # compiles what it calls before others wait for it, and changes nothing
     return BodyNode(deployment, name, body)

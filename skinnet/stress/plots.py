@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +13,7 @@ from matplotlib.ticker import PercentFormatter
 from skinnet.deployment import Deployment
 from skinnet.deployment.stress import StressSpec
 from skinnet.stress.points import Point
-from skinnet.stress.report import is_stimulated, largest, thresholds
+from skinnet.stress.report import is_stimulated, largest, nearest, swept_at, thresholds
 from skinnet.stress.sweep import Result
 
 __all__ = ["draw"]
@@ -21,6 +22,8 @@ _DPI = 130
 _COLOURS = {"clock": "#6b7280", "delta": "#2f6fab", "levels": "#3f8f5f"}
 _PALE = 0.45
 _PUBLISHED = "#b3261e"
+_LEAST_SHARE = 1e-4
+"""Below this, hardly anything is sent, and a run of some seconds cannot say how little."""
 _PROCESSES = {"controller": "#2f6fab", "body": "#c9a227"}
 _HOSTS = ("#8aa39b", "#a9bdb6", "#c3d1cc", "#dbe4e1")
 _Plot = Callable[[Deployment, StressSpec, list[Result]], Figure | None]
@@ -39,11 +42,17 @@ def draw(deployment: Deployment, spec: StressSpec, results: list[Result], out: P
 def _title(point: Point) -> str:
     """A point in words, for an axis."""
     words = [f"{point.cells} cells", point.encoding]
+    if point.delta_sigma is not None:
+        words[-1] += f" {point.delta_sigma:g} σ"
     if point.stimulated is not None:
         words.append(f"{100 * point.stimulated:g} % touched")
     if point.gateways is not None:
         words.append(f"{point.gateways} gateway{'s' if point.gateways > 1 else ''}")
     return ", ".join(words)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share == 0.0 or share > _LEAST_SHARE else "< 0.01 %"
 
 
 def _alpha(point: Point) -> float:
@@ -78,7 +87,7 @@ def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[Result])
     for row, result in enumerate(own):
         rate, share = result.figures["packets_per_s"], result.figures["share.packets"]
         axes.barh(row, rate, color=_COLOURS[result.point.encoding], alpha=_alpha(result.point))
-        text = f" {rate:,.0f}/s" + ("" if result.point.encoding == "clock" else f" = {100 * share:.2g} %")
+        text = f" {rate:,.0f}/s" + ("" if result.point.encoding == "clock" else f" = {_percent(share)}")
         axes.annotate(text, (max(rate, 1.0), row), va="center", fontsize=8)
     axes.set_xscale("log")
     axes.set_xlim(1.0, 8.0 * max(result.figures["clock_packets_per_s"] for result in own))
@@ -155,11 +164,16 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[Result]) -
 def _plot_gain(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
     """What event-driven buys: the share of the clock-driven rate that is left, with the published values."""
     events = [result for result in largest(results) if result.point.encoding != "clock"]
+    sigma = nearest(results, spec)
+    events += [] if sigma is None else swept_at(results, sigma)
+    events.sort(key=lambda r: (r.point.delta_sigma or 0.0, r.point.encoding, r.point.stimulated or 0.0))
     if not events:
         return None
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(11.0, 4.8), layout="constrained")
     both = figure.subplots(1, 2, sharey=True)
-    labels = [_title(result.point).replace(", ", "\n", 1).replace(", ", "\n") for result in events]
+    labels = [
+        _title(result.point).partition(", ")[2].replace(", ", "\n").replace(" t", "\nt") for result in events
+    ]
     for axes, of in zip(both, ("bytes", "packets"), strict=True):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(axis="y", alpha=0.3)
@@ -167,20 +181,22 @@ def _plot_gain(deployment: Deployment, spec: StressSpec, results: list[Result]) 
         for column, result in enumerate(events):
             share = result.figures[f"share.{of}"]
             axes.bar(column, share, color=_COLOURS[result.point.encoding], alpha=_alpha(result.point))
-            text = f"{100 * share:.2g} %" if share == 0.0 or share > 1e-4 else "< 0.01 %"
-            axes.annotate(text, (column, share), ha="center", va="bottom", fontsize=9)
-        _mark_published(axes, spec, of)
+            axes.annotate(_percent(share), (column, share), ha="center", va="bottom", fontsize=9)
+        _mark_published(axes, spec, of, "left")
         axes.set_xticks(range(len(events)), labels, fontsize=8)
         axes.set_title(f"{of} per second", fontsize=10)
     most = max(max(r.figures["share.bytes"], r.figures["share.packets"]) for r in events)
     both[0].set_ylim(0.0, 1.2 * max([most, *(published.share for published in spec.published)]))
     both[0].yaxis.set_major_formatter(PercentFormatter(1.0))
     both[0].set_ylabel("share of clock-driven")
-    figure.suptitle(f"{deployment.name}: what event-driven leaves of the clock-driven rate", fontsize=11)
+    cells = events[0].point.cells
+    figure.suptitle(
+        f"{deployment.name}, {cells} cells: what event-driven leaves of the clock-driven rate", fontsize=11
+    )
     return figure
 
 
-def _mark_published(axes: Axes, spec: StressSpec, of: str) -> None:
+def _mark_published(axes: Axes, spec: StressSpec, of: str, side: Literal["left", "right"]) -> None:
     for published in spec.published:
         if not published.is_of(of):
             continue
@@ -190,9 +206,9 @@ def _mark_published(axes: Axes, spec: StressSpec, of: str) -> None:
         text = f"[{published.source}] {touched}: {most}{100 * published.share:g} %"
         axes.annotate(
             text,
-            (1.0, published.share),
+            (0.01 if side == "left" else 0.99, published.share),
             xycoords=("axes fraction", "data"),
-            ha="right",
+            ha=side,
             va="bottom",
             fontsize=8,
             color=_PUBLISHED,
@@ -216,7 +232,7 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Res
                 (r for r in swept if (r.point.stimulated or 0.0) == stimulated),
                 key=lambda r: r.point.delta_sigma or 0.0,
             )
-            line = [r for r in line if r.figures[f"share.{of}"] > 0.0]  # a logarithm has no zero
+            line = [r for r in line if r.figures[f"share.{of}"] >= _LEAST_SHARE]
             axes.plot(
                 [r.point.delta_sigma for r in line],
                 [r.figures[f"share.{of}"] for r in line],
@@ -226,13 +242,16 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Res
                 alpha=1.0 if stimulated else _PALE,
                 label=f"{100 * stimulated:g} % of the cells touched",
             )
-        _mark_published(axes, spec, of)
+        _mark_published(axes, spec, of, "right")
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(lambda share, _: f"{100.0 * share:g} %")
         axes.set_xlabel("delta of every sensor [multiples of its noise σ]")
         axes.set_title(f"{of} per second", fontsize=10)
     both[0].set_ylabel("share of clock-driven")
-    both[1].legend(fontsize=8, frameon=False, loc="upper right")
+    most = max(result.figures["share.packets"] for result in swept)
+    both[0].set_ylim(_LEAST_SHARE, 1.5 * max(1.0, most))
+    handles, labels = both[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     used = ", ".join(
         f"{name} {own[f'delta_sigmas.{name}']:.0f} σ"
         for name in ("force", "proximity", "acceleration", "temperature")

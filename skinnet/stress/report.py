@@ -14,8 +14,19 @@ from skinnet.deployment.stress import PublishedSpec, StressSpec
 from skinnet.stress.points import Point, noise_sigma
 from skinnet.stress.sweep import Result
 
-__all__ = ["crossing", "figures_of", "is_stimulated", "largest", "print_table", "thresholds"]
+__all__ = [
+    "crossing",
+    "figures_of",
+    "is_stimulated",
+    "largest",
+    "nearest",
+    "print_table",
+    "swept_at",
+    "thresholds",
+]
 
+_BUSY_CORES = 0.3
+"""More than this for others, and a machine of two cores measures them, too."""
 _WHATS = ("packets", "bytes")
 _HEADLINE = (
     "packets_per_s",
@@ -85,6 +96,28 @@ def crossing(results: list[Result], published: PublishedSpec, what: str) -> floa
     return None
 
 
+def nearest(results: list[Result], spec: StressSpec) -> float | None:
+    """Delta of the sweep, in multiples of the noise, whose shares of packets come nearest to all published.
+
+    Bounds do not count. Nearness is by ratios; None without a sweep or without published values.
+    """
+    published = [one for one in spec.published if not one.at_most]
+    distance: dict[float, float] = {}
+    for sigma in {r.point.delta_sigma for r in results if r.failed is None and r.point.delta_sigma}:
+        shares = {is_stimulated(r.point): r.figures["share.packets"] for r in swept_at(results, sigma)}
+        found = [shares.get(one.stimulated, 0.0) for one in published]
+        if found and min(found) > 0.0:
+            distance[sigma] = sum(
+                abs(math.log(share / one.share)) for share, one in zip(found, published, strict=True)
+            )
+    return min(distance, key=lambda sigma: (distance[sigma], sigma), default=None)
+
+
+def swept_at(results: list[Result], sigma: float) -> list[Result]:
+    """Points of the sweep of thresholds with deltas of `sigma` times the noise."""
+    return [r for r in results if r.failed is None and r.point.delta_sigma == sigma]
+
+
 def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) -> dict[str, Any]:
     """All figures of a sweep under flat names; those of the largest points without the points' names, too.
 
@@ -106,6 +139,12 @@ def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) 
         for what in _WHATS:
             if published.is_of(what) and (sigmas := crossing(results, published, what)) is not None:
                 figures[f"{name}.delta_sigmas.{what}"] = sigmas
+    sigma = nearest(results, spec)
+    if sigma is not None:
+        figures["nearest.delta_sigmas"] = sigma
+        for result in swept_at(results, sigma):
+            label = "stimulated" if is_stimulated(result.point) else "unstimulated"
+            figures |= {f"nearest.{label}.share.{what}": result.figures[f"share.{what}"] for what in _WHATS}
     figures |= thresholds(deployment)
     for result in results:
         figures |= {f"{result.point.name}.{name}": value for name, value in result.figures.items()}
@@ -170,6 +209,12 @@ def _lines(deployment: Deployment, spec: StressSpec, results: list[Result]) -> I
     for result in results:
         if result.failed is not None:
             yield f"{result.point.name} failed: {result.failed}"
+    others = max((result.figures["others_cores"] for result in results if result.failed is None), default=0.0)
+    if others > _BUSY_CORES:
+        yield (
+            f"Other programs kept up to {others:.1f} cores of this machine busy: CPU times and speeds "
+            "are worse than they need be."
+        )
     figures = thresholds(deployment)
     given = ", ".join(
         f"{name} {figures[f'delta.{name}']:g} = {figures[f'delta_sigmas.{name}']:.1f} σ"
@@ -182,6 +227,14 @@ def _lines(deployment: Deployment, spec: StressSpec, results: list[Result]) -> I
         share = f"{'at most ' if published.at_most else ''}{_percent(published.share)}"
         here = "; ".join(_here(results, published, what) for what in _WHATS if published.is_of(what))
         yield f"[{published.source}] {label}, {share} of clock-driven. Here: {here}."
+    sigma = nearest(results, spec)
+    if sigma is not None:
+        shares = "; ".join(
+            f"{'stimulated' if is_stimulated(r.point) else 'unstimulated'} "
+            + ", ".join(f"{_percent(r.figures[f'share.{what}'])} of the {what}" for what in _WHATS)
+            for r in swept_at(results, sigma)
+        )
+        yield f"Nearest to the published shares of those swept, deltas of {sigma:g} σ: {shares}."
 
 
 def _here(results: list[Result], published: PublishedSpec, what: str) -> str:

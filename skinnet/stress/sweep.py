@@ -17,6 +17,7 @@ from skinnet.files import write_json
 from skinnet.run.launch import Order, run_once
 from skinnet.run.processes import processes
 from skinnet.run.progress import Progress
+from skinnet.stress.machine import Others
 from skinnet.stress.measure import measure
 from skinnet.stress.points import Point, derive, points_of
 
@@ -91,10 +92,12 @@ def _finished(folder: Path, mark: str, point: Point) -> Result | None:
 def _run(file: Path, deployment: Deployment, spec: StressSpec, point: Point, folder: Path) -> Result:
     (folder / _RESULT).unlink(missing_ok=True)
     quiet = Progress(Console(stderr=True), quiet=True)
+    others = Others()
     try:
         run_once(Order(file, plots=False), deployment, folder, quiet)
+        busy = {"others_cores": others.cores}
         names = [process.name for process in processes(deployment)]
-        return Result(point, measure(deployment, spec, folder, names))
+        return Result(point, measure(deployment, spec, folder, names) | busy)
     except SkinnetError as error:
         return Result(point, failed=_why(error))
 
