@@ -25,7 +25,7 @@ check: $(STAMP) ## style, types and import contracts
 	$(BIN)/lint-imports
 
 test: check ## everything that must hold
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto
 
 clean: ## removes the environment and all caches
 	rm -rf $(VENV) build runs *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

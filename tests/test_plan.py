@@ -94,9 +94,9 @@ def test_the_forest_is_the_one_that_the_cells_form(ends: tuple[tuple[int, int], 
     placed = place(deployment.patches[0], deployment.cells)
     network = SkinNetwork(wire([[placed]], deployment.network), deployment.cells, deployment.network, 1)
     network.start(0)
-    while None in network.formed_ns:
+    while None in network.members.formed_ns:
         network.advance(network.kernel.now_ns + PERIOD_NS)
-    found = network.topology(0, 0)
+    found = network.members.topology(0, 0)
     forest = grow(placed.n_cells, placed.wires, placed.interfaces)
     assert forest.depth.tolist() == list(found.depth)
     assert forest.port.tolist() == list(found.master_port)
