@@ -131,7 +131,7 @@ class FormationDriver:
             if at_ns == self._alarm_ns[node]:
                 self._alarm_ns[node] = FOREVER_NS
                 if agent is not None:
-                    self._send(t_ns, node, agent.on_deadline(t_ns))
+                    self._send(t_ns + self._reaction_ns, node, agent.on_deadline(t_ns))
         self.flush()
 
     def flush(self) -> None:

@@ -1,9 +1,10 @@
 """Who is part of the network, as the cells themselves and as the computer see it."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cells.forest import Forest
 from cells.formation_driver import FormationDriver
 from cells.formation_gateway import Phase
 from cells.wiring import Wiring
@@ -12,6 +13,20 @@ from skinnet.messages import Topology
 __all__ = ["Membership"]
 
 _SETTLED = (Phase.COMPLETE, Phase.FAILED)
+
+
+class _Known(NamedTuple):
+    """What the computer knew of a group when an epoch was last over: half of one is no news.
+
+    Attributes:
+        version: How often that has changed; 0 before the group has formed.
+        uids: Hardware numbers of the cells in the network.
+        depth: Hops from the cell that is farthest from its gateway.
+    """
+
+    version: int = 0
+    uids: frozenset[int] = frozenset()
+    depth: int = 0
 
 
 class Membership:
@@ -25,6 +40,7 @@ class Membership:
     def __init__(self, wiring: Wiring, driver: FormationDriver) -> None:
         self.reached: NDArray[np.bool_] = np.zeros(wiring.n_cells, dtype=np.bool_)
         self.formed_ns: list[int | None] = [None] * len(wiring.group_ports)
+        self._known = [_Known()] * len(wiring.group_ports)
         self._wiring = wiring
         self._driver = driver
         self._group_of_patch: list[int] = wiring.group_of_patch.tolist()
@@ -33,22 +49,24 @@ class Membership:
     def look(self, t_ns: int) -> None:
         """Sees who takes part at `t_ns`."""
         for group, gateway in enumerate(self._driver.gateways):
-            if self.formed_ns[group] is None and gateway.phase in _SETTLED:
-                self.formed_ns[group] = t_ns
+            if gateway.phase in _SETTLED and gateway.version != self._known[group].version:
+                if self.formed_ns[group] is None:
+                    self.formed_ns[group] = t_ns
+                members = [gateway.forest.members[i] for i in gateway.forest.joined]
+                uids, depth = frozenset(m.uid for m in members), max((m.hops for m in members), default=0)
+                self._known[group] = _Known(gateway.version, uids, depth)
         formed = np.array([t_ns is not None for t_ns in self.formed_ns])[self._group_of_cell]
         has_id = np.array([agent.network_id > 0 for agent in self._driver.cells])
         self.reached = formed & has_id & self._driver.powered
 
     def version(self, patch: int) -> int:
         """How often what the computer knows of a patch's network has changed; 0 before it has formed."""
-        group = self._group_of_patch[patch]
-        gateway = self._driver.gateways[group]
-        return gateway.version if gateway.phase in _SETTLED and self.formed_ns[group] is not None else 0
+        return self._known[self._group_of_patch[patch]].version
 
     def topology(self, patch: int, t_ns: int) -> Topology:
-        """What the computer knows of a patch."""
+        """What the computer knows of a patch, whose version has changed."""
         placed, uids = self._wiring.patches[patch], self._uids(patch)
-        forest = self._forest(patch)
+        forest = self._driver.gateways[self._group_of_patch[patch]].forest
         return forest.topology(placed.name, int(uids[0]), len(uids), version=self.version(patch), t_ns=t_ns)
 
     def formed_by_patch(self) -> dict[str, int | None]:
@@ -58,21 +76,16 @@ class Membership:
 
     def depth(self) -> int:
         """Hops from the cell that is farthest from its gateway."""
-        forests = [gateway.forest for gateway in self._driver.gateways]
-        return max((forest.members[i].hops for forest in forests for i in forest.joined), default=0)
+        return max(known.depth for known in self._known)
 
     def missing(self, patch: int) -> int:
         """Cells of a patch that the computer does not reach."""
-        forest = self._forest(patch)
-        present = {forest.members[i].uid for i in forest.joined}
+        present = self._known[self._group_of_patch[patch]].uids
         return sum(uid not in present for uid in self._uids(patch).tolist())
 
     def cut_off(self, patch: int) -> bool:
         """Whether the computer has lost all cells of a patch."""
         return self.missing(patch) == self._wiring.patches[patch].n_cells
-
-    def _forest(self, patch: int) -> Forest:
-        return self._driver.gateways[self._group_of_patch[patch]].forest
 
     def _uids(self, patch: int) -> NDArray[np.int64]:
         first, last = self._wiring.first_cell[patch : patch + 2]

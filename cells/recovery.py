@@ -22,7 +22,8 @@ class Recovery:
         t_ns: When it happened.
         back_ns: When the last cell that had to had found its new way up; None if no cell had to.
         complete_ns: When the computer knew of all; None while it does not.
-        lost_packets: Data packets that ended for want of a link or a route until then.
+        lost_packets: Data packets that ended for want of a link or a route until then, or until the next
+            change: each is counted once.
     """
 
     group: int
@@ -43,9 +44,10 @@ class Recoveries:
         """Nothing has changed yet; `lost` (g,) counts data packets that want a link or a route, by group."""
         self.all: list[Recovery] = []
         self._lost = lost
+        self._counted = lost.copy()
         self._wiring = wiring
         self._driver = driver
-        self._open: list[tuple[Recovery, int, int]] = []
+        self._open: list[tuple[Recovery, int]] = []
 
     def note(self, change: Transition) -> None:
         """Something has changed."""
@@ -53,22 +55,31 @@ class Recoveries:
         links, cells = change.links_down + change.links_up, change.cells_off + change.cells_on
         nodes = [int(topology.src[link]) for link in links] + [int(wiring.node_of_cell[c]) for c in cells]
         for group in sorted({int(wiring.group_of_node[node]) for node in nodes}):
+            self._count(group)
             recovery = Recovery(group, change.t_ns)
             self.all.append(recovery)
-            self._open.append((recovery, self._driver.gateways[group].version, int(self._lost[group])))
+            self._open.append((recovery, self._driver.gateways[group].version))
 
     def look(self, t_ns: int) -> None:
-        """Closes what is over by `t_ns`."""
+        """Counts what was lost, and closes what is over by `t_ns`."""
+        for group in sorted({recovery.group for recovery, _ in self._open}):
+            self._count(group)
         still = []
-        for recovery, version, lost in self._open:
+        for recovery, version in self._open:
             gateway = self._driver.gateways[recovery.group]
-            recovery.lost_packets = int(self._lost[recovery.group]) - lost
             if gateway.version == version or gateway.phase not in (Phase.COMPLETE, Phase.FAILED):
-                still.append((recovery, version, lost))
+                still.append((recovery, version))
                 continue
             recovery.complete_ns = t_ns
             recovery.back_ns = self._last_join_ns(recovery)
         self._open = still
+
+    def _count(self, group: int) -> None:
+        """What a group has lost since the last look is put down to its latest change that is not over."""
+        latest = next((recovery for recovery, _ in reversed(self._open) if recovery.group == group), None)
+        if latest is not None:
+            latest.lost_packets += int(self._lost[group] - self._counted[group])
+        self._counted[group] = self._lost[group]
 
     def _last_join_ns(self, recovery: Recovery) -> int | None:
         """When the last cell of the group found the master that it has now, if since the change."""

@@ -174,12 +174,13 @@ class SkinNetwork:
             rest.append(self._let_form(self.kernel.advance(step_ns)))
             self._change(step_ns)
             self.formation.ring(step_ns)
-        if busy or not self.formation.at_rest:
-            self.members.look(until_ns)
-            self.recoveries.look(until_ns)
         # as one: what a formed patch says may not depend on others that still form
         finished = rest[0] if len(rest) == 1 else Finished._make(map(np.concatenate, zip(*rest, strict=True)))
-        return self.deliveries.sort(finished)
+        received = self.deliveries.sort(finished)
+        if busy or not self.formation.at_rest:
+            self.members.look(until_ns)
+        self.recoveries.look(until_ns)
+        return received
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Packets by kind: offered, delivered, dropped by cause, in flight."""

@@ -117,6 +117,38 @@ def test_cells_keep_their_ids(life: tuple[Bench, list[tuple[int, set[End], set[i
     assert check(bench.run(), alike=False).network_id == before
 
 
+def test_an_id_of_an_earlier_formation_is_void() -> None:
+    """Behind a cut a cell keeps its ID while all others get new ones."""
+    bench = Bench(4, [(0, 0, 1, 2), (0, 1, 2, 3), (2, 0, 3, 2)], [(0, 2)])
+    assert check_first(bench.formed()).network_id == [1, 2, 3, 4]
+    bench.change(dead={(0, 0), (1, 2)})
+    bench.run()
+    bench._emit(GATEWAY, bench.gateway.start(bench.t_ns), bench.t_ns)
+    assert check(bench.run()).network_id == [1, 0, 2, 3]
+    bench.change()
+    assert check(bench.run()).network_id == [1, 4, 2, 3]
+
+
+@settings(max_examples=30)
+@given(lives())
+def test_what_is_known_has_a_version_of_its_own(
+    life: tuple[Bench, list[tuple[int, set[End], set[int]]]],
+) -> None:
+    """Whoever follows the versions misses nothing that a settled gateway learns."""
+    bench, changes = life
+    bench.start()
+    known: dict[int, object] = {}
+    for _, dead, off in [*changes, (0, set(), set())]:
+        until_ns = bench.t_ns + 100_000_000
+        while bench._heap and bench._heap[0][0] < until_ns:
+            bench.run(max(bench._heap[0][0] - bench.t_ns, 300_000))
+            if bench.gateway.phase in (Phase.COMPLETE, Phase.FAILED):
+                now = bench.topology()
+                told = (now.network_id, now.parent, now.depth, now.gateway, now.neighbours)
+                assert known.setdefault(bench.gateway.version, told) == told
+        bench.change(dead=dead, off=off)
+
+
 def test_a_cell_that_is_added_gets_the_next_id_and_its_neighbours_are_told() -> None:
     bench = line(4, [(0, 2)], off={1, 2, 3})
     assert check_first(bench.formed()).network_id == [1, 0, 0, 0]

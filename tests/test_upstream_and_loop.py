@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_robot import small
 
-from cells.process import HostNode
+from cells.host import HostNode
 from controller.process import ControllerNode
 from skinnet.channels import OUTSIDE, Keys, Role
 from skinnet.clock import next_multiple

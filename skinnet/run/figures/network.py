@@ -17,12 +17,14 @@ def network_figures(hosts: list[Part]) -> dict[str, Any]:
     if not hosts:
         return {}
     total: dict[str, int] = {}
-    data = 0
+    data = data_dropped = 0
     for host in hosts:
         for kind, counts in host.facts["network"].items():
             for name, value in counts.items():
                 total[name] = total.get(name, 0) + value
-            data += counts["offered"] if kind in _DATA else 0
+            if kind in _DATA:
+                data += counts["offered"]
+                data_dropped += counts["offered"] - counts["delivered"] - counts["in_flight"]
     offered, delivered, in_flight = (total.pop(name) for name in ("offered", "delivered", "in_flight"))
     histogram = np.sum([host.arrays["latency_us"] for host in hosts], axis=0)
     figures: dict[str, Any] = {
@@ -32,6 +34,7 @@ def network_figures(hosts: list[Part]) -> dict[str, Any]:
         "network.in_flight": in_flight,
         "network.conserved": offered == delivered + sum(total.values()) + in_flight,
         "network.data_packets": data,
+        "network.data_dropped": data_dropped,
     }
     figures |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
     if histogram.sum():
