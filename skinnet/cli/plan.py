@@ -64,14 +64,15 @@ def plan(
         raise DeploymentError(f"{file}: {error}") from None
     result = report(made)
     terminal = console(stderr=json == "-")
-    print_plan(terminal, result)
     write_report(result, json)
-    if not plots and out is None:
-        return
-    folder = out or Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}"
-    write_json(folder / "plan.json", result)
-    if plots:
+    folder = None
+    if plots or out is not None:
+        folder = out or Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}"
+        write_json(folder / "plan.json", result)
+    if plots and folder is not None:
         from skinnet.plan.picture import draw  # matplotlib takes a second to import
 
         draw(made).savefig(folder / "plan.png", dpi=_DPI)
-    terminal.print(f"everything is in {folder}", highlight=False)
+    print_plan(terminal, result)
+    if folder is not None:
+        terminal.print(f"everything is in {folder}", highlight=False)
