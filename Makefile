@@ -15,8 +15,8 @@ $(STAMP): pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 
-run: $(STAMP) ## the main job: a robot that wakes up, finds its structure and evades touch
-	$(BIN)/skinnet run deployments/hrp2_touch.toml
+run: $(STAMP) ## the main job: a nursing robot holds a cylinder between its forearms and moves it by touch
+	$(BIN)/skinnet run deployments/riba_cylinder.toml
 
 check: $(STAMP) ## style, types and import contracts
 	$(BIN)/ruff check .

@@ -65,7 +65,7 @@ class HostNode:
         self._body = Upstream("body", "body", covered_ns=-1)
         self.upstreams = {"body": self._body}
         self.senders = frozenset({"body", "controller"})
-        self.peers = frozenset({"body", "controller", *deployment.host_patches()})
+        self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         self._period_ns = deployment.cells.period_ns

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
+from cells.boards_host import BoardsNode
 from cells.host import HostNode
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.schema import BOARDS, EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.messages import STIMULUS_NAMES, Stimulus, encode
 
 __all__ = ["build", "rehearse"]
@@ -22,8 +23,10 @@ _PATCH = PatchSpec(
 )
 
 
-def build(deployment: Deployment, name: str, base: Path) -> HostNode:
-    """The cell host `name` of `deployment`."""
+def build(deployment: Deployment, name: str, base: Path) -> HostNode | BoardsNode:
+    """The host `name` of `deployment`: of cells, or of the boards of tactile sheets."""
+    if name == BOARDS:
+        return BoardsNode(deployment, name)
     rehearse(deployment)
     return HostNode(deployment, name)
 
@@ -35,6 +38,8 @@ def rehearse(deployment: Deployment) -> int:
         hosts=1,
         patches=(_PATCH,),
         bridges=(),
+        surfaces=(),
+        sheets=(),
         faults=(),
         power=None,
         cells=replace(deployment.cells, encoding=EncodingSpec(kind="clock")),

@@ -3,6 +3,7 @@
 import hashlib
 import time
 from collections import Counter, deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
+from controller.rehearsal import rehearse
 from controller.skin_input import SkinInput, SkinRows
 from skinnet.channels import Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
-from skinnet.loop import Put
+from skinnet.loop import Node, Put
 from skinnet.messages import (
     FOREVER_NS,
-    STREAM_ROW,
     Command,
     Config,
     ControllerState,
@@ -56,9 +57,9 @@ class ControllerNode:
         host_of = {patch: host for host, patches in hosts.items() for patch in patches}
         self._body = Upstream("body", "body", covered_ns=-1)
         self._patches = {patch: Upstream(patch, host_of[patch]) for patch in sizes}
-        self.upstreams = {"body": self._body, **self._patches}
+        self.upstreams: Mapping[str, Upstream] = {"body": self._body, **self._patches}
         self.senders = frozenset({"body", *hosts})
-        self.peers = frozenset({"body", name, *hosts})
+        self.peers = frozenset({"body", name, *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         if "cells" in self.tolerated:
             self.tolerated |= frozenset(hosts)
@@ -276,23 +277,12 @@ class _Trace:
         }
 
 
-def build(deployment: Deployment, name: str, base: Path) -> ControllerNode:
+def build(deployment: Deployment, name: str, base: Path) -> Node:
     """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
-    _load_compiled(deployment)
+    if deployment.nursing is not None:
+        from controller.nursing.process import NursingNode  # brings MuJoCo with it
+
+        return NursingNode(deployment, name, base)
+    rehearse(deployment)
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
     return ControllerNode(deployment, name, sizes)
-
-
-def _load_compiled(deployment: Deployment) -> None:
-    """Calls what is compiled once, before others wait: loading the machine code takes half a second."""
-    skin = SkinInput({"none": 1})
-    one = [0]
-    events = Events(
-        patch="none", gateway=0, cell=one, t_sampled_ns=one, t_delivered_ns=one, seq=one,
-        modality=one, channel=one, kind=one, level=one, value=[0.0],
-    )  # fmt: skip
-    skin.add_events("none", events)
-    rows = np.zeros(1, dtype=STREAM_ROW).tobytes()
-    skin.add_stream("none", Stream(patch="none", t_ns=0, covered_ns=0, events=0, rows=rows))
-    still = np.zeros(len(deployment.body.joints))
-    Brain(deployment.controller, skin, 1).tick(1, still, 1, 1, ready=False)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import NODEFAULT
+from msgspec import NODEFAULT, Struct, to_builtins
 from msgspec import inspect as reflect
 
 from skinnet.channels import ALIVE, CHANNELS, Role
@@ -62,6 +62,8 @@ def toml_value(value: Any) -> str:
             return str(value)
         case str():
             return f'"{value}"'
+        case Struct():
+            return toml_value(to_builtins(value))
         case dict():
             return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + " }"
         case _:

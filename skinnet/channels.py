@@ -20,6 +20,7 @@ from skinnet.messages import (
     Stream,
     Topology,
 )
+from skinnet.sheet_messages import Pressures, Regions
 
 __all__ = ["ALIVE", "CHANNELS", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
 
@@ -57,12 +58,14 @@ class Channel:
 
 CHANNELS = (
     Channel("stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", public=False),
+    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", public=False),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
     Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
     Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("bundle", "skin/<patch>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("stream", "skin/<patch>/stream", Stream, Role.CELLS, (Role.CONTROLLER,), "on request"),
     Channel("frame", "skin/<patch>/frame", SkinFrame, Role.CELLS, (Role.CONTROLLER,), "cells"),
+    Channel("regions", "skin/<network>/regions", Regions, Role.CELLS, (Role.CONTROLLER,), "boards"),
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
     Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "10 Hz, wall clock"),

@@ -146,14 +146,15 @@ def test_mistakes_are_told_in_one_line(tmp_path, keys, error, words):
         assert word in message
 
 
-SLIDE = '<body pos="9 0 0"><joint name="slide" type="slide"/><geom type="sphere" size="0.1"/></body>'
+BALL = '<body pos="9 0 0"><joint name="ball" type="ball"/><geom type="sphere" size="0.1"/></body>'
 
 
 @pytest.mark.parametrize(
-    ("joint", "words"), [("bend", ["body.joints", '"bend"', "turn, lift"]), ("slide", ["slide", "hinge"])]
+    ("joint", "words"),
+    [("bend", ["body.joints", '"bend"', "turn, lift"]), ("ball", ["ball", "hinge or slide"])],
 )
 def test_unknown_and_unsuitable_joints_are_named(tmp_path, joint, words):
-    mjcf = body_scenes.ARM.format(more=SLIDE, sensors="")
+    mjcf = body_scenes.ARM.format(more=BALL, sensors="")
     with pytest.raises(ModelError) as caught:
         body_scenes.body_of(
             tmp_path, mjcf, (body_scenes.patch("skin", "arm", *body_scenes.ARM_CELLS),), ("turn", joint)

@@ -116,7 +116,7 @@ def test_the_table_says_who_talks_to_whom() -> None:
     # nobody but the cells may know what the body feels: no ground truth for controller or watchers
     assert channel("stimulus").receivers == (Role.CELLS,)
     assert not channel("stimulus").public
-    assert [row.name for row in CHANNELS if not row.public] == ["stimulus"]
+    assert [row.name for row in CHANNELS if not row.public] == ["stimulus", "pressures"]
 
 
 segments = st.lists(st.sampled_from(["a", "b", "c"]), max_size=5)

@@ -72,7 +72,6 @@ def test_an_unknown_key_is_named_with_the_nearest_known_one(override: str, said:
         ('run.pace="fast"', ("run.pace = 'fast'", "'lockstep', 'realtime'")),
         ('hosts="many"', ("hosts = 'many'", "a whole number, 'per_patch', a table")),
         ('hosts={"left/arm"=["torso"]}', ("hosts", "'left/arm'", "regex")),
-        ("patches=[]", ("patches", "length >= 1")),
         ("patches.torso.lattice.normal=[1, 0]", ("patches[0].lattice.normal", "length 3, got 2")),
         ("patches.torso.interfaces.0.port=4", ("patches[0].interfaces[0].port = 4", "<= 3")),
         ('patches.torso.name="a b"', ("patches[0].name = 'a b'", "regex")),

@@ -72,6 +72,11 @@ class SafetyClamp:
         """The last tick's input was too old."""
         self.counters = SafetyCounters()
 
+    @property
+    def n_dofs(self) -> int:
+        """Number of joints."""
+        return self._n_dofs
+
     def clamp(
         self,
         t_ns: int,

@@ -1,4 +1,4 @@
-"""Loads any MJCF as the body of a robot: servos for its joints, a teacher's finger beside it."""
+"""Loads any MJCF as the body of a robot: servos for its joints, a finger and a payload beside it."""
 
 import math
 from dataclasses import dataclass
@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.clock import NS_PER_S
+from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.schema import BodySpec
 from skinnet.errors import DeploymentError, ModelError
 
-__all__ = ["FINGER", "BodyModel", "body_spec", "load_model", "require_body", "resting_targets_rad"]
+__all__ = ["FINGER", "PAYLOAD", "BodyModel", "body_spec", "load_model", "require_body", "resting_targets_rad"]
 
 FINGER = "teacher_finger"
+PAYLOAD = "payload"
+_ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _MODELS = Path(__file__).parent / "models"
 _SWAY_STIFFENING = 10.0
 """Sway joints stand for a whole balancing lower body: so much stiffer than the arms' servos (assumed)."""
@@ -22,6 +25,7 @@ _FINGER_LENGTH_M = 0.06
 _EVERYTHING = 2**31 - 1
 """Contact bits of the finger: it touches whatever takes part in contacts at all."""
 _SKIN_TONE = (0.93, 0.72, 0.60, 1.0)
+_PAYLOAD_TINT = (0.80, 0.62, 0.36, 1.0)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,19 +63,24 @@ class BodyModel:
 
 
 def body_spec(
-    body: BodySpec, base_dir: Path, finger_radius_m: float, finger_tint: tuple[float, ...] = _SKIN_TONE
+    body: BodySpec,
+    base_dir: Path,
+    finger_radius_m: float,
+    finger_tint: tuple[float, ...] = _SKIN_TONE,
+    payload: PayloadSpec | None = None,
 ) -> mujoco.MjSpec:
-    """Editable MJCF of `body` with servos and finger, not yet compiled.
+    """Editable MJCF of `body` with servos, finger and payload, not yet compiled.
 
     Args:
         body: What the deployment says of the body.
         base_dir: Folder that `body.model` is relative to.
         finger_radius_m: Radius of the finger's tip [m].
         finger_tint: Colour of the finger.
+        payload: What the robot holds, if anything.
 
     Raises:
         ModelError: MuJoCo cannot read the file, or it lacks a joint or has it of another kind.
-        DeploymentError: there is no such model, or a joint is named twice.
+        DeploymentError: there is no such model, a joint is named twice, or the payload's axis is zero.
     """
     path = _model_path(body.model, base_dir)
     try:
@@ -82,6 +91,8 @@ def body_spec(
     # Servos come from the deployment; actuators and keyframes of the file would fight or misfit them.
     for element in [*spec.actuators, *spec.keys]:
         spec.delete(element)
+    for name in body.locked:
+        spec.delete(spec.joint(name))
     servo = body.servo
     for joint in body.joints:
         _add_servo(spec, joint, servo.kp_nm_per_rad, servo.kv_nm_s_per_rad, servo.torque_limit_nm)
@@ -90,6 +101,8 @@ def body_spec(
             spec, joint, _SWAY_STIFFENING * servo.kp_nm_per_rad, _SWAY_STIFFENING * servo.kv_nm_s_per_rad
         )
     _add_finger(spec, finger_radius_m, finger_tint)
+    if payload is not None:
+        _add_payload(spec, payload, body.foam.friction)
     spec.option.timestep = body.physics_ns / NS_PER_S
     # Stiff servos on light links need the velocity terms implicit; a step that fails must not reset itself.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -97,14 +110,20 @@ def body_spec(
     return spec
 
 
-def load_model(body: BodySpec, base_dir: Path, finger_radius_m: float, finger_c: float) -> BodyModel:
+def load_model(
+    body: BodySpec,
+    base_dir: Path,
+    finger_radius_m: float,
+    finger_c: float,
+    payload: PayloadSpec | None = None,
+) -> BodyModel:
     """Compiles the model of `body`.
 
     Raises:
         ModelError: the model does not compile or lacks what the deployment names.
         DeploymentError: what the deployment says of the model contradicts itself or the model's limits.
     """
-    spec = body_spec(body, base_dir, finger_radius_m)
+    spec = body_spec(body, base_dir, finger_radius_m, payload=payload)
     path = _model_path(body.model, base_dir)
     try:
         mj = spec.compile()
@@ -167,15 +186,16 @@ def _model_path(model: str, base_dir: Path) -> Path:
 def _require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
     named = [("body.joints", name) for name in body.joints]
     named += [("body.sway.joints", name) for name in body.sway.joints]
+    named += [("body.locked", name) for name in body.locked]
     seen: set[str] = set()
     for key, name in named:
         joint = spec.joint(name)
         if joint is None:
-            known = ", ".join(j.name for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE)
-            raise ModelError(f'{key}: {path} has no joint "{name}"; its hinge joints are {known}')
-        if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
+            known = ", ".join(j.name for j in spec.joints if j.type in _ONE_DOF)
+            raise ModelError(f'{key}: {path} has no joint "{name}"; its hinge and slide joints are {known}')
+        if joint.type not in _ONE_DOF:
             kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
-            raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint; only hinge joints turn')
+            raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint, not a hinge or slide')
         if name in seen:
             raise DeploymentError(f'{key}: joint "{name}" is named twice; a joint has one master')
         seen.add(name)
@@ -204,12 +224,31 @@ def _add_finger(spec: mujoco.MjSpec, radius_m: float, tint: tuple[float, ...]) -
     )
 
 
+def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> None:
+    """A free cylinder in its place, as wide as the face of its elastic sheet."""
+    axis = np.array(payload.axis)
+    if not np.linalg.norm(axis) > 0.0:
+        raise DeploymentError(f"payload.axis = {list(payload.axis)}: needs a length above zero")
+    quaternion = np.empty(4)
+    mujoco.mju_quatZ2Vec(quaternion, axis / np.linalg.norm(axis))
+    body = spec.worldbody.add_body(name=PAYLOAD, pos=payload.position_m, quat=quaternion)
+    body.add_freejoint(name=PAYLOAD)
+    body.add_geom(
+        name=PAYLOAD,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[payload.radius_m, 0.5 * payload.length_m, 0],
+        mass=payload.mass_kg,
+        friction=[friction, 0.005, 0.0001],
+        rgba=_PAYLOAD_TINT,
+    )
+
+
 def _home_qpos(mj: mujoco.MjModel, body: BodySpec, path: Path) -> Floats:
     home: Floats = mj.qpos0.copy()
     for name, angle_rad in body.home_rad.items():
         index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if index < 0 or mj.jnt_type[index] != mujoco.mjtJoint.mjJNT_HINGE:
-            raise ModelError(f'body.home_rad: {path} has no hinge joint "{name}"')
+        if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in _ONE_DOF:
+            raise ModelError(f'body.home_rad: {path} has no hinge or slide joint "{name}" that can move')
         lower, upper = mj.jnt_range[index] if mj.jnt_limited[index] else (-math.inf, math.inf)
         if not lower <= angle_rad <= upper:
             raise DeploymentError(

@@ -20,6 +20,7 @@ from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import Command, Joints, Stimulus, decode, encode
 from skinnet.part import Part
+from skinnet.sheet_messages import Pressures
 from skinnet.upstream import Upstream
 
 __all__ = ["BodyNode", "build"]
@@ -45,7 +46,7 @@ class BodyNode:
         self.upstreams = {"controller": self._controller}
         self.senders = frozenset({"controller"})
         hosts = deployment.host_patches()
-        self.peers = frozenset({"body", "controller", *hosts})
+        self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         self._body = body
@@ -58,6 +59,7 @@ class BodyNode:
         self._patches = hosts
         self._stage = ""
         self._joints_key = keys.of("joints")
+        self._pressures_key = keys.of("pressures") if deployment.sheets else None
         self._hosts = [
             (host, keys.of("stimulus", host), np.concatenate([self._rows(patch) for patch in patches]))
             for host, patches in hosts.items()
@@ -143,6 +145,11 @@ class BodyNode:
                 )
                 put(key, encode(frame))
             self._log.update(felt.tobytes())
+            if self._pressures_key is not None:
+                values = self._body.pressures().astype("<f4").tobytes()
+                pressures = Pressures(t_ns=t_ns, covered_ns=t_ns, values=values, end_ns=end_ns)
+                put(self._pressures_key, encode(pressures))
+                self._log.update(values)
         if t_ns % self._joints_ns == 0:
             position = self._body.joints()
             joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())

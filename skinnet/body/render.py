@@ -1,9 +1,10 @@
-"""A picture of the body with its cells coloured by a value, drawn off screen.
+"""A picture of the body with its skin coloured by a value, drawn off screen.
 
 Rendering needs `MUJOCO_GL` before MuJoCo is imported, and a driver that fails may take its process with it.
 So `picture` draws in a process of its own: `python -m skinnet.body.render` with a request on its input.
 """
 
+import math
 import os
 import subprocess
 import sys
@@ -17,11 +18,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model import body_spec
+from skinnet.body.model import PAYLOAD, body_spec
 from skinnet.body.simulation import Body
 from skinnet.body.surface import hexagon_m
 from skinnet.deployment.schema import Deployment
 from skinnet.skin.placement import PlacedPatch, place
+from skinnet.skin.sheet import PlacedSheet
 
 __all__ = ["picture"]
 
@@ -30,6 +32,7 @@ _PLATE_M = 0.003
 _GAP = 0.93
 """Cells are drawn a little smaller than they are, so that their edges show."""
 _FOAM_RGBA = (0.12, 0.12, 0.14, 1.0)
+_SOFT_RGBA = (0.50, 0.66, 0.68, 1.0)
 _COLOURS = "turbo"
 
 
@@ -39,6 +42,7 @@ class _Request(msgspec.Struct, kw_only=True):
     out: str
     values: list[float]
     position_rad: list[float] | None = None
+    object_pose: list[float] | None = None
     width: int
     height: int
 
@@ -49,16 +53,19 @@ def picture(
     out: Path,
     values: Sequence[float],
     position_rad: Sequence[float] | None = None,
+    object_pose: Sequence[float] | None = None,
     size: tuple[int, int] = (1280, 960),
 ) -> tuple[Path | None, str]:
-    """Draws the body with its cells.
+    """Draws the body with its cells and the elements of its sheets.
 
     Args:
         deployment: What to draw.
         base_dir: Folder that `body.model` is relative to.
         out: PNG file to write.
-        values: (n_cells,) one value in 0…1 for each cell, in the order of the stimulus; blue to red.
-        position_rad: (D,) positions of the controlled joints [rad]; home without.
+        values: One value in 0…1 for each cell, in the order of the stimulus, then for each element, in the
+            order of the sheets; blue to red. What is missing is zero.
+        position_rad: (D,) positions of the controlled joints [rad]; as the run begins without.
+        object_pose: (7,) position [m] and quaternion of the payload; as the run begins without.
         size: Width and height in pixels.
 
     Returns:
@@ -70,6 +77,7 @@ def picture(
         out=str(out),
         values=[float(value) for value in values],
         position_rad=None if position_rad is None else [float(angle) for angle in position_rad],
+        object_pose=None if object_pose is None else [float(number) for number in object_pose],
         width=size[0],
         height=size[1],
     )
@@ -96,21 +104,23 @@ def picture(
 def _draw(request: _Request) -> None:
     deployment, base_dir = request.deployment, Path(request.base_dir)
     body = Body(deployment, base_dir)
-    spec = body_spec(deployment.body, base_dir, deployment.teacher.tip_radius_m)
-    _add_cells(
-        spec,
-        [place(patch, deployment.cells) for patch in deployment.patches],
-        deployment.cells.side_m,
-        deployment.body.foam.thickness_m,
-        _colours(np.array(request.values)),
-    )
+    spec = body_spec(deployment.body, base_dir, deployment.teacher.tip_radius_m, payload=deployment.payload)
+    colours = _colours(np.array(request.values), body.n_cells + body.n_elements)
+    thickness_m = deployment.body.foam.thickness_m
+    if deployment.patches:
+        patches = [place(patch, deployment.cells) for patch in deployment.patches]
+        _add_cells(spec, patches, deployment.cells.side_m, thickness_m, colours[: body.n_cells])
+    _add_elements(spec, body.sheets, thickness_m, colours[body.n_cells :])
     spec.visual.global_.offwidth = request.width
     spec.visual.global_.offheight = request.height
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[:] = body.model.home_qpos
+    data.qpos[:] = body.data.qpos
     if request.position_rad is not None:
         data.qpos[body.model.qpos] = request.position_rad
+    if request.object_pose is not None:
+        address = int(model.joint(PAYLOAD).qposadr[0])
+        data.qpos[address : address + 7] = request.object_pose
     data.mocap_pos[:] = body.data.mocap_pos
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
@@ -120,8 +130,10 @@ def _draw(request: _Request) -> None:
         matplotlib.image.imsave(request.out, renderer.render())
 
 
-def _colours(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    colours: NDArray[np.float64] = matplotlib.colormaps[_COLOURS](0.06 + 0.88 * np.clip(values, 0.0, 1.0))
+def _colours(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    filled = np.zeros(count)
+    filled[: len(values)] = np.clip(values, 0.0, 1.0)
+    colours: NDArray[np.float64] = matplotlib.colormaps[_COLOURS](0.06 + 0.88 * filled)
     return colours
 
 
@@ -157,6 +169,50 @@ def _add_cells(
                     density=0.0,
                 )
             row += 1
+
+
+def _add_elements(
+    spec: mujoco.MjSpec, sheets: Sequence[PlacedSheet], thickness_m: float, colours: NDArray[np.float64]
+) -> None:
+    """Adds every element as two visual blocks: its foam, wider outwards on round sides, and its face."""
+    top_m = thickness_m - _PLATE_M
+    row = 0
+    for sheet in sheets:
+        surface, half_m = sheet.surface, 0.5 * _GAP * math.sqrt(sheet.area_m2)
+        for name, radius_m in (("flat", math.inf), ("round", surface.radius_m)):
+            for part, low_m, high_m in (("foam", 0.0, top_m), ("face", top_m, thickness_m)):
+                _add_block(spec, f"{sheet.name}_{name}_{part}", half_m, radius_m, low_m, high_m)
+        owner = spec.body(surface.body)
+        for xi_m, position_m, R_body_element in zip(
+            sheet.xi_m, sheet.position_m, sheet.R_body_element, strict=True
+        ):
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, R_body_element.ravel())
+            shape = "flat" if abs(xi_m[0]) <= surface.half_flat_m else "round"
+            for part, rgba in (("foam", _SOFT_RGBA), ("face", colours[row])):
+                owner.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_MESH,
+                    meshname=f"{sheet.name}_{shape}_{part}",
+                    pos=position_m,
+                    quat=quaternion,
+                    rgba=rgba,
+                    contype=0,
+                    conaffinity=0,
+                    density=0.0,
+                )
+            row += 1
+
+
+def _add_block(
+    spec: mujoco.MjSpec, name: str, half_m: float, radius_m: float, low_m: float, high_m: float
+) -> None:
+    """A block over a square of 2 × `half_m`, from one height to another, around an axis `radius_m` below."""
+    vertices = [
+        [x * half_m * (1.0 + z / radius_m), y * half_m, z]
+        for z in (low_m, high_m)
+        for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    spec.add_mesh(name=name, uservert=np.array(vertices).ravel())
 
 
 def _add_prism(spec: mujoco.MjSpec, name: str, side_m: float, height_m: float) -> None:

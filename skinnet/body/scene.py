@@ -1,5 +1,6 @@
 """The solids that skin can feel, and which of them each patch may feel."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -41,6 +42,8 @@ class Scene(NamedTuple):
         first: (k,) first triangle of each mesh.
         last: (k,) one past its last.
         triangles_m: (t, 3, 3) corners of the triangles of all meshes, frames of the geoms [m].
+        share: (k,) part of its depth in the skin by which the skin's foam is pressed; the rest is its own,
+            if it is elastic. 1 for rigid solids.
         felt: (p, k) may a patch feel the solid? Not on its own body or the one it is jointed to.
     """
 
@@ -52,6 +55,7 @@ class Scene(NamedTuple):
     first: Indices
     last: Indices
     triangles_m: Floats
+    share: Floats
     felt: NDArray[np.bool_]
 
 
@@ -93,8 +97,13 @@ def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
     )
 
 
-def scene_of(mj: mujoco.MjModel, surface: Surface) -> Scene:
+def scene_of(mj: mujoco.MjModel, surface: Surface, share: Mapping[int, float] | None = None) -> Scene:
     """Collects the solids of `mj`.
+
+    Args:
+        mj: The model.
+        surface: The skin.
+        share: As in `Scene`, of bodies that are elastic, by id.
 
     Raises:
         ModelError: a contact geom is a height field or a signed distance field.
@@ -125,7 +134,10 @@ def scene_of(mj: mujoco.MjModel, surface: Surface) -> Scene:
         first=first,
         last=last,
         triangles_m=np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)),
-        felt=np.array([[_can_feel(mj, int(a), int(b)) for b in owner] for a in surface.patch_body]),
+        share=np.array([(share or {}).get(int(b), 1.0) for b in owner]),
+        felt=np.array(
+            [[_can_feel(mj, int(a), int(b)) for b in owner] for a in surface.patch_body], dtype=np.bool_
+        ).reshape(-1, len(geom)),
     )
 
 
@@ -163,7 +175,18 @@ def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, r
         axes = motion.geom_xmat
         return bool(dx * axes[g, 2] + dy * axes[g, 5] + dz * axes[g, 8] <= radius_m)
     reach = radius_m + scene.bound_m[k]
-    return bool(dx * dx + dy * dy + dz * dz <= reach * reach)
+    if dx * dx + dy * dy + dz * dz > reach * reach:
+        return False
+    kind, a, b, c = scene.kind[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
+    if kind == geometry.BOX:
+        dx, dy, dz = rotated_back(motion.geom_xmat, g, dx, dy, dz)
+        return bool(max(abs(dx) - a, abs(dy) - b, abs(dz) - c) <= radius_m)
+    if kind in (geometry.CYLINDER, geometry.CAPSULE):
+        dx, dy, dz = rotated_back(motion.geom_xmat, g, dx, dy, dz)
+        end = b if kind == geometry.CYLINDER else a + b
+        reach = radius_m + a
+        return bool(abs(dz) <= radius_m + end and dx * dx + dy * dy <= reach * reach)
+    return True
 
 
 @compiled

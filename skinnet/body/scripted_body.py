@@ -113,6 +113,10 @@ class ScriptedBody:
         """What all cells felt at the last stimulus frame: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
         return self._stimulus.copy()
 
+    def pressures(self) -> NDArray[np.float64]:
+        """A script does not press sheets."""
+        return np.zeros(0)
+
     def joints(self) -> Floats:
         """Positions (D,) of the controlled joints now [rad], a copy."""
         return self._position_rad.copy()

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
 from skinnet.body.foundation import Foundation, foam_of
-from skinnet.body.model import load_model, resting_targets_rad
+from skinnet.body.model import PAYLOAD, load_model, resting_targets_rad
+from skinnet.body.payload import Closing, Payload, payload_share
 from skinnet.body.scene import motion_of, scene_of
+from skinnet.body.sheet_foundation import SheetFoundation
+from skinnet.body.sheet_surface import sheet_surface
 from skinnet.body.stimulus import StimulusSampler
-from skinnet.body.surface import skin_surface
+from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
 from skinnet.body.teacher import Teacher
 from skinnet.body.truth import TouchTruth, reaction_truth
@@ -22,6 +25,7 @@ from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ModelError
 from skinnet.skin.placement import place
+from skinnet.skin.sheet import place_sheets
 
 __all__ = ["Body"]
 
@@ -42,8 +46,11 @@ class Body:
         patches: Where the cells of each patch are.
         surface: All cells, on the bodies that carry them.
         cells: Rows of each patch's cells in the stimulus, by the name of the patch.
+        sheets: The tactile sheets with their elements, in the order of the deployment.
+        sheet_foundation: Their foam.
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
+        payload: The object in the robot's arms, if there is one.
         crossings: Ground truth of forces and distances at which some stage of the program begins to react.
     """
 
@@ -56,7 +63,9 @@ class Body:
         """
         spec, teacher = deployment.body, deployment.teacher
         self.t_ns = 0
-        self.model = load_model(spec, base_dir, teacher.tip_radius_m, teacher.temperature_c)
+        self.model = load_model(
+            spec, base_dir, teacher.tip_radius_m, teacher.temperature_c, deployment.payload
+        )
         self.patches = [place(patch, deployment.cells) for patch in deployment.patches]
         self.surface = skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
         bounds = self.surface.patch_start.tolist()
@@ -70,14 +79,10 @@ class Body:
         self._upright_rad = resting_rad - self._sway.offsets_rad(0)
         self.data.ctrl[self.model.sway_actuator] = resting_rad
         self.actuation = Actuation(self.model, self.data, spec.servo)
-        self._foundation = Foundation(
-            self.surface,
-            scene_of(self.model.mj, self.surface),
-            foam_of(spec.foam),
-            motion_of(self.model.mj, self.data),
-            self.model.temperature_c,
-            self.data.xfrc_applied,
-        )
+        self.sheets = place_sheets(deployment.surfaces, deployment.sheets)
+        self._foundation = Foundation(**self._skin(self.surface, deployment))
+        on_sheets = sheet_surface(self.model.mj, self.sheets, spec.model)
+        self.sheet_foundation = SheetFoundation(sheets=self.sheets, **self._skin(on_sheets, deployment))
         self._touches = teacher.touches
         self.teacher = Teacher(
             self.data, self.model.finger, self._foundation, teacher, self.cells, deployment.cells
@@ -87,6 +92,12 @@ class Body:
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
         self._evaluated = False
         self._stimulus: NDArray[np.float64] | None = None
+        self.payload: Payload | None = None
+        if deployment.payload is not None:
+            self.payload = Payload(
+                self.data, deployment.payload, self.sheet_foundation.pressed, spec.joints_ns
+            )
+            self._grip(Closing(self.model, spec.joints, deployment.payload, self._step_s), self.payload)
 
     @property
     def n_dofs(self) -> int:
@@ -103,6 +114,11 @@ class Body:
         """Number of cells of all patches."""
         return len(self.surface.body)
 
+    @property
+    def n_elements(self) -> int:
+        """Number of elements of all sheets."""
+        return self.sheet_foundation.n_elements
+
     def set_command(self, velocity_rad_s: Sequence[float] | NDArray[np.float64]) -> bool:
         """Velocity command (D,) [rad/s], in force from now on; returns whether it was accepted."""
         return self.actuation.command(velocity_rad_s)
@@ -110,6 +126,8 @@ class Body:
     def begin_stage(self, name: str) -> None:
         """The controller's program is in stage `name` from now on."""
         self.teacher.begin_stage(name, self.t_ns)
+        if self.payload is not None:
+            self.payload.begin_stage(name, self.t_ns)
 
     def advance(self, until_ns: int) -> None:
         """Steps to `until_ns`, a whole number of physics steps away.
@@ -135,19 +153,26 @@ class Body:
             self.crossings.see_stimulus(self.t_ns, self._stimulus)
         return self._stimulus.copy()
 
+    def pressures(self) -> NDArray[np.float64]:
+        """Pressure (n_elements,) on each element of all sheets now [kPa], a copy."""
+        self._evaluate()
+        return self.sheet_foundation.pressure_kpa()
+
     def joints(self) -> NDArray[np.float64]:
         """Positions (D,) of the controlled joints now [rad], a copy."""
         positions: NDArray[np.float64] = self.data.qpos[self.model.qpos]
         return positions
 
     def truth(self) -> GroundTruth:
-        """Touches of the teacher, crossings, commands that were refused."""
+        """Touches of the teacher, crossings, commands that were refused, the payload's way."""
         facts = {
             "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.actuation.refused,
         }
-        return GroundTruth(facts, {})
+        if self.payload is None:
+            return GroundTruth(facts, {})
+        return GroundTruth(facts | {"payload": self.payload.facts()}, self.payload.arrays())
 
     def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
         by_depth = self._touches[touch.touch].depth_m is not None
@@ -161,20 +186,59 @@ class Body:
         mujoco.mj_forward(self.model.mj, data)
         return data
 
+    def _skin(self, surface: Surface, deployment: Deployment) -> dict[str, Any]:
+        """What a foundation of `surface` is made of."""
+        mj, foam, payload = self.model.mj, foam_of(deployment.body.foam), deployment.payload
+        share = {}
+        if payload is not None:
+            share[int(mj.body(PAYLOAD).id)] = payload_share(payload, foam.stiffness_pa_per_m)
+        return {
+            "surface": surface,
+            "scene": scene_of(mj, surface, share),
+            "foam": foam,
+            "motion": motion_of(mj, self.data),
+            "temperature_c": self.model.temperature_c,
+            "wrench": self.data.xfrc_applied,
+        }
+
+    def _grip(self, closing: Closing, payload: Payload) -> None:
+        """Closes the arms on the payload, before time zero."""
+        while True:
+            self._press()
+            speeds_rad_s = closing.speeds_rad_s(self.sheet_foundation.body_force_n())
+            self.actuation.command(np.zeros(self.n_dofs) if speeds_rad_s is None else speeds_rad_s)
+            if speeds_rad_s is None:
+                break
+            self._accelerate()
+            mujoco.mj_implicit(self.model.mj, self.data)
+            self.actuation.advance(self._step_s)
+            payload.hold()
+        self.data.time = 0.0
+        payload.observe(0)
+
+    def _press(self) -> None:
+        """Poses and contact forces at the present state."""
+        mujoco.mj_fwdPosition(self.model.mj, self.data)
+        mujoco.mj_fwdVelocity(self.model.mj, self.data)
+        self.teacher.tell_velocity()
+        self.data.xfrc_applied[:] = 0.0
+        self._foundation.press(self._step_s)
+        self.sheet_foundation.press(self._step_s)
+
+    def _accelerate(self) -> None:
+        """Accelerations at the present state, after `_press`."""
+        mujoco.mj_fwdActuation(self.model.mj, self.data)
+        mujoco.mj_fwdAcceleration(self.model.mj, self.data)
+        mujoco.mj_fwdConstraint(self.model.mj, self.data)
+
     def _evaluate(self) -> None:
         """Poses, contact forces and accelerations at the present time; once per time."""
         if self._evaluated:
             return
-        mj, data = self.model.mj, self.data
-        mujoco.mj_fwdPosition(mj, data)
-        mujoco.mj_fwdVelocity(mj, data)
-        self.teacher.tell_velocity()
-        self._foundation.press(self._step_s)
+        self._press()
         force_n, touching = self._foundation.pressed.force_n, self._foundation.touching > 0
         self.crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
-        mujoco.mj_fwdActuation(mj, data)
-        mujoco.mj_fwdAcceleration(mj, data)
-        mujoco.mj_fwdConstraint(mj, data)
+        self._accelerate()
         self._evaluated = True
 
     def _integrate(self) -> None:
@@ -185,5 +249,7 @@ class Body:
         self.actuation.advance(self._step_s)
         self.data.ctrl[self.model.sway_actuator] = self._upright_rad + self._sway.offsets_rad(next_ns)
         self.t_ns = next_ns
+        if self.payload is not None:
+            self.payload.observe(next_ns)
         self._evaluated = False
         self._stimulus = None

@@ -1,6 +1,7 @@
 """The skin as the body carries it: the cells of all patches as arrays, and the foam's sample points."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ __all__ = [
     "hexagon_m",
     "sample_points_m",
     "skin_surface",
+    "surface_of_patches",
 ]
 
 N_ELEMENTS = 3
@@ -35,6 +37,9 @@ Indices = NDArray[np.int64]
 class Surface(NamedTuple):
     """Cells of all patches in the order of the deployment, on the rigid surface that they cover.
 
+    A cell is a HEX-o-SKIN cell with e = 3 force cells and s = 27 sample points, or any other plane piece of
+    skin whose foam is sampled alike (`sheet_surface`).
+
     Attributes:
         body: (n,) id of the body that carries each cell.
         position_m: (n, 3) middle of the cell on the rigid surface, frame of the body [m].
@@ -43,9 +48,10 @@ class Surface(NamedTuple):
         patch_body: (p,) id of the body of each patch.
         patch_centre_m: (p, 3) middle of a ball around the centres of the patch, frame of the body [m].
         patch_radius_m: (p,) its radius [m].
-        sample_m: (27, 2) points at which a cell's foam is sampled, plane of the cell [m]; nine for
-            each force cell in turn.
+        sample_m: (s, 2) points at which a cell's foam is sampled, plane of the cell [m]; as many for each
+            force cell in turn.
         sample_area_m2: Area that each of them stands for [m²].
+        n_elements: e, number of force cells of a cell.
     """
 
     body: Indices
@@ -57,6 +63,7 @@ class Surface(NamedTuple):
     patch_radius_m: Floats
     sample_m: Floats
     sample_area_m2: float
+    n_elements: int
 
 
 def skin_surface(
@@ -67,22 +74,40 @@ def skin_surface(
     Raises:
         ModelError: a patch names a body that the model does not have.
     """
-    owner = np.array([require_body(mj, p.body, f"patches.{p.name}.body", source) for p in patches])
-    counts = [patch.n_cells for patch in patches]
-    centres = np.array([0.5 * (p.position_m.min(axis=0) + p.position_m.max(axis=0)) for p in patches])
-    radii = np.array(
-        [np.linalg.norm(p.position_m - c, axis=1).max() for p, c in zip(patches, centres, strict=True)]
-    )
-    return Surface(
-        body=np.repeat(owner, counts).astype(np.int64),
-        position_m=np.ascontiguousarray(np.concatenate([p.position_m for p in patches])),
-        R_body_cell=np.ascontiguousarray(np.concatenate([p.R_body_cell for p in patches])),
-        patch_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        patch_body=owner.astype(np.int64),
-        patch_centre_m=centres,
-        patch_radius_m=radii,
+    return surface_of_patches(
+        [require_body(mj, p.body, f"patches.{p.name}.body", source) for p in patches],
+        [p.position_m for p in patches],
+        [p.R_body_cell for p in patches],
         sample_m=sample_points_m(cells.side_m),
         sample_area_m2=1.5 * math.sqrt(3.0) * cells.side_m**2 / N_SAMPLES,
+        n_elements=N_ELEMENTS,
+    )
+
+
+def surface_of_patches(
+    body: Sequence[int],
+    position_m: Sequence[Floats],
+    R_body_cell: Sequence[Floats],
+    *,
+    sample_m: Floats,
+    sample_area_m2: float,
+    n_elements: int,
+) -> Surface:
+    """Skin that lies on bodies in patches; lists have an entry for each, else as in `Surface`."""
+    centre_m = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in position_m]
+    radius_m = [np.linalg.norm(p - c, axis=1).max() for p, c in zip(position_m, centre_m, strict=True)]
+    counts = [len(p) for p in position_m]
+    return Surface(
+        body=np.repeat(np.array(body, dtype=np.int64), counts),
+        position_m=np.concatenate([np.zeros((0, 3)), *position_m]),
+        R_body_cell=np.concatenate([np.zeros((0, 3, 3)), *R_body_cell]),
+        patch_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        patch_body=np.array(body, dtype=np.int64),
+        patch_centre_m=np.array(centre_m).reshape(-1, 3),
+        patch_radius_m=np.array(radius_m, dtype=np.float64),
+        sample_m=sample_m,
+        sample_area_m2=sample_area_m2,
+        n_elements=n_elements,
     )
 
 

@@ -1,14 +1,14 @@
 """The elastic foundation (Winkler): what the foam between robot and cells feels, and does to both sides.
 
 Native contacts give a cylinder on a box two points; force cells need a pressure field. So every cell samples
-its foam at 27 points. Where a solid reaches below the face of the foam by the depth d, the pressure there is
+its foam at s points. Where a solid reaches below the face of the foam by the depth d, the pressure there is
 
     p = max(0, k d + c ḋ),    d ≤ thickness,
 
-and friction is the foam's shear: it springs and damps sideways with half of k and c (the ratio of
-shear to normal stiffness of a foam with Poisson's ratio 0, assumed) and slides at μ p. The forces act on both
-bodies, equal and opposite, at the same point. MuJoCo's own contact takes over at the rigid surface,
-when the foam is fully compressed.
+with k and c times the share of a solid that is elastic itself: two springs in a row. Friction is the foam's
+shear: it springs and damps sideways with half of k and c (the ratio of shear to normal stiffness of a foam
+with Poisson's ratio 0, assumed) and slides at μ p. The forces act on both bodies, equal and opposite, at the
+same point. MuJoCo's own contact takes over at the rigid surface, when the foam is fully compressed.
 """
 
 import math
@@ -21,7 +21,7 @@ from skinnet.body.frames import rotated_back
 from skinnet.body.geometry import entry_m
 from skinnet.body.points import axis, lifted, near_patch, velocity
 from skinnet.body.scene import Motion, Scene, into_solid, within
-from skinnet.body.surface import N_ELEMENTS, N_SAMPLES, Surface
+from skinnet.body.surface import Surface
 from skinnet.compiled import compiled
 
 __all__ = ["Foam", "Pressed", "Scratch", "press"]
@@ -32,7 +32,6 @@ Indices = NDArray[np.int64]
 _BELOW_M = 0.004
 """Rays start this far below the rigid surface: a solid that comes to lie there has not left the foam."""
 _SHEAR = 0.5
-_PER_ELEMENT = N_SAMPLES // N_ELEMENTS
 
 
 class Foam(NamedTuple):
@@ -55,16 +54,19 @@ class Pressed(NamedTuple):
     """What the foundation found at the present time.
 
     Attributes:
-        force_n: (n, 3) normal force on each force cell [N].
+        force_n: (n, e) normal force on each force cell [N].
         touch_c: (n,) mean temperature of what touches a cell [°C]; NaN where nothing does.
         on_body_n: (nbody,) normal force that all cells together exert on a body, as a sum of magnitudes [N].
-        shear_m: (n, 27, 2) sideways strain of the foam at each point, plane of the cell [m].
+        slid_n_m: (nbody,) how far each body slid over the skin in this step, times the normal force [N m]; μ
+            times this is the work of sliding friction.
+        shear_m: (n, s, 2) sideways strain of the foam at each point, plane of the cell [m].
         loaded: (n,) does anything touch the cell?
     """
 
     force_n: Floats
     touch_c: Floats
     on_body_n: Floats
+    slid_n_m: Floats
     shear_m: Floats
     loaded: NDArray[np.bool_]
 
@@ -100,17 +102,17 @@ def press(
         temperature_c: (nbody,) temperatures of the bodies [°C].
         step_s: Time by which friction strains the foam [s].
         pressed: Filled with what is found.
-        wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; filled.
+        wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; added to.
         scratch: Working memory.
 
     Returns:
         Number of cells that something touches.
     """
-    wrench[:] = 0.0
     pressed.on_body_n[:] = 0.0
+    pressed.slid_n_m[:] = 0.0
     half_m = 0.5 * (foam.thickness_m + _BELOW_M)
     corner_m = 0.0  # of the sample points, from the middle of the cell
-    for s in range(N_SAMPLES):
+    for s in range(len(surface.sample_m)):
         corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
     ball_m = math.hypot(corner_m, half_m)
     touching = 0
@@ -150,7 +152,7 @@ def _push(
 def _probe(
     surface: Surface, scene: Scene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
 ) -> None:
-    """Where solid `k` is nearer to the 27 points of cell `i` than `nearest_m`, it becomes the `hit` there."""
+    """Where solid `k` is nearer to the points of cell `i` than `nearest_m`, it becomes the `hit` there."""
     g, axes = scene.geom[k], motion.geom_xmat
     x, y, z = lifted(surface, motion, i, -_BELOW_M)
     ox, oy, oz = into_solid(scene, motion, k, x, y, z)
@@ -162,7 +164,7 @@ def _probe(
     nx, ny, nz = rotated_back(axes, g, u, v, w)
     kind, size_a, size_b, size_c = scene.kind[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
     first, last, triangles_m = scene.first[k], scene.last[k], scene.triangles_m
-    for s in range(N_SAMPLES):
+    for s in range(len(surface.sample_m)):
         a, b = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + b * yx, oy + a * xy + b * yy, oz + a * xz + b * yz
         distance_m = entry_m(kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz)
@@ -184,27 +186,27 @@ def _press_cell(
     scratch: Scratch,
     n_close: int,
 ) -> None:
-    """Presses the 27 points of cell `i` against the solids close to it."""
+    """Presses the points of cell `i` against the solids close to it."""
     hit, nearest_m = scratch.hit, scratch.nearest_m
     hit[:], nearest_m[:] = -1, _BELOW_M + foam.thickness_m
     for j in range(n_close):
         _probe(surface, scene, motion, i, scratch.close[j], hit, nearest_m)
     own = surface.body[i]
-    area = surface.sample_area_m2
+    area, per_element = surface.sample_area_m2, len(surface.sample_m) // surface.n_elements
     ox, oy, oz = lifted(surface, motion, i, -_BELOW_M)
     xx, xy, xz = axis(surface, motion, i, 0)
     yx, yy, yz = axis(surface, motion, i, 1)
     nx, ny, nz = axis(surface, motion, i, 2)
     pressed.force_n[i, :] = 0.0
     contacts, warmth_c = 0, 0.0
-    for s in range(N_SAMPLES):
+    for s in range(len(surface.sample_m)):
         if hit[s] < 0:
             pressed.shear_m[i, s, 0] = 0.0
             pressed.shear_m[i, s, 1] = 0.0
             continue
         a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
-        other = scene.body[hit[s]]
+        other, share = scene.body[hit[s]], scene.share[hit[s]]
         lift_m = max(nearest_m[s], _BELOW_M)
         depth_m = _BELOW_M + foam.thickness_m - lift_m
         x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
@@ -212,10 +214,11 @@ def _press_cell(
         wx, wy, wz = velocity(motion, own, x, y, z)
         vx, vy, vz = vx - wx, vy - wy, vz - wz
         rate_m_s = -(vx * nx + vy * ny + vz * nz)
-        normal_n = area * max(0.0, foam.stiffness_pa_per_m * depth_m + foam.damping_pa_s_per_m * rate_m_s)
-        along_x, along_y = _shear(
+        elastic_pa, viscous_pa = foam.stiffness_pa_per_m * depth_m, foam.damping_pa_s_per_m * rate_m_s
+        normal_n = area * max(0.0, share * (elastic_pa + viscous_pa))
+        along_x, along_y, slid_m = _shear(
             foam,
-            area,
+            share * area,
             normal_n,
             vx * xx + vy * xy + vz * xz,
             vx * yx + vy * yy + vz * yz,
@@ -229,8 +232,9 @@ def _press_cell(
         fz = normal_n * nz + along_x * xz + along_y * yz
         _push(motion.xipos, wrench, other, x, y, z, fx, fy, fz)
         _push(motion.xipos, wrench, own, x, y, z, -fx, -fy, -fz)
-        pressed.force_n[i, s // _PER_ELEMENT] += normal_n
+        pressed.force_n[i, s // per_element] += normal_n
         pressed.on_body_n[other] += normal_n
+        pressed.slid_n_m[other] += normal_n * slid_m
         warmth_c += temperature_c[other]
         contacts += 1
     pressed.loaded[i] = contacts > 0
@@ -248,8 +252,8 @@ def _shear(
     strain_m: Floats,
     i: int,
     s: int,
-) -> tuple[float, float]:
-    """Friction [N] on what slides over the foam with (slip_x, slip_y) [m/s], plane of the cell.
+) -> tuple[float, float, float]:
+    """Friction [N] on what moves over the foam with (slip_x, slip_y) [m/s], plane of the cell; its slide [m].
 
     The strain grows with the slip until the force reaches μ N; there the foam slides and the strain stays
     behind, so that a body at rest on a slope stays at rest.
@@ -258,12 +262,13 @@ def _shear(
     damping = _SHEAR * foam.damping_pa_s_per_m * area
     strain_x, strain_y = strain_m[i, s, 0] + slip_x * step_s, strain_m[i, s, 1] + slip_y * step_s
     fx, fy = -stiffness * strain_x - damping * slip_x, -stiffness * strain_y - damping * slip_y
-    limit_n, force_n = foam.friction * normal_n, math.hypot(fx, fy)
+    limit_n, force_n, slid_m = foam.friction * normal_n, math.hypot(fx, fy), 0.0
     if force_n > limit_n:
         fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
         held = foam.friction * normal_n / stiffness
         stretch = math.hypot(strain_x, strain_y)
         if stretch > held:
+            slid_m = stretch - held
             strain_x, strain_y = strain_x * held / stretch, strain_y * held / stretch
     strain_m[i, s, 0], strain_m[i, s, 1] = strain_x, strain_y
-    return fx, fy
+    return fx, fy, slid_m

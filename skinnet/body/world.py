@@ -42,6 +42,9 @@ class World(Protocol):
     def stimulus(self) -> NDArray[np.float64]:
         """What all cells feel now: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
 
+    def pressures(self) -> NDArray[np.float64]:
+        """Pressure (n_elements,) on each element of all tactile sheets now [kPa], a copy."""
+
     def joints(self) -> NDArray[np.float64]:
         """Positions (D,) of the controlled joints now [rad], a copy."""
 

@@ -10,7 +10,7 @@ from skinnet.errors import DeploymentError
 
 __all__ = ["check"]
 
-_TAKEN = ("body", "cells", "controller", "outside")
+_TAKEN = ("body", "boards", "cells", "controller", "outside")
 """Names of other processes, of all cell hosts together, and of strangers (`skinnet.channels`)."""
 
 
@@ -69,6 +69,15 @@ def _check_network(deployment: Deployment) -> None:
 
 
 def _check_patches(deployment: Deployment) -> None:
+    if not (deployment.patches or deployment.sheets):
+        raise DeploymentError("patches, sheets: there is no skin; give at least one of them")
+    if deployment.sheets and deployment.script is not None:
+        raise DeploymentError("script: presses cells only; leave it, or leave the sheets")
+    if deployment.sheets and deployment.boards.period_ns != deployment.body.stimulus_ns:
+        raise DeploymentError(
+            f"boards.period_ms = {deployment.boards.period_ms:g}: boards scan once per stimulus frame; set "
+            f"it and body.stimulus_ms = {deployment.body.stimulus_ms:g} alike"
+        )
     names = Counter(patch.name for patch in deployment.patches)
     for name, count in names.items():
         if count > 1:
@@ -95,7 +104,7 @@ def _check_hosts(deployment: Deployment) -> None:
     left = [name for name in names if name not in placed]
     if left:
         raise DeploymentError(f"hosts: no host runs {', '.join(left)}")
-    known = {"body", "cells", "controller", *deployment.host_patches()}
+    known = {"body", "cells", "controller", *deployment.hosts_of_skin()}
     for name in deployment.run.may_be_lost:
         if name not in known:
             raise DeploymentError(
@@ -134,6 +143,12 @@ def _check_sensors(cells: CellSpec) -> None:
 
 def _check_program(deployment: Deployment) -> None:
     control = deployment.controller
+    if (deployment.nursing is None) == (not control.program):
+        raise DeploymentError(
+            "controller.program, nursing: give a program of stages or [nursing], one of them"
+        )
+    if deployment.nursing is not None and not deployment.sheets:
+        raise DeploymentError("nursing: needs tactile sheets; give surfaces and sheets")
     n_dofs = len(deployment.body.joints)
     for key, pose in control.poses_rad.items():
         if len(pose) != n_dofs:

@@ -12,9 +12,12 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from skinnet.deployment.faults import FaultRule
+from skinnet.deployment.nursing import NursingSpec
+from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.plan import PlanSpec
 from skinnet.deployment.power import PowerSpec
 from skinnet.deployment.script import ScriptSpec
+from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, SheetSpec, SurfaceSpec
 from skinnet.deployment.stress import StressSpec
 from skinnet.deployment.table import (
     Levels,
@@ -29,6 +32,7 @@ from skinnet.deployment.table import (
 )
 
 __all__ = [
+    "BOARDS",
     "AccelerometerSpec",
     "BodySpec",
     "BridgeSpec",
@@ -55,6 +59,10 @@ __all__ = [
     "TemperatureSpec",
     "TouchSpec",
 ]
+
+
+BOARDS = "boards"
+"""Name of the process that runs the boards of all tactile sheets."""
 
 
 class RunSpec(Table, frozen=True, kw_only=True):
@@ -107,7 +115,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
     """Path of an MJCF file relative to the deployment, or the name of a shipped model."""
     reference: str
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
-    """Controlled hinge joints, in the order of commands and feedback."""
+    """Controlled hinge and slide joints, in the order of commands and feedback; for a slide joint read m
+    where a name says rad."""
+    locked: tuple[str, ...] = ()
+    """Joints that take no part: fixed where the model has them at zero."""
     home_rad: dict[str, float] = field(default_factory=dict)
     physics_ms: Positive = 1.0
     stimulus_ms: Positive = 4.0
@@ -374,8 +385,9 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
     period_ms: Positive = 5.0
     command_delay_ms: Positive | None = None
     """From the tick to the moment a command takes effect; one control period unless set."""
-    program: Annotated[tuple[Name, ...], Meta(min_length=1)]
-    stages: dict[str, StageSpec]
+    program: tuple[Name, ...] = ()
+    """Stages by name, at least one; none if there is a `[nursing]` table."""
+    stages: dict[str, StageSpec] = field(default_factory=dict)
     poses_rad: dict[str, tuple[float, ...]] = field(default_factory=dict)
     structure: StructureSpec = field(default_factory=StructureSpec)
     map: MapSpec = field(default_factory=MapSpec)
@@ -405,7 +417,14 @@ class Deployment(Table, frozen=True, kw_only=True):
     body: BodySpec
     cells: CellSpec = field(default_factory=CellSpec)
     network: NetworkSpec = field(default_factory=NetworkSpec)
-    patches: Annotated[tuple[PatchSpec, ...], Meta(min_length=1)]
+    patches: tuple[PatchSpec, ...] = ()
+    """HEX-o-SKIN cells; at least one patch or one tactile sheet."""
+    surfaces: tuple[SurfaceSpec, ...] = ()
+    """Where tactile sheets lie."""
+    sheets: tuple[SheetSpec, ...] = ()
+    """Tactile sheets, each with its board; all boards run in a host of their own, `boards`."""
+    boards: BoardSpec = field(default_factory=BoardSpec)
+    board_network: BoardNetworkSpec = field(default_factory=BoardNetworkSpec)
     bridges: tuple[BridgeSpec, ...] = ()
     power: PowerSpec | None = None
     """Solve the power network; without this table every cell has power."""
@@ -414,6 +433,10 @@ class Deployment(Table, frozen=True, kw_only=True):
     script: ScriptSpec | None = None
     """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
+    payload: PayloadSpec | None = None
+    """An object between the robot's arms."""
+    nursing: NursingSpec | None = None
+    """Whole-body contact manipulation as the controller's program, in the place of stages."""
     controller: ControllerSpec
     stress: StressSpec = field(default_factory=StressSpec)
     """What `skinnet stress` sweeps; runs ignore it."""
@@ -427,6 +450,10 @@ class Deployment(Table, frozen=True, kw_only=True):
     def max_ns(self) -> int:
         """Simulated time at which the run ends at the latest [ns]."""
         return -(-round(self.run.max_s * 1e9) // self.frame_ns) * self.frame_ns
+
+    def hosts_of_skin(self) -> tuple[str, ...]:
+        """Names of all processes that run skin: the hosts of patches, then that of the boards."""
+        return (*self.host_patches(), *((BOARDS,) if self.sheets else ()))
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Patches that bridges join into one network, by name; one without bridges is a group of its own."""
@@ -443,6 +470,8 @@ class Deployment(Table, frozen=True, kw_only=True):
     def host_patches(self) -> dict[str, tuple[str, ...]]:
         """Names of the patches that each cell host runs, by the name of the host; a group stays together."""
         groups = self.groups()
+        if not groups:
+            return {}
         if isinstance(self.hosts, dict):
             order = {patch: i for i, patch in enumerate(itertools.chain(*groups))}
             place = len(order)

@@ -5,6 +5,7 @@ from rich.table import Table
 
 from skinnet.channels import CHANNELS, Keys, Role
 from skinnet.deployment import Deployment
+from skinnet.deployment.schema import BOARDS
 from skinnet.run.processes import processes
 
 __all__ = ["explain"]
@@ -27,7 +28,7 @@ def _table(title: str, *columns: str) -> Table:
 
 def _processes(deployment: Deployment) -> Table:
     table = _table("processes", "name", "role", "runs", "may be lost")
-    hosts = deployment.host_patches()
+    hosts = deployment.host_patches() | {BOARDS: tuple(sheet.name for sheet in deployment.sheets)}
     for spec in processes(deployment):
         table.add_row(
             spec.name, spec.role.value, ", ".join(hosts.get(spec.name, ())), "yes" if spec.may_be_lost else ""
@@ -37,6 +38,9 @@ def _processes(deployment: Deployment) -> Table:
 
 def _patches(deployment: Deployment) -> Table:
     table = _table("cells", "patch", "body", "cells", "gateways")
+    surfaces = {surface.name: surface.body for surface in deployment.surfaces}
+    for sheet in deployment.sheets:
+        table.add_row(sheet.name, surfaces[sheet.surface], f"{sheet.n_elements} elements", "board")
     for patch in deployment.patches:
         table.add_row(patch.name, patch.body, str(patch.n_cells), str(len(patch.interfaces)))
     table.add_section()

@@ -22,6 +22,7 @@ from skinnet.run.summary import summarise
 from skinnet.run.supervise import run_processes
 from skinnet.run.watch import Watch
 from skinnet.skin.placement import bridges_of, place_all
+from skinnet.skin.sheet import place_sheets
 from skinnet.skin.whole import join
 
 __all__ = ["Order", "prepare", "run_once"]
@@ -57,6 +58,7 @@ def prepare(order: Order, seed: int | None = None) -> Deployment:
         check(deployment)
         placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
         check_targets(deployment, placed)
+        place_sheets(deployment.surfaces, deployment.sheets)
         if deployment.power is not None:
             join(placed, bridges_of(deployment.bridges, placed)).feeds(deployment.power.feeds)
         Body(deployment, order.file.parent)

@@ -23,7 +23,7 @@ def processes(deployment: Deployment) -> tuple[ProcessSpec, ...]:
     spared = set(deployment.run.may_be_lost)
     hosts = [
         ProcessSpec(host, Role.CELLS, "cells", bool({host, "cells"} & spared))
-        for host in deployment.host_patches()
+        for host in deployment.hosts_of_skin()
     ]
     controller = ProcessSpec("controller", Role.CONTROLLER, "controller", "controller" in spared)
     return (ProcessSpec("body", Role.BODY, "skinnet.body", False), *hosts, controller)

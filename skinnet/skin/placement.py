@@ -93,6 +93,8 @@ def place_all(
             of two patches on one body overlap.
     """
     placed = tuple(place(patch, cells) for patch in patches)
+    if not placed:
+        return ()
     _refuse_islands(placed, bridges_of(bridges, placed))
     reach = _OVERLAP * pitch_m(cells.side_m)
     for one, other in combinations(placed, 2):

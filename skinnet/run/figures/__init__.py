@@ -4,8 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from skinnet.deployment import Deployment
+from skinnet.deployment.schema import BOARDS
 from skinnet.part import Part
 from skinnet.run.figures.network import network_figures
+from skinnet.run.figures.nursing import board_figures, nursing_figures
 from skinnet.run.figures.self_organisation import map_figures, structure_figures
 from skinnet.run.figures.touch import touch_figures
 from skinnet.run.truth import Truth
@@ -19,11 +21,15 @@ def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) 
     """All figures for which the parts are there, as one flat object with dotted names."""
     figures: Figures = {}
     controller, body = parts.get("controller"), parts.get("body")
-    if controller is not None:
+    if controller is not None and deployment.nursing is not None:
+        figures |= nursing_figures(deployment, controller, body)
+    elif controller is not None:
         truth = Truth(deployment, base)
         figures |= structure_figures(deployment, controller, truth)
         figures |= map_figures(deployment, controller, truth)
         if body is not None:
             figures |= touch_figures(deployment, controller, body)
+    if BOARDS in parts:
+        figures |= board_figures(parts[BOARDS])
     figures |= network_figures([part for part in parts.values() if part.role == "cells"])
     return figures

@@ -9,6 +9,7 @@ from skinnet.deployment import Deployment
 from skinnet.part import Part
 from skinnet.run.outcome import Outcome
 from skinnet.run.plots.network import plot_latency
+from skinnet.run.plots.nursing import plot_deviations, plot_feedback, plot_object, plot_patterns
 from skinnet.run.plots.picture import draw_picture
 from skinnet.run.plots.self_organisation import plot_activity, plot_map, plot_tree
 from skinnet.run.plots.touch import plot_reactions, plot_touch
@@ -25,13 +26,19 @@ _PLOTS: tuple[tuple[str, _Plot], ...] = (
     ("reactions", plot_reactions),
     ("latency", plot_latency),
 )
+_NURSING: tuple[tuple[str, _Plot], ...] = (
+    ("deviations", plot_deviations),
+    ("feedback", plot_feedback),
+    ("object", plot_object),
+    ("patterns", plot_patterns),
+)
 
 
 def draw(deployment: Deployment, base: Path, outcome: Outcome, out: Path) -> list[str]:
     """Draws what the parts allow into `out`; returns lines to tell: what could not be drawn, and why."""
     parts = {part.name: part for part in outcome.parts}
     told = []
-    for name, plot in _PLOTS:
+    for name, plot in _PLOTS if deployment.nursing is None else _NURSING:
         figure = plot(deployment, parts)
         if figure is not None:
             figure.savefig(out / f"{name}.png", dpi=_DPI)

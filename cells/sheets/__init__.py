@@ -1,0 +1,1 @@
+"""Tactile sheets: their transducers, regions of contact, boards, and the network of the boards."""

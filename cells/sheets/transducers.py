@@ -1,0 +1,111 @@
+"""From pressures to readings: the elements of all boards of a network, as arrays.
+
+A board reads its elements one after the other, so each has a sampling time of its own within the frame.
+Boards run on clocks of their own: where in the period a scan begins belongs to the board. Noise depends on
+the board's name, the element and the number of the frame only.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.transducers import noise_keys
+from skinnet.compiled import compiled
+from skinnet.deployment.sheets import BoardSpec
+from skinnet.deployment.table import ns_of_ms
+from skinnet.errors import DeploymentError
+from skinnet.seeding import gaussian, key_of, uniform
+from skinnet.skin.sheet import PlacedSheet
+
+__all__ = ["PressureTransducers"]
+
+
+class PressureTransducers:
+    """The pressure elements of boards.
+
+    A reading is the pressure with Gaussian noise, rounded to the nearest of 2^bits steps over the range.
+
+    Attributes:
+        sampled_ns: (n,) when in a frame each element is read [ns]; the last of a full board ends its scan.
+        complete_ns: (boards,) when in a frame each board has read its last element [ns].
+    """
+
+    def __init__(self, sheets: Sequence[PlacedSheet], spec: BoardSpec, seed: int) -> None:
+        """Sets up the elements of `sheets`, board after board.
+
+        Raises:
+            DeploymentError: a scan takes longer than a period.
+        """
+        element_ns = ns_of_ms(spec.pressure.element_us * 1e-3)
+        self.complete_ns = np.zeros(len(sheets), dtype=np.int64)
+        sampled_ns = []
+        for b, sheet in enumerate(sheets):
+            spare_ns = spec.period_ns - sheet.n_elements * element_ns
+            if spare_ns < 0:
+                raise DeploymentError(
+                    f"sheets.{sheet.name}: {sheet.n_elements} elements of {spec.pressure.element_us} µs each "
+                    f"take longer than the period of {spec.period_ms} ms; lower element_us"
+                )
+            begin_ns = int(uniform(key_of(seed, sheet.name, "phase"), np.uint64(0)) * spare_ns)
+            sampled_ns.append(begin_ns + element_ns * np.arange(1, sheet.n_elements + 1))
+            self.complete_ns[b] = sampled_ns[-1][-1]
+        self.sampled_ns = np.concatenate(sampled_ns)
+        self._share = self.sampled_ns / spec.period_ns
+        self._keys = np.concatenate([noise_keys(seed, sheet.name, sheet.n_elements) for sheet in sheets])
+        self._noise_kpa, self._lsb_kpa = spec.pressure.noise_kpa, spec.pressure.lsb_kpa
+        self._highest = 2.0**spec.pressure.bits - 1.0
+        self._before_kpa, self._after_kpa = np.empty((2, len(self._keys)))
+
+    def scan(
+        self,
+        frame: int,
+        before_kpa: NDArray[np.floating],
+        after_kpa: NDArray[np.floating],
+        out: NDArray[np.float64],
+    ) -> None:
+        """Writes the readings of a frame.
+
+        Args:
+            frame: Number of the frame, which spans [frame, frame + 1) periods.
+            before_kpa: (n,) pressures at its start [kPa]; in between they are linear in time.
+            after_kpa: (n,) pressures at its end [kPa].
+            out: (n,) readings [kPa].
+        """
+        assert before_kpa.shape == after_kpa.shape == out.shape == self._keys.shape
+        # the copies make one compiled signature of any dtype and of read-only frames
+        np.copyto(self._before_kpa, before_kpa)
+        np.copyto(self._after_kpa, after_kpa)
+        _scan(
+            self._before_kpa,
+            self._after_kpa,
+            self._share,
+            self._keys,
+            frame,
+            self._noise_kpa,
+            self._lsb_kpa,
+            self._highest,
+            out,
+        )
+
+
+@compiled
+def _scan(
+    before_kpa: NDArray[np.float64],
+    after_kpa: NDArray[np.float64],
+    share: NDArray[np.float64],
+    keys: NDArray[np.uint64],
+    frame: int,
+    noise_kpa: float,
+    lsb_kpa: float,
+    highest: float,
+    out: NDArray[np.float64],
+) -> None:
+    for i in range(out.size):
+        value = before_kpa[i] + share[i] * (after_kpa[i] - before_kpa[i])
+        if noise_kpa > 0.0:
+            value += noise_kpa * gaussian(keys[i], np.uint64(frame))
+        steps = np.floor(value / lsb_kpa + 0.5)
+        if not steps > 0.0:  # also for a pressure that is no number
+            steps = 0.0
+        out[i] = lsb_kpa * min(steps, highest)

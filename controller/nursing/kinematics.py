@@ -1,0 +1,183 @@
+"""The controller's own model of the robot: where points of its surface are, and how the joints move them.
+
+What the controller believes may differ from the body: joint offsets and displaced links are settable, since
+every robot is built a little otherwise than drawn. Nothing here sees the body.
+"""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.errors import ModelError
+from skinnet.seeding import stream
+
+__all__ = ["Kinematics", "MjModel", "ModelErrors", "Poses", "SurfacePoint", "draw_errors"]
+
+Floats = NDArray[np.float64]
+MjModel: TypeAlias = mujoco.MjModel
+_ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+class SurfacePoint(NamedTuple):
+    """A point of the surface with its frame, fixed to a body of the model."""
+
+    body: str
+    position_m: Floats
+    """(3,), frame of the body."""
+    R_body_surface: Floats
+    """(3, 3)."""
+
+
+class Poses(NamedTuple):
+    """Where C points of the surface are, world frame, and how N joints move them."""
+
+    position_m: Floats
+    """(C, 3): T_x of equation (2) [R11]."""
+    R_world_surface: Floats
+    """(C, 3, 3): T_R of equation (2)."""
+    J_x: Floats
+    """(C, 3, N) velocity per joint velocity, equation (14) [m/rad, m/m for a slide]."""
+    J_w: Floats
+    """(C, 3, N) angular velocity per joint velocity [rad/rad]."""
+
+
+@dataclass(frozen=True)
+class ModelErrors:
+    """By how much the controller's model is wrong."""
+
+    joint_offset_rad: Mapping[str, float] = field(default_factory=dict)
+    """Added to the reading of a joint to get the angle that the model believes, by joint."""
+    link_offset_m: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Displacement of a body against its parent, in the parent's frame, by body."""
+
+
+class Kinematics:
+    """Forward kinematics and Jacobians of the joints that take part, in their order.
+
+    Other joints of the model stay where `home_qpos` has them.
+    """
+
+    def __init__(
+        self,
+        mj: MjModel,
+        joints: Sequence[str],
+        errors: ModelErrors | None = None,
+        home_qpos: Floats | None = None,
+    ) -> None:
+        """Makes a copy of `mj` with the errors in it.
+
+        Args:
+            mj: A compiled model of the robot; it is not changed.
+            joints: Names of N hinge or slide joints: the columns of all Jacobians.
+            errors: How the copy differs from `mj`.
+            home_qpos: (nq,) where the other joints stay; the model's own reference unless given.
+
+        Raises:
+            ModelError: a joint or a body is unknown, a joint is neither hinge nor slide, or is named twice.
+        """
+        errors = errors or ModelErrors()
+        self.joints = tuple(joints)
+        ids = [_joint(mj, name) for name in self.joints]
+        if len(set(ids)) != len(ids):
+            raise ModelError(f"joints {', '.join(self.joints)}: a joint is named twice")
+        self.mj = copy.copy(mj)
+        for name, offset_m in errors.link_offset_m.items():
+            self.mj.body_pos[_body(mj, name)] += offset_m
+        if unknown := [name for name in errors.joint_offset_rad if name not in self.joints]:
+            raise ModelError(f"joint offset of {unknown[0]}: it is not among {', '.join(self.joints)}")
+        self._offset = np.array([errors.joint_offset_rad.get(name, 0.0) for name in self.joints])
+        limited = mj.jnt_limited[ids].astype(bool)[:, None]
+        self.range: Floats = np.where(limited, mj.jnt_range[ids], [-np.inf, np.inf]) - self._offset[:, None]
+        """(N, 2) lowest and highest reading of each joint, infinite without limit [rad, m for a slide]."""
+        self.dofs: NDArray[np.int64] = mj.jnt_dofadr[ids].astype(np.int64)
+        """(N,) their places among the model's degrees of freedom."""
+        self._qpos = mj.jnt_qposadr[ids]
+        self._home_qpos: Floats = (mj.qpos0 if home_qpos is None else home_qpos).copy()
+        self._bodies = {mj.body(i).name: i for i in range(1, mj.nbody) if mj.body(i).name}
+        self._data = mujoco.MjData(self.mj)
+
+    def __len__(self) -> int:
+        """N."""
+        return len(self.joints)
+
+    def knows(self, body: str) -> bool:
+        """The model has a body of this name."""
+        return body in self._bodies
+
+    def moved_bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that some joint in use moves, parents first."""
+        moved = np.zeros(self.mj.nbody, dtype=np.bool_)
+        moved[self.mj.dof_bodyid[self.dofs]] = True
+        for index in range(1, self.mj.nbody):
+            moved[index] |= moved[self.mj.body_parentid[index]]
+        return tuple(name for name, index in self._bodies.items() if moved[index])
+
+    def full_qpos(self, q: Floats) -> Floats:
+        """(nq,) the model's configuration at readings `q` (N,), other joints at home."""
+        qpos = self._home_qpos.copy()
+        qpos[self._qpos] = q + self._offset
+        return qpos
+
+    def at(self, q: Floats, points: Sequence[SurfacePoint]) -> Poses:
+        """Poses and Jacobians of `points` at joint readings `q` (N,) [rad].
+
+        Raises:
+            ModelError: a point lies on a body that the model does not have.
+        """
+        data, n, count = self._data, len(self), len(points)
+        data.qpos[:] = self.full_qpos(q)
+        mujoco.mj_kinematics(self.mj, data)
+        mujoco.mj_comPos(self.mj, data)
+        result = Poses(
+            np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, n)), np.empty((count, 3, n))
+        )
+        linear, angular = np.empty((3, self.mj.nv)), np.empty((3, self.mj.nv))
+        for c, point in enumerate(points):
+            body = _body(self.mj, point.body)
+            R_world_body = data.xmat[body].reshape(3, 3)
+            position_m = data.xpos[body] + R_world_body @ point.position_m
+            mujoco.mj_jac(self.mj, data, linear, angular, position_m, body)
+            result.position_m[c] = position_m
+            result.R_world_surface[c] = R_world_body @ point.R_body_surface
+            result.J_x[c], result.J_w[c] = linear[:, self.dofs], angular[:, self.dofs]
+        return result
+
+
+def draw_errors(
+    seed: int, kinematics: Kinematics, sigma_joint_rad: float, sigma_link_m: float
+) -> ModelErrors:
+    """Normal errors of every joint in use, and of every body that they move along each of its axes.
+
+    Each joint and body draws from a stream of its own name: one more does not shift the others.
+    """
+
+    def offset_m(body: str) -> tuple[float, float, float]:
+        x, y, z = (sigma_link_m * stream(seed, "nursing", "link", body).standard_normal(3)).tolist()
+        return x, y, z
+
+    return ModelErrors(
+        {
+            name: sigma_joint_rad * float(stream(seed, "nursing", "joint", name).standard_normal())
+            for name in kinematics.joints
+        },
+        {name: offset_m(name) for name in kinematics.moved_bodies()},
+    )
+
+
+def _joint(mj: MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
+    if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in _ONE_DOF:
+        raise ModelError(f'joint "{name}": the controller\'s model has no such hinge or slide joint')
+    return int(index)
+
+
+def _body(mj: MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
+    if index < 0:
+        raise ModelError(f'body "{name}": the controller\'s model has no such body')
+    return int(index)

@@ -1,0 +1,57 @@
+"""What the joints may do within one period: position, speed and acceleration limits as one box of steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["JointLimits"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of N joints; infinite where there is none."""
+
+    range: Floats
+    """(N, 2) lowest and highest reading [rad, m for a slide]."""
+    speed: Floats
+    """(N,) [rad/s]."""
+    acceleration: Floats
+    """(N,) [rad/s²]."""
+
+    def __post_init__(self) -> None:
+        n = len(self.speed)
+        if not (self.range.shape == (n, 2) and self.speed.shape == self.acceleration.shape == (n,)):
+            raise ValueError(
+                f"limits of {n} joints: ranges {self.range.shape}, accelerations {self.acceleration.shape}"
+            )
+        if not ((self.range[:, 0] < self.range[:, 1]).all() and (self.speed > 0.0).all()):
+            raise ValueError("joint limits: the lowest position below the highest, speeds above zero")
+        if not (self.acceleration > 0.0).all():
+            raise ValueError("joint limits: accelerations above zero")
+
+    def steps(self, q: Floats, last_step: Floats, period_s: float) -> tuple[Floats, Floats]:
+        """Smallest and largest step (N,) [rad] from `q` (N,) within one period, after `last_step` (N,).
+
+        A joint slows down early enough to stop at its limit with its acceleration. From beyond a limit it
+        only comes back. The box is never empty: range and speed win over acceleration.
+        """
+        fastest = self.speed * period_s
+        lowest = np.clip(-self._towards(q - self.range[:, 0], period_s), -fastest, fastest)
+        highest = np.clip(self._towards(self.range[:, 1] - q, period_s), -fastest, fastest)
+        change = self.acceleration * period_s**2
+        return np.clip(last_step - change, lowest, highest), np.clip(last_step + change, lowest, highest)
+
+    def _towards(self, distance: Floats, period_s: float) -> Floats:
+        """Largest step towards a limit at this distance; back to it, thus negative, from beyond.
+
+        A joint that steps by x and then by aΔt² less each time stands after k steps, and has come
+        k x - aΔt² k (k - 1) / 2 far: x is the largest for which that is the distance.
+        """
+        braking = np.isfinite(self.acceleration) & np.isfinite(distance) & (distance > 0.0)
+        change = np.where(braking, self.acceleration * period_s**2, 1.0)
+        way = np.where(braking, distance, 0.0)
+        count = np.maximum(np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * way / change) - 1.0)), 1.0)
+        return np.where(braking, way / count + 0.5 * change * (count - 1.0), distance)

@@ -1,0 +1,134 @@
+"""One object in the hold of its contacts: feedback and trajectory generation together, period by period."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.nursing.contacts import Contacts, Region, Sheet, initial_contacts
+from controller.nursing.feedback import Feedback, Impedance
+from controller.nursing.following import Following
+from controller.nursing.kinematics import Kinematics
+from controller.nursing.limits import JointLimits
+from controller.nursing.mobility import mobility
+from controller.nursing.trajectory import (
+    Solver,
+    Step,
+    TrajectoryGenerator,
+    Weights,
+    closed_form,
+    desired_contacts,
+)
+from skinnet.deployment.nursing import ImpedanceSpec, NursingSpec, WeightSpec
+
+__all__ = ["Manipulation"]
+
+Floats = NDArray[np.float64]
+
+
+class Manipulation:
+    """Moves the recorded contacts with the object, and adjusts them by what they feel."""
+
+    def __init__(
+        self,
+        spec: NursingSpec,
+        kinematics: Kinematics,
+        sheets: Mapping[str, Sheet],
+        regions: Sequence[Region],
+        t_ns: int,
+        q: Floats,
+        period_s: float,
+    ) -> None:
+        """Records the initial contacts `regions` at `t_ns` with joint readings `q` (N,) [rad].
+
+        Raises:
+            ValueError: a region is off its sheet, or where position feedback cannot move it.
+        """
+        self._spec = spec
+        self.contacts: Contacts = initial_contacts(kinematics, q, sheets, regions, spec.object_m)
+        self.following = Following(regions, t_ns, spec.contact_n, spec.follow_m)
+        self.feedback = Feedback(
+            self.contacts,
+            period_s,
+            _impedance(spec.position_feedback) if spec.feels_position else None,
+            _impedance(spec.rotation_feedback) if spec.feels_rotation else None,
+        )
+        n = len(kinematics)
+        limits = JointLimits(
+            kinematics.range,
+            np.full(n, spec.speed_rad_s),
+            np.full(n, spec.acceleration_rad_s2 or np.inf),
+        )
+        of_contact = [_weights(spec, region.sheet, sheets[region.sheet].body) for region in regions]
+        weights = Weights(
+            np.array([weight.position for weight in of_contact]),
+            np.array([weight.rotation for weight in of_contact]),
+            np.full(n, spec.joint_weight),
+        )
+        self._position_weights = weights.position
+        self.generator = TrajectoryGenerator(
+            kinematics, self.contacts.points, weights, limits, q, period_s, _solver(spec, kinematics)
+        )
+        self._x_object, self._R_object = self.contacts.x_object, self.contacts.R_object
+        self._displacement_m, self._R_world_object = np.zeros(3), np.eye(3)
+
+    @property
+    def displacement_m(self) -> Floats:
+        """(3,) where the object was asked to be last, against the beginning."""
+        return self._displacement_m.copy()
+
+    @property
+    def mobility(self) -> float:
+        """How well the contacts can carry the object now, 0 to 1."""
+        return mobility(self.generator.poses.J_x, self._position_weights, self._spec.mobility_lever_m)
+
+    def feel(self, t_ns: int, regions: Sequence[Region] | None) -> NDArray[np.bool_]:
+        """Takes in all regions, or None from a silent skin, and adjusts the contacts; (C,) which are lost.
+
+        A contact that is lost, and every one of a silent skin, keeps its adjustment until it is felt again.
+        """
+        if regions is not None:
+            self.following.take(t_ns, regions)
+        lost = self.following.weak_ns(t_ns) > self._spec.lost_ns
+        felt = ~lost if regions is not None else np.zeros_like(lost)
+        self.feedback.step(self.following.force_n, self.following.xi_m, felt)
+        return lost
+
+    def move(self, displacement_m: Floats, R_world_object: Floats) -> Step:
+        """The next period with the object displaced by (3,) [m] and turned by (3, 3) since the beginning."""
+        self._displacement_m, self._R_world_object = displacement_m, R_world_object
+        return self.hold()
+
+    def hold(self) -> Step:
+        """The next period with the object where it was asked to be last."""
+        x_object, R_object = self.feedback.adjusted(self._x_object, self._R_object)
+        object_m = self.contacts.object_m + self._displacement_m
+        return self.generator.step(*desired_contacts(object_m, self._R_world_object, x_object, R_object))
+
+    def stay(self) -> None:
+        """Records equation (3) anew, so that the contacts, as adjusted, are wanted just where they are.
+
+        From then on `hold` moves the joints for the sake of feedback only: what was out of reach, or lagged
+        behind, is not run after.
+        """
+        poses, R_object_world = self.generator.poses, self._R_world_object.T
+        away_m = poses.position_m - (self.contacts.object_m + self._displacement_m)
+        self._x_object, self._R_object = self.feedback.original(
+            away_m @ R_object_world.T, R_object_world @ poses.R_world_surface
+        )
+
+
+def _weights(spec: NursingSpec, sheet: str, body: str) -> WeightSpec:
+    return spec.weights.get(sheet) or spec.weights.get(body) or WeightSpec()
+
+
+def _impedance(spec: ImpedanceSpec) -> Impedance:
+    return Impedance(spec.inertia, spec.damping, spec.stiffness)
+
+
+def _solver(spec: NursingSpec, kinematics: Kinematics) -> Solver:
+    if spec.solver == "closed_form":
+        return closed_form
+    from controller.nursing.quadratic import quadratic_programme  # an extra: not everybody has it
+
+    return quadratic_programme(kinematics)

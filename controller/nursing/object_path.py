@@ -1,0 +1,64 @@
+"""The trajectory of the object that is asked for: x_O^d(t) and R_O^d(t) through waypoints, smooth in time."""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+__all__ = ["ObjectPath", "Waypoint", "minimum_jerk"]
+
+Floats = NDArray[np.float64]
+
+
+class Waypoint(NamedTuple):
+    """Where the object is to be at a time, against where it was in the beginning."""
+
+    t_ns: int
+    displacement_m: tuple[float, float, float]
+    """World frame."""
+    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Axis times angle, world frame: R_O is the identity in the beginning, equation (1) [R11]."""
+
+
+def minimum_jerk(share: float) -> float:
+    """Way done, 0 to 1, after a share of the time, at rest at both ends (Flash and Hogan, 1985)."""
+    s = min(max(share, 0.0), 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+class ObjectPath:
+    """Moves from waypoint to waypoint, straight and about one axis each, at rest in every one."""
+
+    def __init__(self, waypoints: Sequence[Waypoint]) -> None:
+        """Starts at time zero without displacement.
+
+        Raises:
+            ValueError: no waypoint, times that do not increase from above zero, or what is not finite.
+        """
+        times = [0, *(point.t_ns for point in waypoints)]
+        if not waypoints or any(b <= a for a, b in itertools.pairwise(times)):
+            raise ValueError(f"waypoints at {times[1:]} ns: at least one, times increasing from above zero")
+        self._t_ns = times
+        self._position_m = np.array([(0.0, 0.0, 0.0), *(point.displacement_m for point in waypoints)])
+        rotation_rad = np.array([(0.0, 0.0, 0.0), *(point.rotation_rad for point in waypoints)])
+        if not (np.isfinite(self._position_m).all() and np.isfinite(rotation_rad).all()):
+            raise ValueError("waypoints: displacements and rotations must be finite")
+        self._R = Rotation.from_rotvec(rotation_rad)
+        self._turn_rad = (self._R[:-1].inv() * self._R[1:]).as_rotvec()
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last waypoint."""
+        return self._t_ns[-1]
+
+    def at(self, t_ns: int) -> tuple[Floats, Floats]:
+        """x_O^d(t) - x_O(0) (3,) [m] and R_O^d(t) (3, 3), world frame; it rests after the end."""
+        leg = int(np.searchsorted(self._t_ns[1:-1], t_ns, side="right"))
+        start_ns, end_ns = self._t_ns[leg], self._t_ns[leg + 1]
+        way = minimum_jerk((t_ns - start_ns) / (end_ns - start_ns))
+        position_m = (1.0 - way) * self._position_m[leg] + way * self._position_m[leg + 1]
+        R = self._R[leg] * Rotation.from_rotvec(way * self._turn_rad[leg])
+        return position_m, R.as_matrix()

@@ -1,0 +1,40 @@
+"""The controller's own model as a deployment wants it wrong."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.nursing.kinematics import Kinematics, MjModel, ModelErrors, draw_errors
+from skinnet.deployment.nursing import NursingSpec
+
+__all__ = ["own_model"]
+
+
+def own_model(
+    spec: NursingSpec, mj: MjModel, seed: int, home_qpos: NDArray[np.float64] | None = None
+) -> Kinematics:
+    """Kinematics of the joints of `spec` on a copy of `mj`, with drawn errors and, over them, the named ones.
+
+    Args:
+        spec: What the deployment says.
+        mj: The model of the robot as it was drawn.
+        seed: Of the run.
+        home_qpos: (nq,) where joints that take no part stay.
+
+    Raises:
+        ModelError: the model lacks a joint or a body that is named.
+    """
+    drawn = draw_errors(
+        seed,
+        Kinematics(mj, spec.joints),
+        math.radians(spec.joint_offset_sigma_deg),
+        1e-3 * spec.link_error_sigma_mm,
+    )
+    named_rad = {joint: math.radians(offset_deg) for joint, offset_deg in spec.joint_offset_deg.items()}
+    named_m = {
+        body: (1e-3 * x_mm, 1e-3 * y_mm, 1e-3 * z_mm)
+        for body, (x_mm, y_mm, z_mm) in spec.link_error_mm.items()
+    }
+    errors = ModelErrors({**drawn.joint_offset_rad, **named_rad}, {**drawn.link_offset_m, **named_m})
+    return Kinematics(mj, spec.joints, errors, home_qpos)

@@ -1,0 +1,198 @@
+"""The nursing program as a process: the main PC with its wires."""
+
+import hashlib
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.nursing.own_model import own_model
+from controller.nursing.program import NursingCommand, NursingProgram
+from controller.nursing.skin_input import BoardInput, sheets_of
+from controller.touch.safety import SafetyClamp, SafetyLimits
+from skinnet.body.model import load_model
+from skinnet.channels import Keys, Role
+from skinnet.clock import next_multiple
+from skinnet.deployment import Deployment
+from skinnet.deployment.schema import BOARDS
+from skinnet.errors import DeploymentError, ProtocolError
+from skinnet.loop import Put
+from skinnet.messages import FOREVER_NS, Command, ControllerState, Joints, decode, encode
+from skinnet.part import Part
+from skinnet.sheet_messages import Regions
+from skinnet.skin.sheet import place_sheets
+from skinnet.upstream import Upstream
+
+__all__ = ["NursingNode"]
+
+_STATE_EVERY_S = 0.1
+_AFTER_NS = 1_000_000_000
+"""So long the object is held on when the program is over."""
+
+
+class NursingNode:
+    """Ticks with the joint feedback, on what the boards had delivered by then."""
+
+    role = Role.CONTROLLER.value
+    paced = False
+
+    def __init__(self, deployment: Deployment, name: str, base: Path) -> None:
+        """The program of `deployment`, on the controller's own model of the robot.
+
+        Raises:
+            DeploymentError: the program does not fit the robot.
+        """
+        assert deployment.nursing is not None
+        self.name = name
+        keys = Keys(deployment.robot)
+        self.subscriptions: tuple[str, ...] = (keys.of("joints"), keys.of("regions", "*"))
+        self._body = Upstream("body", "body", covered_ns=-1)
+        self._boards = Upstream(BOARDS, BOARDS)
+        self.upstreams: Mapping[str, Upstream] = {"body": self._body, BOARDS: self._boards}
+        self.senders = frozenset({"body", BOARDS})
+        self.peers = frozenset({"body", name, *deployment.hosts_of_skin()})
+        self.tolerated = frozenset(deployment.run.may_be_lost)
+        self.counters: Counter[str] = Counter()
+        self._state_key, self._command_key = keys.of("state"), keys.of("command")
+        control, spec = deployment.controller, deployment.nursing
+        self._period_ns, self._delay_ns = control.period_ns, control.command_delay_ns
+        self._frame_ns, self._max_ns = deployment.frame_ns, deployment.max_ns
+        sheets = place_sheets(deployment.surfaces, deployment.sheets)
+        body = load_model(deployment.body, base, deployment.teacher.tip_radius_m, 0.0)
+        self._skin = BoardInput(sheets, join_m=spec.follow_m)
+        try:
+            self._program = NursingProgram(
+                spec,
+                own_model(spec, body.mj, deployment.seed, body.home_qpos),
+                sheets_of(sheets, deployment.body.foam.thickness_m),
+                self._period_ns,
+            )
+        except ValueError as error:
+            raise DeploymentError(f"nursing: {error}") from error
+        joints = deployment.body.joints
+        if strangers := [joint for joint in spec.joints if joint not in joints]:
+            raise DeploymentError(f"nursing.joints: {strangers[0]!r} is not among body.joints")
+        self._column = np.array([joints.index(joint) for joint in spec.joints])
+        self._clamp = SafetyClamp(_limits(deployment), len(joints), self._period_ns)
+        self._t_ns = 0
+        self._over_ns: int | None = None
+        self._peak_kpa = 0.0
+        self._joints: dict[int, NDArray[np.float64]] = {}
+        self._said = NursingCommand(np.zeros(len(spec.joints)), self._program.state, None, "")
+        self._state_s = -1e9
+        self._log = hashlib.sha256()
+
+    def start(self, put: Put) -> None:
+        """The first tick is at time zero."""
+
+    @property
+    def _finished(self) -> bool:
+        return self._over_ns is not None and self._t_ns > self._over_ns + _AFTER_NS
+
+    def needs(self) -> dict[str, int] | None:
+        """Joint feedback of this tick, and from the boards all that was delivered before it."""
+        if self._finished or self._t_ns >= self._max_ns:
+            return None
+        return {"body": self._t_ns, BOARDS: self._t_ns}
+
+    def due_ns(self) -> int:
+        """The next tick."""
+        return self._t_ns
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        """Takes in joint feedback, or what the boards have to say."""
+        match channel:
+            case "joints":
+                joints = decode(payload, Joints)
+                position = np.array(joints.position_rad, dtype=np.float64)
+                if len(position) != self._clamp.n_dofs or not np.isfinite(position).all():
+                    raise ProtocolError(f"joint feedback {position.tolist()}: {self._clamp.n_dofs} are due")
+                self._joints[joints.t_ns] = position
+                self._body.close(joints.covered_ns)
+            case "regions":
+                regions = decode(payload, Regions)
+                self._skin.add(regions)
+                self._boards.close(regions.covered_ns)
+            case _:
+                raise ProtocolError(f"the nursing program does not read {channel}")
+
+    def lose(self, upstream: Upstream) -> None:
+        """Without boards the skin is silent, and the program knows what to do then."""
+
+    def step(self, put: Put) -> None:
+        """One tick."""
+        t_ns = self._t_ns
+        position = self._joints.pop(t_ns)
+        felt = self._skin.take(t_ns)
+        if felt is not None:
+            self._peak_kpa = max(self._peak_kpa, *(region.peak_kpa for region in felt.regions), 0.0)
+        said = self._program.step(t_ns, position[self._column], felt)
+        self._said = said
+        if self._program.done and self._over_ns is None:
+            self._over_ns = t_ns
+        wanted = np.zeros(len(position))
+        wanted[self._column] = said.velocity_rad_s
+        velocity = self._clamp.clamp(t_ns, wanted, position, t_ns, t_ns)
+        self._t_ns += self._period_ns
+        effect_ns = t_ns + self._delay_ns
+        command = Command(
+            t_ns=t_ns,
+            effect_ns=effect_ns,
+            covered_ns=FOREVER_NS if self._finished else effect_ns + self._period_ns,
+            velocity_rad_s=velocity.tolist(),
+            stage=said.state.value,
+            end_ns=next_multiple(effect_ns, self._frame_ns) if self._finished else None,
+        )
+        payload = encode(command)
+        put(self._command_key, payload)
+        self._log.update(position.tobytes())
+        self._log.update(payload)
+
+    def news(self) -> tuple[str, bytes] | None:
+        """What goes on; by the wall clock, and never part of the log."""
+        now_s = time.monotonic()
+        if now_s - self._state_s < _STATE_EVERY_S and not self._finished:
+            return None
+        self._state_s = now_s
+        state = ControllerState(
+            t_ns=self._t_ns,
+            stage=self._said.state.value,
+            progress=self._program.progress,
+            text=self._said.reason,
+        )
+        return self._state_key, encode(state)
+
+    def result(self) -> Part:
+        """What the program found, and the course of every contact."""
+        program = self._program
+        facts: dict[str, Any] = {
+            "logs": {"controller": self._log.hexdigest()},
+            "done": program.done,
+            "states": [(state.value, t_ns) for state, t_ns in program.log],
+            "stages": [],
+            "end_ns": self._t_ns,
+            "reason": program.reason,
+            "stopped_by": None if program.stopped_by is None else program.stopped_by.name.lower(),
+            "safety": asdict(self._clamp.counters),
+            "peak_kpa": self._peak_kpa,
+            "received_frames": self._skin.received,
+            "contacts": [] if program.course is None else [r._asdict() for r in program.course.report()],
+        }
+        arrays = {} if program.course is None else program.course.arrays()
+        return Part(self.name, "nursing", facts, arrays)
+
+
+def _limits(deployment: Deployment) -> SafetyLimits:
+    safety = deployment.controller.safety
+    stale_ns = round(safety.stale_ms * 1e6)
+    return SafetyLimits(
+        speed_rad_s=safety.joint_speed_rad_s,
+        joints_max_age_ns=stale_ns,
+        skin_max_age_ns=stale_ns,
+        ramp_ns=round(safety.ramp_ms * 1e6),
+    )

@@ -1,0 +1,80 @@
+"""The same task as a quadratic programme: what the closed form only approximates at the limits, exactly.
+
+Mink puts the contacts, the damping and the limits together and DAQP solves them. More of mink's tasks and
+limits, such as a posture or collision avoidance, could be given beside.
+"""
+
+import mink
+import numpy as np
+import qpsolvers
+from numpy.typing import NDArray
+
+from controller.nursing.kinematics import Kinematics
+from controller.nursing.trajectory import LeastSquares, Solver
+
+__all__ = ["quadratic_programme"]
+
+Floats = NDArray[np.float64]
+
+
+class _ContactTask(mink.Task):
+    """The rows of the contacts, spread over all degrees of freedom of the model."""
+
+    def __init__(self, problem: LeastSquares, dofs: NDArray[np.int64], nv: int) -> None:
+        super().__init__(cost=np.sqrt(problem.weight))
+        self._error = problem.error
+        self._jacobian = np.zeros((len(problem.error), nv))
+        self._jacobian[:, dofs] = problem.rows
+
+    def compute_error(self, configuration: mink.Configuration) -> Floats:
+        return self._error
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Floats:
+        return self._jacobian
+
+
+class _StepLimit(mink.Limit):
+    """A box of steps: Δq within position, speed and acceleration limits."""
+
+    def __init__(self, steps: tuple[Floats, Floats], dofs: NDArray[np.int64], nv: int) -> None:
+        smallest, largest = steps
+        select = np.zeros((len(dofs), nv))
+        select[np.arange(len(dofs)), dofs] = 1.0
+        sides = np.concatenate((select, -select))
+        bounds = np.concatenate((largest, -smallest))
+        limited = np.isfinite(bounds)
+        self._constraint = mink.Constraint(sides[limited], bounds[limited])
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        return self._constraint
+
+
+def quadratic_programme(kinematics: Kinematics) -> Solver:
+    """Solver for the joints of `kinematics`; all others are frozen.
+
+    The returned function raises `mink.NoSolutionFound` if DAQP fails; the box of steps is never empty and the
+    damping positive, so that this would be a bug.
+    """
+    nv, dofs = int(kinematics.mj.nv), kinematics.dofs
+    configuration = mink.Configuration(kinematics.mj)
+    others = sorted(set(range(nv)) - set(dofs.tolist()))
+    frozen = [mink.DofFreezingTask(kinematics.mj, others)] if others else []
+
+    def solve(problem: LeastSquares, steps: tuple[Floats, Floats]) -> Floats:
+        damping = np.ones(nv)
+        damping[dofs] = np.sqrt(problem.damping)
+        programme = mink.build_ik(
+            configuration,
+            [_ContactTask(problem, dofs, nv), mink.DampingTask(kinematics.mj, damping)],
+            dt=1.0,  # only limits and tasks of mink's own would ask for it
+            limits=[_StepLimit(steps, dofs, nv)],
+            constraints=frozen,
+        )
+        solution = qpsolvers.solve_problem(programme, solver="daqp")
+        if not solution.found or solution.x is None:
+            raise mink.NoSolutionFound("daqp")
+        # DAQP keeps to its limits up to a tolerance
+        step: Floats = np.clip(solution.x[dofs], *steps)
+        return step
+
+    return solve

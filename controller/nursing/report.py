@@ -1,0 +1,91 @@
+"""What a run of the nursing program has to tell: the course of all that Figs. 9 to 14 of [R11] show."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.nursing.manipulation import Manipulation
+from controller.nursing.trajectory import Step
+
+__all__ = ["ContactReport", "Course"]
+
+Floats = NDArray[np.float64]
+
+
+class ContactReport(NamedTuple):
+    """One contact, from the record to the end."""
+
+    name: str
+    force_start_n: float
+    force_min_n: float
+    force_max_n: float
+    force_end_n: float
+    cop_peak_m: float
+    """Largest way of the centre of pressure from where it was."""
+    cop_end_m: float
+    position_dev_peak_m: float
+    position_dev_end_m: float
+    rotation_dev_peak_rad: float
+    rotation_dev_end_rad: float
+
+
+class Course:
+    """Collects every period since the initial contacts were recorded."""
+
+    def __init__(self, manipulation: Manipulation) -> None:
+        """Starts with the contacts of `manipulation`, empty."""
+        self._manipulation = manipulation
+        self._rows: list[tuple[object, ...]] = []
+
+    def add(self, t_ns: int, step: Step) -> None:
+        """Notes the period at `t_ns`."""
+        m = self._manipulation
+        self._rows.append(
+            (
+                t_ns,
+                m.displacement_m,
+                step.evaluation,
+                step.deviations.position_m,
+                step.deviations.rotation_rad,
+                m.following.force_n.copy(),
+                m.following.xi_m - m.contacts.xi_m,
+                m.feedback.s_m,
+                m.feedback.alpha_rad,
+            )
+        )
+
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """The course of T periods and C contacts.
+
+        Returns:
+            t_ns (T,), object_m (T, 3), evaluation (T,), position_dev_m and rotation_dev_rad (T, C),
+            force_n (T, C), cop_m (T, C, 2) since the record, s_m (T, C), alpha_rad (T, C, 2).
+        """
+        names = (
+            "t_ns", "object_m", "evaluation", "position_dev_m", "rotation_dev_rad",
+            "force_n", "cop_m", "s_m", "alpha_rad",
+        )  # fmt: skip
+        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(names)
+        return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
+
+    def report(self) -> tuple[ContactReport, ...]:
+        """Every contact; empty before the first period."""
+        if not self._rows:
+            return ()
+        rows = self.arrays()
+        force_n = rows["force_n"]
+        cop_m = np.linalg.norm(rows["cop_m"], axis=2)
+        position_m, rotation_rad = rows["position_dev_m"], rows["rotation_dev_rad"]
+        contacts = self._manipulation.contacts
+        return tuple(
+            ContactReport(
+                name,
+                float(contacts.force_n[c]),
+                *(float(value) for value in (force_n[:, c].min(), force_n[:, c].max(), force_n[-1, c])),
+                *(float(value) for value in (cop_m[:, c].max(), cop_m[-1, c])),
+                *(float(value) for value in (position_m[:, c].max(), position_m[-1, c])),
+                *(float(value) for value in (rotation_rad[:, c].max(), rotation_rad[-1, c])),
+            )
+            for c, name in enumerate(contacts.names)
+        )

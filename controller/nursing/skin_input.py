@@ -1,0 +1,130 @@
+"""What the boards told, as the program wants it: contacts by surface, in the order of delivery."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.nursing.contacts import Felt, Region, Sheet
+from skinnet.errors import ProtocolError
+from skinnet.messages import unpack
+from skinnet.sheet_messages import BOARD_FRAME, REGION_ROW, Regions
+from skinnet.skin.sheet import PlacedSheet
+
+__all__ = ["BoardInput", "sheets_of"]
+
+_PER_BOARD = 2**16
+"""Numbers of regions are those of their boards: with the board's they are one."""
+
+
+def sheets_of(placed: Sequence[PlacedSheet], height_m: float) -> dict[str, Sheet]:
+    """The sheets that the controller knows: one for each surface, whatever number of boards it has.
+
+    Args:
+        placed: All sheets.
+        height_m: Of the face above the rigid surface [m].
+    """
+    surfaces = {sheet.surface.name: sheet.surface for sheet in placed}
+    known = {}
+    for name, surface in surfaces.items():
+        mine = [sheet for sheet in placed if sheet.surface.name == name]
+        xi_m = np.vstack([sheet.xi_m for sheet in mine])
+        position_m, rotation = surface.frame_at(xi_m, height_m)
+        pitch_m = float(np.sqrt(mine[0].area_m2))
+        known[name] = Sheet(surface.body, xi_m, position_m, rotation, pitch_m)
+    return known
+
+
+class BoardInput:
+    """Collects what boards tell, and holds it back until its time.
+
+    Args:
+        placed: The sheets, in the order of the boards.
+        join_m: Regions of one surface that are nearer than this are one contact.
+    """
+
+    def __init__(self, placed: Sequence[PlacedSheet], join_m: float) -> None:
+        self._surface = [sheet.surface.name for sheet in placed]
+        self._join_m = join_m
+        self._waiting: deque[tuple[NDArray[Any], NDArray[Any]]] = deque()
+        self._heard_ns = np.full(len(placed), -1, dtype=np.int64)
+        self._rows: list[NDArray[Any]] = [np.zeros(0, dtype=REGION_ROW)] * len(placed)
+        self.received = 0
+
+    def add(self, regions: Regions) -> None:
+        """Takes in a message.
+
+        Raises:
+            ProtocolError: no whole records, or a board that there is not.
+        """
+        frames, rows = unpack(regions.frames, BOARD_FRAME), unpack(regions.rows, REGION_ROW)
+        if len(frames) and frames["board"].max() >= len(self._surface):
+            raise ProtocolError(f"regions of board {frames['board'].max()}; there are {len(self._surface)}")
+        if int(frames["rows"].sum()) != len(rows):
+            raise ProtocolError(f"{len(rows)} regions; the frames announce {int(frames['rows'].sum())}")
+        self._waiting.append((frames, rows))
+
+    def take(self, before_ns: int) -> Felt | None:
+        """What is felt by `before_ns`; None before the first board has told anything.
+
+        Frames count as heard from their own time of sampling, that of the board that is most behind.
+        """
+        while self._waiting:
+            frames, rows = self._waiting[0]
+            due = int(np.searchsorted(frames["t_delivered_ns"], before_ns))
+            ends = np.cumsum(frames["rows"], dtype=np.int64)
+            for i in range(due):
+                board = int(frames["board"][i])
+                if frames["t_sampled_ns"][i] >= self._heard_ns[board]:
+                    self._heard_ns[board] = frames["t_sampled_ns"][i]
+                    mine = rows[ends[i] - frames["rows"][i] : ends[i]]
+                    self._rows[board] = mine[mine["elements"] > 0]
+            self.received += due
+            if due < len(frames):
+                done = int(ends[due - 1]) if due else 0
+                self._waiting[0] = (frames[due:], rows[done:])
+                break
+            self._waiting.popleft()
+        heard_ns = int(self._heard_ns.min())
+        return None if heard_ns < 0 else Felt(heard_ns, self._contacts())
+
+    def _contacts(self) -> tuple[Region, ...]:
+        found: dict[str, list[Region]] = {}
+        for board, rows in enumerate(self._rows):
+            for row in rows:
+                region = Region(
+                    sheet=self._surface[board],
+                    number=_PER_BOARD * board + int(row["number"]),
+                    xi_m=(float(row["xi1_m"]), float(row["xi2_m"])),
+                    force_n=float(row["force_n"]),
+                    peak_kpa=float(row["peak_kpa"]),
+                )
+                found.setdefault(region.sheet, []).append(region)
+        return tuple(region for name in sorted(found) for region in _joined(found[name], self._join_m))
+
+
+def _joined(regions: list[Region], join_m: float) -> list[Region]:
+    """Regions of one surface with those that are near taken together, under the number of the strongest.
+
+    A contact that lies over the seam of two boards is one contact, though each board knows its part only.
+    """
+    left = sorted(regions, key=lambda region: (-region.force_n, region.number))
+    result = []
+    while left:
+        group, left = [left[0]], left[1:]
+        for region in tuple(left):
+            if np.hypot(*np.subtract(region.xi_m, group[0].xi_m)) <= join_m:
+                group.append(region)
+                left.remove(region)
+        weight = np.array([max(region.force_n, 1e-9) for region in group])
+        first, second = (weight @ np.array([region.xi_m for region in group]) / weight.sum()).tolist()
+        result.append(
+            group[0]._replace(
+                xi_m=(first, second),
+                force_n=sum(region.force_n for region in group),
+                peak_kpa=max(region.peak_kpa for region in group),
+            )
+        )
+    return result

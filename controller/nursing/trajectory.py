@@ -1,0 +1,194 @@
+"""Generation of the joint trajectory that keeps the contacts as they were: equations (4) to (18) [R11].
+
+Two corrections to the paper. (13) lacks the 1/Δt² that (18) has: (18) is used. (16) and (17) equal nᵀ J_ω,
+with n the axis of the rotation from the desired frame to the present one: that is used, since it has nothing
+to guard but θ = 0, where it is not defined and the term is left out, as the paper proposes.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from controller.nursing.kinematics import Kinematics, Poses, SurfacePoint
+from controller.nursing.limits import JointLimits
+
+__all__ = [
+    "Deviations",
+    "LeastSquares",
+    "Solver",
+    "Step",
+    "TrajectoryGenerator",
+    "Weights",
+    "closed_form",
+    "desired_contacts",
+    "deviations",
+]
+
+_NO_ROTATION_RAD = 1e-9
+"""Below this the axis of a rotation is rounding, and its term is left out."""
+
+Floats = NDArray[np.float64]
+
+
+class Weights(NamedTuple):
+    """Weights of the evaluation function (6), all above zero."""
+
+    position: Floats
+    """(C,): w_c^x [1/m²]."""
+    rotation: Floats
+    """(C,): w_c^R [1/rad²]."""
+    joint: Floats
+    """(N,): w_q,i [s²/rad²]."""
+
+
+class Deviations(NamedTuple):
+    """How far C contacts are from where they should be, equations (7) and (9)."""
+
+    position_m: Floats
+    """(C,): d_c."""
+    rotation_rad: Floats
+    """(C,): θ_c, 0 to π."""
+
+
+class LeastSquares(NamedTuple):
+    """Minimise ½ Σ weight · (rows Δq + error)² + ½ Σ damping · Δq²: (11) to the first order."""
+
+    rows: Floats
+    """(m, N)."""
+    error: Floats
+    """(m,)."""
+    weight: Floats
+    """(m,)."""
+    damping: Floats
+    """(N,): w_q / Δt²."""
+
+
+Solver = Callable[[LeastSquares, tuple[Floats, Floats]], Floats]
+"""Step Δq (N,) of a least-squares problem within the smallest and largest steps (N,)."""
+
+
+class Step(NamedTuple):
+    """One period of the generated trajectory."""
+
+    velocity: Floats
+    """(N,) [rad/s]."""
+    deviations: Deviations
+    """After the step."""
+    evaluation: float
+    """E of equation (6)."""
+
+
+def desired_contacts(
+    object_m: Floats, R_object: Floats, x_object: Floats, R_object_contact: Floats
+) -> tuple[Floats, Floats]:
+    """x_c^d (C, 3) [m] and R_c^d (C, 3, 3) of an object at (3,), (3, 3): equations (4) and (5)."""
+    return object_m + x_object @ R_object.T, R_object @ R_object_contact
+
+
+def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Deviations, Floats]:
+    """Deviations from the desired poses, and axes n (C, 3) of the rotations from desired to present, world.
+
+    Equations (7) to (9). The angle comes from the rotation vector: cos⁻¹ of (8) loses half of the digits near
+    zero.
+    """
+    turned = Rotation.from_matrix(poses.R_world_surface @ R_desired.transpose(0, 2, 1)).as_rotvec()
+    angle_rad = np.linalg.norm(turned, axis=1)
+    axis = turned / np.where(angle_rad > 0.0, angle_rad, 1.0)[:, None]
+    return Deviations(np.linalg.norm(poses.position_m - desired_m, axis=1), angle_rad), axis
+
+
+def closed_form(problem: LeastSquares, steps: tuple[Floats, Floats]) -> Floats:
+    """Equation (18) within limits: joints beyond theirs are put there, and the others are solved anew.
+
+    That is repeated until none is beyond, at most N times. It is the minimum unless a joint that was put to
+    its limit would leave it again once the others are at theirs; the quadratic programme also finds that.
+    """
+    weighted = problem.rows * problem.weight[:, None]
+    hessian = weighted.T @ problem.rows + np.diag(problem.damping)
+    gradient = weighted.T @ problem.error
+    smallest, largest = steps
+    free = np.ones(len(gradient), dtype=np.bool_)
+    step = np.zeros(len(gradient))
+    while free.any():
+        pull = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], pull)
+        beyond = free & ((step < smallest) | (step > largest))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(step, smallest, largest)[beyond]
+        free &= ~beyond
+    return step
+
+
+class TrajectoryGenerator:
+    """Follows desired contact poses period by period from its own last joint angles, equation (10)."""
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        points: Sequence[SurfacePoint],
+        weights: Weights,
+        limits: JointLimits,
+        q: Floats,
+        period_s: float,
+        solver: Solver = closed_form,
+    ) -> None:
+        """Starts at rest at `q` (N,) [rad].
+
+        Raises:
+            ValueError: a weight is zero or below, or not as many as contacts or joints.
+        """
+        due = Weights(np.ones(len(points)), np.ones(len(points)), np.ones(len(kinematics)))
+        for name, given, shape in zip(Weights._fields, weights, due, strict=True):
+            if given.shape != shape.shape or not ((given > 0.0) & np.isfinite(given)).all():
+                raise ValueError(f"{name} weights {given.tolist()}: {len(shape)} numbers above zero are due")
+        self._kinematics, self._points, self._weights = kinematics, tuple(points), weights
+        self._limits, self._period_s, self._solver = limits, period_s, solver
+        self._last_step = np.zeros(len(q))
+        self._q = q.copy()
+        self._poses = kinematics.at(q, self._points)
+
+    @property
+    def q(self) -> Floats:
+        """(N,) joint angles that the trajectory has come to [rad]."""
+        return self._q.copy()
+
+    @property
+    def poses(self) -> Poses:
+        """Contacts at these angles."""
+        return self._poses
+
+    def step(self, desired_m: Floats, R_desired: Floats) -> Step:
+        """The next period, towards contact positions (C, 3) [m] and rotations (C, 3, 3)."""
+        problem = self._problem(desired_m, R_desired)
+        step = self._solver(problem, self._limits.steps(self._q, self._last_step, self._period_s))
+        self._q, self._last_step = self._q + step, step
+        self._poses = self._kinematics.at(self._q, self._points)
+        after, _ = deviations(self._poses, desired_m, R_desired)
+        velocity = step / self._period_s
+        weights = self._weights
+        evaluation = 0.5 * float(
+            weights.position @ after.position_m**2
+            + weights.rotation @ after.rotation_rad**2
+            + weights.joint @ velocity**2
+        )
+        return Step(velocity, after, evaluation)
+
+    def _problem(self, desired_m: Floats, R_desired: Floats) -> LeastSquares:
+        """Rows of (13), the rotation of a contact as one row h'_c."""
+        before, axis = deviations(self._poses, desired_m, R_desired)
+        turned = before.rotation_rad > _NO_ROTATION_RAD
+        return LeastSquares(
+            rows=np.concatenate(
+                (
+                    self._poses.J_x.reshape(-1, len(self._q)),
+                    np.einsum("ci,cin->cn", axis[turned], self._poses.J_w[turned]),
+                )
+            ),
+            error=np.concatenate(((self._poses.position_m - desired_m).ravel(), before.rotation_rad[turned])),
+            weight=np.concatenate((np.repeat(self._weights.position, 3), self._weights.rotation[turned])),
+            damping=self._weights.joint / self._period_s**2,
+        )

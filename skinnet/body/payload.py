@@ -1,0 +1,174 @@
+"""An object in the robot's arms: the world holds it until it lets go; what becomes of it is ground truth.
+
+The arms close on it before the run begins: the paper takes the held object as given "by a certain method"
+[R11, III].
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.model import PAYLOAD, BodyModel
+from skinnet.body.winkler import Pressed
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.payload import PayloadSpec
+from skinnet.errors import DeploymentError
+
+__all__ = ["Closing", "Payload", "payload_share"]
+
+Floats = NDArray[np.float64]
+_CLOSED = 0.005
+"""Each side presses with the wanted force within this share of it,"""
+_QUIET_S = 0.2
+"""for so long: the grip has settled (assumed, with the one above)."""
+_PATIENCE_S = 10.0
+_EASED = 0.9
+"""Share of its speed that a step leaves to the payload while the world lets go: overdamped (assumed)."""
+
+
+def payload_share(spec: PayloadSpec, foam_pa_per_m: float) -> float:
+    """Part of the overlap of foam and payload that the foam takes: two springs in a row."""
+    return 1.0 / (1.0 + foam_pa_per_m / spec.sheet_stiffness_pa_per_m)
+
+
+class Payload:
+    """The object, from being held by the world to wherever it goes.
+
+    Attributes:
+        released_ns: When the world let go, or will [ns]; None until the controller's stage says so.
+        dropped_ns: When it had fallen [ns], or None.
+        slid_m: How far it slid over the skin since then, as the mean over the contact weighted by the force:
+            a path, which never shrinks; creep and rolling without sliding add nothing [m].
+    """
+
+    def __init__(self, data: mujoco.MjData, spec: PayloadSpec, sheets: Pressed, every_ns: int) -> None:
+        """Takes the payload of a model, where the model has it.
+
+        Args:
+            data: MuJoCo's state.
+            spec: What the deployment says of it.
+            sheets: What the foundation of the sheets finds.
+            every_ns: Period of its recorded poses [ns].
+        """
+        self.released_ns: int | None = None
+        self.dropped_ns: int | None = None
+        self.slid_m = 0.0
+        self._data, self._spec, self._sheets = data, spec, sheets
+        self._every_ns = every_ns
+        joint = data.model.joint(PAYLOAD)
+        self._body = int(data.model.body(PAYLOAD).id)
+        self._qpos = slice(int(joint.qposadr[0]), int(joint.qposadr[0]) + 7)
+        self._qvel = slice(int(joint.dofadr[0]), int(joint.dofadr[0]) + 6)
+        self._held_pose: Floats = data.qpos[self._qpos].copy()
+        self._t_ns: list[int] = []
+        self._poses: list[Floats] = []
+        self._slid_m: list[float] = []
+
+    def begin_stage(self, name: str, t_ns: int) -> None:
+        """The controller's program is in stage `name` from `t_ns` on."""
+        if self.released_ns is None and name == self._spec.release_stage:
+            self.released_ns = t_ns + round(self._spec.release_s * NS_PER_S)
+
+    def hold(self) -> None:
+        """The world holds it: whatever pulled at it in the last step, it is where it was."""
+        self._data.qpos[self._qpos] = self._held_pose
+        self._data.qvel[self._qvel] = 0.0
+
+    def observe(self, t_ns: int) -> None:
+        """The body has come to `t_ns`."""
+        if self.released_ns is None or t_ns <= self.released_ns:
+            self.hold()
+        else:
+            if t_ns <= self.released_ns + round(self._spec.easing_s * NS_PER_S):
+                self._data.qvel[self._qvel] *= _EASED
+            self._follow(t_ns)
+        if t_ns % self._every_ns == 0:
+            self._t_ns.append(t_ns)
+            self._poses.append(self._data.qpos[self._qpos].copy())
+            self._slid_m.append(self.slid_m)
+
+    def _follow(self, t_ns: int) -> None:
+        pressed_n = self._sheets.on_body_n[self._body]
+        if pressed_n > 0.0:
+            self.slid_m += float(self._sheets.slid_n_m[self._body] / pressed_n)
+        fallen_m = self._held_pose[2] - self._data.qpos[self._qpos][2]
+        if self.dropped_ns is None and fallen_m > self._spec.fallen_m:
+            self.dropped_ns = t_ns
+
+    def facts(self) -> dict[str, Any]:
+        """Ground truth for the body's part."""
+        return {"released_ns": self.released_ns, "dropped_ns": self.dropped_ns, "slid_m": self.slid_m}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Ground truth over time: position [m] and quaternion (w, x, y, z), and how far it slid [m]."""
+        return {
+            "object_t_ns": np.array(self._t_ns, dtype=np.int64),
+            "object_pose": np.array(self._poses, dtype=np.float64).reshape(-1, 7),
+            "object_slid_m": np.array(self._slid_m, dtype=np.float64),
+        }
+
+
+class Closing:
+    """How the arms close on the payload before time zero: each joint integrates the error of its force."""
+
+    def __init__(self, model: BodyModel, names: Sequence[str], spec: PayloadSpec, step_s: float) -> None:
+        """Arms open.
+
+        Args:
+            model: The body.
+            names: Names of the controlled joints.
+            spec: The payload.
+            step_s: Physics step [s].
+
+        Raises:
+            DeploymentError: a closing joint is not controlled, or there is none.
+        """
+        if not spec.closing:
+            raise DeploymentError("payload.closing: name at least one joint that closes the arms")
+        for name in spec.closing:
+            if name not in names:
+                raise DeploymentError(f"payload.closing.{name}: body.joints does not name that joint")
+        self._spec, self._step_s, self._n = spec, step_s, len(names)
+        self._joint = np.array([names.index(name) for name in spec.closing])
+        self._direction = np.array(list(spec.closing.values()))
+        moved = model.mj.jnt_bodyid[model.joint[self._joint]]
+        self._beyond = np.array([_beyond(model.mj, int(body)) for body in moved])
+        self._spent_s = self._quiet_s = 0.0
+
+    def speeds_rad_s(self, body_force_n: Floats) -> Floats | None:
+        """Velocities (D,) of the controlled joints [rad/s]; None when the grip has settled.
+
+        Args:
+            body_force_n: (nbody,) normal forces on the sheets of each body [N].
+
+        Raises:
+            DeploymentError: the arms do not come to hold it.
+        """
+        force_n = self._beyond @ body_force_n
+        missing = (self._spec.grip_n - force_n) / self._spec.grip_n
+        closed = bool(np.all(np.abs(missing) < _CLOSED))
+        self._quiet_s = self._quiet_s + self._step_s if closed else 0.0
+        self._spent_s += self._step_s
+        if self._quiet_s >= _QUIET_S:
+            return None
+        if self._spent_s > _PATIENCE_S:
+            felt = ", ".join(f"{n:.1f} N" for n in force_n)
+            raise DeploymentError(
+                f"payload: after {_PATIENCE_S:g} s {', '.join(self._spec.closing)} press with {felt} instead "
+                f"of {self._spec.grip_n:g} N; check payload.position_m, closing and body.home_rad"
+            )
+        speeds = np.zeros(self._n)
+        speeds[self._joint] = self._direction * self._spec.closing_rad_s * np.clip(missing, -1.0, 1.0)
+        return speeds
+
+
+def _beyond(mj: mujoco.MjModel, root: int) -> Floats:
+    """(nbody,) 1 for the bodies that move with `root`, else 0."""
+    moved = np.zeros(mj.nbody)
+    moved[root] = 1.0
+    for body in range(root + 1, mj.nbody):
+        moved[body] = moved[mj.body_parentid[body]]
+    return moved

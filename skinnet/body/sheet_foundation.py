@@ -1,0 +1,49 @@
+"""The foam of all tactile sheets: the same foundation as the cells', read as pressures of elements."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.foundation import Foundation
+from skinnet.body.sheet_surface import STRIPS
+from skinnet.skin.sheet import PlacedSheet
+
+__all__ = ["SheetFoundation"]
+
+Floats = NDArray[np.float64]
+_PA_PER_KPA = 1e3
+
+
+@dataclass
+class SheetFoundation(Foundation):
+    """Elastic foundation of all sheets, over a `sheet_surface`.
+
+    Attributes:
+        sheets: The sheets, in the order of their elements.
+    """
+
+    sheets: Sequence[PlacedSheet] = ()
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements of all sheets."""
+        return len(self.surface.body) // STRIPS
+
+    def element_force_n(self) -> Floats:
+        """Normal force (n,) on each element [N]."""
+        force_n: Floats = self.pressed.force_n.reshape(-1, STRIPS).sum(axis=1)
+        return force_n
+
+    def pressure_kpa(self) -> Floats:
+        """Mean pressure (n,) on each element [kPa]."""
+        area_m2 = STRIPS**2 * self.surface.sample_area_m2
+        return self.element_force_n() / (area_m2 * _PA_PER_KPA) if area_m2 else np.zeros(0)
+
+    def body_force_n(self) -> Floats:
+        """Sum (nbody,) of the normal forces on the elements that each body carries [N]."""
+        owner = self.surface.body[::STRIPS]
+        force_n = np.zeros(len(self.temperature_c))
+        np.add.at(force_n, owner, self.element_force_n())
+        return force_n

@@ -1,0 +1,54 @@
+"""Tactile sheets as the body carries them: pieces of foam that follow a bent surface."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.model import require_body
+from skinnet.body.surface import Surface, surface_of_patches
+from skinnet.errors import DeploymentError
+from skinnet.skin.sheet import PlacedSheet
+
+__all__ = ["STRIPS", "sheet_surface"]
+
+STRIPS = 3
+"""Plane strips of an element, each with as many points: 3 × 3 ripple by 3.5 %, one by 29 % (FACTS.md)."""
+
+Floats = NDArray[np.float64]
+
+
+def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Path | str) -> Surface:
+    """Puts `sheets` onto the bodies of `mj`, three pieces of foam for each element, in the elements' order.
+
+    A sheet bends in one direction only, along ξ1. So a strip along ξ2 is plane, and its points
+    lie exactly on the surface and look exactly along its normal.
+
+    Raises:
+        ModelError: a surface names a body that the model does not have.
+        DeploymentError: sheets have elements of different sizes.
+    """
+    areas_m2 = {sheet.area_m2 for sheet in sheets}
+    if len(areas_m2) > 1:
+        pitches_m = ", ".join(f"{area_m2**0.5:g}" for area_m2 in sorted(areas_m2))
+        raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets of a body need the same")
+    pitch_m = float(np.sqrt(areas_m2.pop())) if areas_m2 else 0.0
+    steps_m = pitch_m * (np.arange(STRIPS) - 0.5 * (STRIPS - 1)) / STRIPS
+    frames = [_strips(sheet, steps_m) for sheet in sheets]
+    return surface_of_patches(
+        [require_body(mj, s.surface.body, f"surfaces.{s.surface.name}.body", source) for s in sheets],
+        [position_m for position_m, _ in frames],
+        [rotation for _, rotation in frames],
+        sample_m=np.column_stack([np.zeros(STRIPS), steps_m]),
+        sample_area_m2=(pitch_m / STRIPS) ** 2,
+        n_elements=1,
+    )
+
+
+def _strips(sheet: PlacedSheet, steps_m: Floats) -> tuple[Floats, Floats]:
+    """Middles and rotations of the strips of a sheet, frame of its body."""
+    xi_m = np.repeat(sheet.xi_m, len(steps_m), axis=0)
+    xi_m[:, 0] += np.tile(steps_m, sheet.n_elements)
+    return sheet.surface.frame_at(xi_m)

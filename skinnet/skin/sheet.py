@@ -1,0 +1,234 @@
+"""Tactile sheets: grids of up to 8 × 8 pressure elements on a surface that is flat, round, or both.
+
+A surface has tactile coordinates ξ = (ξ1, ξ2) [m], "assigned to and spanning the robot surface" [R11, III]:
+ξ1 is the length along its cross-section, ξ2 that along its axis. The cross-section is a straight piece that
+goes over into arcs on both sides without a kink, so that ξ is continuous, keeps lengths and angles, and is
+orthogonal everywhere. Several sheets may lie on one surface; they share its coordinates.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
+from skinnet.errors import DeploymentError
+
+__all__ = ["PlacedSheet", "Surface", "place_sheets", "surface_of"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_ELEMENT, _CUT = "#", "."
+_OVERLAP = 0.75
+"""Centres closer than this share of the pitch overlap (a tightly bent sheet shortens chords)."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface with tactile coordinates.
+
+    Attributes:
+        name: Name of the surface.
+        body: Name of the body that carries it.
+        origin_m: (3,) where ξ is zero, frame of the body [m].
+        R_body_surface: (3, 3) its frame there: columns are e1, e2 and the outward normal.
+        radius_m: Radius of the round sides [m]; inf for a plane.
+        half_flat_m: Half the width of the flat middle [m]; inf for a plane.
+    """
+
+    name: str
+    body: str
+    origin_m: Floats
+    R_body_surface: Floats
+    radius_m: float
+    half_flat_m: float
+
+    @property
+    def reach_m(self) -> float:
+        """Greatest |ξ1|: where the round sides have turned by half a circle [m]."""
+        return self.half_flat_m + math.pi * self.radius_m
+
+    def frame_at(self, xi_m: ArrayLike, height_m: ArrayLike = 0.0) -> tuple[Floats, Floats]:
+        """Position (…, 3) [m] and rotation (…, 3, 3) of the surface at ξ (…, 2) [m], frame of the body.
+
+        The columns of the rotation are the tangents e1 and e2 along the coordinates and the outward normal
+        e1 × e2 [R11, V]; positions are `height_m` (…) above the rigid surface along it.
+        """
+        xi1, xi2 = np.moveaxis(np.asarray(xi_m, dtype=np.float64), -1, 0)
+        across = np.clip(xi1, -self.half_flat_m, self.half_flat_m)
+        angle = (xi1 - across) / self.radius_m
+        sin, cos, zero = np.sin(angle), np.cos(angle), np.zeros_like(xi1)
+        bent = self.radius_m if math.isfinite(self.radius_m) else 0.0
+        local = np.stack([across + bent * sin, xi2, -bent * (1.0 - cos)], axis=-1)
+        normal = np.stack([sin, zero, cos], axis=-1)
+        local = local + np.asarray(height_m, dtype=np.float64)[..., None] * normal
+        e1 = np.stack([cos, zero, -sin], axis=-1)
+        e2 = np.broadcast_to([0.0, 1.0, 0.0], e1.shape)
+        rotation = self.R_body_surface @ np.stack([e1, e2, normal], axis=-1)
+        return self.origin_m + local @ self.R_body_surface.T, rotation
+
+    def xi_of(self, position_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Tactile coordinates (…, 2) [m] of points (…, 3), frame of the body, and heights (…) above it [m].
+
+        The inverse of `frame_at` for every point above the axes of the round sides or around them; the
+        coordinates are those of the point's foot on the surface.
+        """
+        local = (np.asarray(position_m, dtype=np.float64) - self.origin_m) @ self.R_body_surface
+        x, y, z = np.moveaxis(local, -1, 0)
+        if not math.isfinite(self.radius_m):
+            return np.stack([x, y], axis=-1), z
+        side = np.copysign(self.half_flat_m, x)
+        over_flat = (np.abs(x) <= self.half_flat_m) & (z > -self.radius_m)
+        dx, dz = x - side, z + self.radius_m
+        xi1 = np.where(over_flat, x, side + self.radius_m * np.arctan2(dx, dz))
+        height = np.where(over_flat, z, np.hypot(dx, dz) - self.radius_m)
+        return np.stack([xi1, y], axis=-1), height
+
+
+@dataclass(frozen=True)
+class PlacedSheet:
+    """A sheet on its surface. Its elements are numbered as one reads the mask, and as its board scans them.
+
+    Attributes:
+        name: Name of the sheet and of its board.
+        surface: The surface.
+        grid: (n, 2) row and column of each element.
+        xi_m: (n, 2) tactile coordinates of the elements [m].
+        position_m: (n, 3) their centres on the rigid surface, frame of the body [m].
+        R_body_element: (n, 3, 3) their rotations; columns are e1, e2 and the outward normal.
+        neighbours: (m, 2) pairs of neighbouring elements, each once, the lower number first, in order.
+        area_m2: Area of an element [m²].
+    """
+
+    name: str
+    surface: Surface
+    grid: Ints
+    xi_m: Floats
+    position_m: Floats
+    R_body_element: Floats
+    neighbours: Ints
+    area_m2: float
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements."""
+        return len(self.xi_m)
+
+
+def surface_of(spec: SurfaceSpec) -> Surface:
+    """The surface that a deployment describes.
+
+    Raises:
+        DeploymentError: vectors are degenerate, or a plane has a flat middle.
+    """
+    where = f"surfaces.{spec.name}"
+    if spec.radius_m is None and spec.flat_m > 0.0:
+        raise DeploymentError(f"{where}.flat_m = {spec.flat_m}: a plane has none; give radius_m, or leave it")
+    normal = _unit(f"{where}.normal", np.array(spec.normal))
+    up = np.array(spec.up)
+    e2 = _unit(f"{where}.up (it may not be parallel to normal)", up - normal * float(up @ normal))
+    return Surface(
+        name=spec.name,
+        body=spec.body,
+        origin_m=np.array(spec.origin_m),
+        R_body_surface=np.column_stack([np.cross(e2, normal), e2, normal]),
+        radius_m=math.inf if spec.radius_m is None else spec.radius_m,
+        half_flat_m=math.inf if spec.radius_m is None else 0.5 * spec.flat_m,
+    )
+
+
+def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -> tuple[PlacedSheet, ...]:
+    """Places all `sheets` of a robot.
+
+    Raises:
+        DeploymentError: as `surface_of`; a name is given twice or unknown, a mask does not fit its grid, a
+            sheet goes more than half around its surface, or elements overlap.
+    """
+    known: dict[str, Surface] = {}
+    for spec in surfaces:
+        if spec.name in known:
+            raise DeploymentError(f"surfaces.{spec.name}: the name is given twice")
+        known[spec.name] = surface_of(spec)
+    placed: dict[str, PlacedSheet] = {}
+    for sheet in sheets:
+        if sheet.name in placed:
+            raise DeploymentError(f"sheets.{sheet.name}: the name is given twice")
+        if sheet.surface not in known:
+            raise DeploymentError(
+                f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; there are {', '.join(known)}"
+            )
+        placed[sheet.name] = _place(sheet, known[sheet.surface])
+    for one, other in combinations(placed.values(), 2):
+        if one.surface.body == other.surface.body:
+            _refuse_overlap(one, other)
+    return tuple(placed.values())
+
+
+def _unit(what: str, vector: Floats) -> Floats:
+    length = float(np.linalg.norm(vector))
+    if not math.isfinite(length) or length < 1e-9:
+        raise DeploymentError(f"{what} = {vector.tolist()}: needs a finite length above zero")
+    return vector / length
+
+
+def _place(spec: SheetSpec, surface: Surface) -> PlacedSheet:
+    grid = _grid(spec)
+    half = 0.5 * np.array([spec.columns - 1, spec.rows - 1])
+    steps = np.column_stack([grid[:, 1] - half[0], half[1] - grid[:, 0]])
+    xi_m = np.array(spec.middle_xi_m) + spec.pitch_m * steps
+    if np.abs(xi_m[:, 0]).max() > surface.reach_m - 0.5 * spec.pitch_m + 1e-9:
+        raise DeploymentError(
+            f"sheets.{spec.name}: an element lies at ξ1 = {np.abs(xi_m[:, 0]).max():.4f} m; "
+            f"{surface.name} reaches to {surface.reach_m:.4f} m, half around on both sides; use fewer"
+        )
+    position_m, rotation = surface.frame_at(xi_m)
+    neighbours = _neighbours(grid, joins_gaps=spec.joins_gaps)
+    return PlacedSheet(spec.name, surface, grid, xi_m, position_m, rotation, neighbours, spec.pitch_m**2)
+
+
+def _grid(spec: SheetSpec) -> Ints:
+    """(n, 2) rows and columns of the elements, as one reads."""
+    mask = spec.mask or (_ELEMENT * spec.columns,) * spec.rows
+    if len(mask) != spec.rows or any(len(row) != spec.columns or set(row) - {_ELEMENT, _CUT} for row in mask):
+        raise DeploymentError(
+            f"sheets.{spec.name}.mask: needs {spec.rows} texts of {spec.columns} characters {_ELEMENT} or "
+            f"{_CUT}; got {list(mask)}"
+        )
+    grid = np.argwhere(np.array([list(row) for row in mask]) == _ELEMENT)
+    if not len(grid):
+        raise DeploymentError(f"sheets.{spec.name}.mask: leaves no element")
+    return grid
+
+
+def _neighbours(grid: Ints, *, joins_gaps: bool) -> Ints:
+    """Pairs of elements at most a row and a column apart; across a gap of one, as if it were closed."""
+    number = {(row, column): i for i, (row, column) in enumerate(grid.tolist())}
+    pairs = set()
+    for (row, column), i in number.items():
+        for down, right in product((-1, 0, 1), repeat=2):
+            to = number.get((row + down, column + right))
+            if to is not None:
+                pairs.add((i, to))
+            if not joins_gaps:
+                continue
+            if (row, column + 1) not in number and (row + down, column + 1) not in number:
+                pairs.add((i, number.get((row + down, column + 2), i)))
+            if (row + 1, column) not in number and (row + 1, column + right) not in number:
+                pairs.add((i, number.get((row + 2, column + right), i)))
+    ordered = sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
+    return np.array(ordered, dtype=np.int64).reshape(-1, 2)
+
+
+def _refuse_overlap(one: PlacedSheet, other: PlacedSheet) -> None:
+    reach_m = _OVERLAP * math.sqrt(min(one.area_m2, other.area_m2))
+    near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach_m)
+    for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
+        if one.R_body_element[a, :, 2] @ other.R_body_element[b, :, 2] > 0.0:  # else back to back
+            raise DeploymentError(
+                f"sheets.{other.name}: element {b} overlaps element {a} of {one.name} on {one.surface.body}"
+            )

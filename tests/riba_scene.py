@@ -1,0 +1,15 @@
+"""RIBA with all its sheets, holding 3 kg as experiment B does: for the tests of its body."""
+
+from pathlib import Path
+
+from skinnet.body.simulation import Body
+from skinnet.deployment.load import load
+
+DEPLOYMENTS = Path(__file__).parents[1] / "deployments"
+CYLINDER = DEPLOYMENTS / "riba_cylinder.toml"
+
+
+def riba(*overrides: str) -> Body:
+    """The robot when its arms have closed and the world still holds the cylinder."""
+    spec = ("payload.mass_kg=3.0", "payload.grip_n=60.0", 'payload.release_stage="hold"', *overrides)
+    return Body(load(CYLINDER, spec), DEPLOYMENTS)
