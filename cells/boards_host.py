@@ -16,7 +16,7 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
-from skinnet.messages import decode, encode, unpack
+from skinnet.messages import Config, decode, encode, unpack
 from skinnet.part import Part
 from skinnet.sheet_messages import Pressures, Regions
 from skinnet.skin.sheet import place_sheets
@@ -39,7 +39,7 @@ class BoardsNode:
     def __init__(self, deployment: Deployment, name: str) -> None:
         self.name = name
         keys = Keys(deployment.robot)
-        self.subscriptions = (keys.of("pressures"),)
+        self.subscriptions = (keys.of("pressures"), keys.of("config", BOARDS, "*"))
         self._body = Upstream("body", "body", covered_ns=-1)
         self.upstreams = {"body": self._body}
         self.senders = frozenset({"body"})
@@ -47,6 +47,8 @@ class BoardsNode:
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
+        self._n_boards = len(sheets)
+        self._requests: list[tuple[int, int]] = []
         self._n_elements = sum(sheet.n_elements for sheet in sheets)
         self._boards = Boards(sheets, deployment.boards, deployment.board_network, deployment.seed)
         self._key = keys.of("regions", BOARDS)
@@ -73,7 +75,10 @@ class BoardsNode:
         return (self._frame + 1) * self._period_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in pressures."""
+        """Takes in pressures, or a stranger's request for raw patterns."""
+        if channel == "config":
+            self._accept_request(decode(payload, Config))
+            return
         if channel != "pressures":
             raise ProtocolError(f"a host of boards does not read {channel}")
         pressures = decode(payload, Pressures)
@@ -85,6 +90,14 @@ class BoardsNode:
         if pressures.end_ns is not None:
             self._end_ns = min(self._end_ns, pressures.end_ns)
 
+    def _accept_request(self, config: Config) -> None:
+        if config.patch != BOARDS or not 0 <= config.cell < self._n_boards:
+            raise ProtocolError(f"config of board {config.cell}: there are boards 0 to {self._n_boards - 1}")
+        if config.pattern_every is None or config.pattern_every < 0:
+            raise ProtocolError(f"config of board {config.cell}: give pattern_every, 0 or more frames")
+        self.counters["configs_from_outside"] += 1
+        self._requests.append((config.cell, config.pattern_every))
+
     def lose(self, upstream: Upstream) -> None:
         """Without the body there is nothing to feel; it may never be lost."""
 
@@ -92,6 +105,9 @@ class BoardsNode:
         """Computes one period."""
         start_ns = self._frame * self._period_ns
         before, after = self._pressures.pop(start_ns), self._pressures[start_ns + self._period_ns]
+        for board, every in self._requests:
+            self._boards.request(start_ns, board, every)
+        self._requests.clear()
         told = self._boards.step(self._frame, before, after)
         if self._frame % _KEPT_EVERY == 0:
             self._kept.append((start_ns, self._boards.readings_kpa.astype(np.float32)))

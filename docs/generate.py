@@ -20,6 +20,7 @@ from msgspec import inspect as reflect
 from skinnet.channels import ALIVE, CHANNELS, Role
 from skinnet.deployment.schema import Deployment
 from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
+from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW
 
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
 
@@ -118,10 +119,19 @@ def _messages() -> str:
 
 
 def _stream_row() -> str:
-    fields = STREAM_ROW.fields
+    return _record(STREAM_ROW)
+
+
+def _sheet_rows() -> str:
+    records = (("BOARD_FRAME", BOARD_FRAME), ("REGION_ROW", REGION_ROW), ("PATTERN_ROW", PATTERN_ROW))
+    return "\n\n".join(f"`{name}`, {row.itemsize} bytes:\n\n{_record(row)}" for name, row in records)
+
+
+def _record(row: np.dtype[Any]) -> str:
+    fields = row.fields
     assert fields is not None
     rows = []
-    for name in STREAM_ROW.names or ():
+    for name in row.names or ():
         dtype, offset = fields[name][:2]
         count = int(np.prod(dtype.shape))
         rows.append((str(offset), f"`{name}`", dtype.base.str, str(count), str(dtype.itemsize)))
@@ -151,6 +161,7 @@ _MAKERS = {
     "channels": _channels,
     "messages": _messages,
     "stream_row": _stream_row,
+    "sheet_rows": _sheet_rows,
     "columns": _columns,
     "numbers": _numbers,
 }

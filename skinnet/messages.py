@@ -138,7 +138,8 @@ class Command(Message, frozen=True, kw_only=True, tag="command"):
 class Config(Message, frozen=True, kw_only=True, tag="config"):
     """New settings of one cell; what is None stays. Leaves the gateway at `t_ns` (0: as soon as it arrives).
 
-    `levels` are ascending thresholds of a modality ("force" or "proximity").
+    `levels` are ascending thresholds of a modality ("force" or "proximity"). The board of a tactile sheet
+    (patch "boards", its number as cell) sends its raw pattern every `pattern_every` frames, 0 for no more.
     """
 
     patch: str
@@ -149,6 +150,7 @@ class Config(Message, frozen=True, kw_only=True, tag="config"):
     levels: dict[str, list[float]] | None = None
     hysteresis: dict[str, float] | None = None
     deltas: dict[str, float] | None = None
+    pattern_every: int | None = None
 
 
 class Events(Message, frozen=True, kw_only=True, tag="events"):

@@ -12,8 +12,8 @@ from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.messages import decode, encode, unpack
-from skinnet.sheet_messages import BOARD_FRAME, REGION_ROW, Pressures, Regions
+from skinnet.messages import Config, decode, encode, unpack
+from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW, Pressures, Regions
 from skinnet.skin.sheet import place_sheets
 
 PERIOD_NS = 4_000_000
@@ -81,6 +81,19 @@ def test_pressures_of_another_skin_are_refused() -> None:
         node.accept("pressures", (), encode(Pressures(t_ns=0, covered_ns=0, values=bytes(12))))
     with pytest.raises(ProtocolError, match="does not read"):
         node.accept("stimulus", (), b"")
+
+
+def test_a_raw_pattern_comes_to_who_asks_for_it() -> None:
+    node = BoardsNode(skinned(), "boards")
+    node.accept("config", ("boards", "1"), encode(Config(patch="boards", cell=1, pattern_every=2)))
+    patterns = np.concatenate([unpack(r.patterns, PATTERN_ROW) for r in told(node, *[pressed(21)] * 9)])
+    assert set(patterns["board"]) == {1}
+    assert set(np.diff(patterns["frame"])) == {2}
+    assert patterns["pressure_kpa"][-1].argmax() == 21 - 16
+    assert node.counters["configs_from_outside"] == 1
+    for wrong in ({"cell": 2, "pattern_every": 1}, {"cell": 0}, {"cell": 0, "pattern_every": -1}):
+        with pytest.raises(ProtocolError, match="config of board"):
+            node.accept("config", ("boards", "0"), encode(Config(patch="boards", **wrong)))  # type: ignore[arg-type]
 
 
 def test_a_contact_over_the_seam_of_two_boards_is_one() -> None:

@@ -35,7 +35,7 @@ BAD = {
         ["hosts.b", "patch torso already runs on a"],
     ),
     "patch without process": ('hosts={a=["torso"]}', ["no host runs", "left_hand"]),
-    "unknown joint": ('body.joints=["knee"]', ["knee", "hinge joints"]),
+    "unknown joint": ('body.joints=["knee"]', ["knee", "hinge and slide joints"]),
     "no such model": ("body.model=nobody.xml", ["nobody.xml", "shipped model"]),
     "unknown stage": ('controller.program=["dance"]', ["dance", "structure"]),
     "guidance without map": ('controller.program=["force_guidance"]', ["force_guidance", "map stage"]),
