@@ -158,8 +158,17 @@ def test_the_controller_knows_one_sheet_for_each_surface() -> None:
         ({"patches": (), "surfaces": (), "sheets": ()}, "there is no skin"),
         ({"boards": {"period_ms": 2.0}}, "boards.period_ms = 2"),
         ({"controller": {"program": (), "stages": {}}}, "give a program"),
+        ({"nursing": {"joints": ("knee",)}}, "'knee' is not among body.joints"),
+        (
+            {"nursing": {"weights": {"foot": {}}}},
+            "weights.foot: no such surface or body; there are arm, left",
+        ),
+        ({"nursing": {"assumed": ({"surface": "foot"},), "feedback": "none"}}, "unknown surface 'foot'"),
     ],
 )
 def test_what_does_not_fit_is_refused(tables: dict[str, Any], said: str) -> None:
+    if "nursing" in tables:
+        walk = {"joints": ("elbow",), "waypoints": ({"t_s": 1.0},)}
+        tables = {"nursing": walk | tables["nursing"], "controller": {"program": (), "stages": {}}}
     with pytest.raises(DeploymentError, match=said):
         check(small(**({"patches": (), "surfaces": SURFACES, "sheets": SHEETS} | tables)))

@@ -185,7 +185,7 @@ def test_experiment_b_is_held_by_touch_alone(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.processes
 def test_boards_main_pc_and_body_in_processes_say_the_same(tmp_path: Path) -> None:
-    short = ("nursing.waypoints.0.t_s=0.5", "nursing.settle_s=0.2", "nursing.hold_s=0.3")
+    short = ("nursing.waypoints.0.t_s=0.5", "nursing.settle_s=0.2", "nursing.hold_s=0.8")
     logs = {
         run(CYLINDER, tmp_path / str(i), *arguments, settings=short)["log_sha256"]
         for i, arguments in enumerate([(), ("--in-process",)])
@@ -205,7 +205,7 @@ def test_boards_main_pc_and_body_in_processes_say_the_same(tmp_path: Path) -> No
 def test_the_arms_hold_on_when_the_program_stops(
     tmp_path: Path, settings: tuple[str, ...], stopped_by: str
 ) -> None:
-    short = ("nursing.hold_s=0.4", *settings)
+    short = ("nursing.hold_s=0.8", *settings)
     figures = run(CYLINDER, tmp_path, "--in-process", settings=short)["figures"]
     assert (figures["B.state"], figures["B.stopped_by"]) == ("stopped", stopped_by)
     assert figures["B.reason"]

@@ -23,6 +23,7 @@ def check(deployment: Deployment) -> None:
     _check_sensors(deployment.cells)
     _check_program(deployment)
     _check_touches(deployment)
+    _check_nursing(deployment)
     check_faults(deployment)
     if deployment.script is not None:
         deployment.script.check({patch.name: patch.n_cells for patch in deployment.patches})
@@ -183,3 +184,29 @@ def _check_touches(deployment: Deployment) -> None:
             raise DeploymentError(
                 f"{key}.cell = {touch.cell!r}: unknown patch; there are {', '.join(sorted(names))}"
             )
+
+
+def _check_nursing(deployment: Deployment) -> None:
+    nursing, payload = deployment.nursing, deployment.payload
+    if nursing is None:
+        return
+    for joint in nursing.joints:
+        if joint not in deployment.body.joints:
+            raise DeploymentError(f"nursing.joints: {joint!r} is not among body.joints")
+    surfaces = {surface.name for surface in deployment.surfaces}
+    known = sorted(surfaces | {surface.body for surface in deployment.surfaces})
+    for name in nursing.weights:
+        if name not in known:
+            raise DeploymentError(
+                f"nursing.weights.{name}: no such surface or body; there are {', '.join(known)}"
+            )
+    for contact in nursing.assumed:
+        if contact.surface not in surfaces:
+            there = ", ".join(sorted(surfaces))
+            raise DeploymentError(f"nursing.assumed: unknown surface {contact.surface!r}; there are {there}")
+    released_s = 0.0 if payload is None else payload.release_s + payload.easing_s
+    if payload is not None and payload.release_stage == "hold" and nursing.hold_s <= released_s:
+        raise DeploymentError(
+            f"nursing.hold_s = {nursing.hold_s:g}: the payload is let go {released_s:g} s after it began;"
+            " hold for longer"
+        )
