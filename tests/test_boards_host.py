@@ -1,5 +1,8 @@
 """The host of boards and the nursing node at the ends of their wires."""
 
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -172,3 +175,13 @@ def test_what_does_not_fit_is_refused(tables: dict[str, Any], said: str) -> None
         tables = {"nursing": walk | tables["nursing"], "controller": {"program": (), "stages": {}}}
     with pytest.raises(DeploymentError, match=said):
         check(small(**({"patches": (), "surfaces": SURFACES, "sheets": SHEETS} | tables)))
+
+
+@pytest.mark.parametrize("command", ["plan", "stress"])
+def test_commands_about_cells_refuse_a_skin_of_sheets(command: str) -> None:
+    file = Path(__file__).parents[1] / "deployments" / "riba_cylinder.toml"
+    line = [sys.executable, "-m", "skinnet.cli", command, str(file), "--no-plots"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert "patches: there are none" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

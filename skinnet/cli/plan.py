@@ -59,6 +59,8 @@ def plan(
     deployment = load(file, (*(settings or ()), *options))
     try:
         check(deployment)
+        if not deployment.patches:
+            raise DeploymentError("patches: there are none; a plan is one of the network of cells")
         made = make(deployment)
     except DeploymentError as error:
         raise DeploymentError(f"{file}: {error}") from None

@@ -56,6 +56,10 @@ def stress(
     if resume and out is None:
         raise DeploymentError("--resume: say with --out which sweep to go on with")
     deployment = prepare(Order(file, tuple(settings or ()), plots=False))
+    if not deployment.patches:
+        raise DeploymentError(
+            f"{file}: patches: there are none; a stress test is one of the network of cells"
+        )
     given: dict[str, Any] = dict(_QUICK) if quick else {}
     for name, text, kind in (
         ("cells", cells, int),
