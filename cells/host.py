@@ -27,6 +27,7 @@ from cells.wiring import wire
 from skinnet.channels import Keys, Role
 from skinnet.deployment import Deployment
 from skinnet.deployment.faults import SlowHost
+from skinnet.deployment.table import parse_port
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import READING_NAMES, Config, Stimulus, decode, unpack
@@ -104,13 +105,10 @@ class HostNode:
 
     def _feeds(self, deployment: Deployment) -> list[int]:
         """Cells of this host that are fed."""
-        wiring = self._wiring
-        if deployment.power is not None and deployment.power.feeds:
-            ends = [feed.split(":")[0].split("/") for feed in deployment.power.feeds]
-            cells = [(self._index[patch], int(cell)) for patch, cell in ends if patch in self._index]
-        else:
-            cells = [(p, int(c)) for p, patch in enumerate(wiring.patches) for c, _ in patch.interfaces]
-        return [int(wiring.first_cell[patch]) + cell for patch, cell in cells]
+        feeds = () if deployment.power is None else deployment.power.feeds
+        mine = [feed for feed in feeds if parse_port(feed)[0] in self._index]
+        fed_elsewhere = bool(feeds) and not mine
+        return [] if fed_elsewhere else self._wiring.skin.feeds(mine).tolist()
 
     def start(self, put: Put) -> None:
         """The network begins to form as soon as there is power."""

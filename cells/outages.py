@@ -46,7 +46,7 @@ class _Schedule:
 
     def __init__(self, wiring: Wiring, power: PowerSpec | None, feeds: NDArray[np.int64]) -> None:
         self._wiring = wiring
-        self._grid = None if power is None else PowerGrid(wiring.n_cells, wiring.power_wires, feeds, power)
+        self._grid = None if power is None else PowerGrid(wiring.n_cells, wiring.skin.wires, feeds, power)
         self._link_faults: Counter[int] = Counter()
         self._wire_cuts: Counter[int] = Counter()
         self._cell_faults: Counter[int] = Counter()
@@ -67,7 +67,7 @@ class _Schedule:
         cell_on = np.ones_like(self.cell_on)
         cell_on[[cell for cell, n in self._cell_faults.items() if n]] = False
         if self._grid is not None:
-            wire_ok = np.ones(len(self._wiring.power_wires), dtype=np.bool_)
+            wire_ok = np.ones(len(self._wiring.skin.wires), dtype=np.bool_)
             wire_ok[[w for w, n in self._wire_cuts.items() if n and w < len(wire_ok)]] = False
             cell_on &= ~self._grid.solve(cell_on, wire_ok).browned_out
         link_up = np.ones_like(self.link_up)

@@ -17,6 +17,7 @@ from skinnet.network.topology import UNBOUNDED, Topology
 from skinnet.seeding import key_of
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import Bridge, PlacedPatch
+from skinnet.skin.whole import WholeSkin, join
 
 __all__ = ["Wiring", "wire"]
 
@@ -28,52 +29,53 @@ class Wiring:
     """How the cells of a host are numbered and wired.
 
     Attributes:
-        patches: The patches, group after group.
-        first_cell: (p + 1,) host-wide number of the first cell of each patch, then of all cells.
+        skin: The patches, group after group, with the bridges between them; its numbers are host-wide.
         first_patch: (g + 1,) number of the first patch of each group, then of all patches.
         group_ports: (g,) ports of each group's interface.
         gateway_port: (p,) first port of each patch's gateways at its group's interface.
         interface: (g,) node of each group's interface.
         node_of_cell: (cells,) node of each cell.
-        patch_of_cell: (cells,) patch of each cell.
         uid_of_cell: (cells,) hardware number: counts the cells of a group.
         group_of_node: (nodes,) group of each node.
         link_out: (nodes, ports) link that leaves a node by a port, −1 for none.
-        power_wires: (w, 4) wires between cells: (cell, port, cell, port), host-wide numbers.
         topology: Nodes and links for the kernel.
     """
 
-    patches: tuple[PlacedPatch, ...]
-    first_cell: Ints
+    skin: WholeSkin
     first_patch: Ints
     group_ports: list[int]
     gateway_port: Ints
     interface: Ints
     node_of_cell: Ints
-    patch_of_cell: Ints
     uid_of_cell: Ints
     group_of_node: Ints
     link_out: Ints
-    power_wires: Ints
     topology: Topology
 
     @property
     def n_cells(self) -> int:
         """Cells of all patches."""
-        return int(self.first_cell[-1])
+        return self.skin.n_cells
+
+    @property
+    def patches(self) -> tuple[PlacedPatch, ...]:
+        """The patches."""
+        return self.skin.patches
+
+    @property
+    def first_cell(self) -> Ints:
+        """(p + 1,) number of the first cell of each patch, then of all cells."""
+        return self.skin.first_cell
+
+    @property
+    def patch_of_cell(self) -> Ints:
+        """(cells,) patch of each cell."""
+        return self.skin.patch_of_cell
 
     @property
     def group_of_patch(self) -> Ints:
         """(p,) group of each patch."""
         return np.repeat(np.arange(len(self.group_ports)), np.diff(self.first_patch))
-
-    def links_into(self, node: int) -> list[int]:
-        """Links that arrive at a node."""
-        return [link ^ 1 for link in self.links_of(node)]
-
-    def links_of(self, node: int) -> list[int]:
-        """Links that leave a node; the link back is the number with its last bit turned."""
-        return [link for link in self.link_out[node].tolist() if link >= 0]
 
     def network(self, seed: int) -> Network:
         """The kernel over these nodes; its random draws belong to the nodes, not to their host."""
@@ -96,26 +98,17 @@ def wire(
         bridges: Wires between patches; those that lead to other patches are left out.
     """
     patches = tuple(patch for group in groups for patch in group)
-    sizes = np.array([patch.n_cells for patch in patches], dtype=np.int64)
-    first_cell = np.concatenate([[0], np.cumsum(sizes)])
+    names = {patch.name for patch in patches}
+    skin = join(patches, [b for b in bridges if b.a_patch in names and b.b_patch in names])
+    first_cell, patch_of_cell, n_cells = skin.first_cell, skin.patch_of_cell, skin.n_cells
     first_patch = np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64)
     group_of_patch = np.repeat(np.arange(len(groups)), np.diff(first_patch))
-    patch_of_cell = np.repeat(np.arange(len(patches)), sizes)
-    n_cells = int(first_cell[-1])
     node_of_cell = np.arange(n_cells) + group_of_patch[patch_of_cell]
     first_node = np.append(node_of_cell[first_cell[first_patch[:-1]]], n_cells + len(groups))
     interface = first_node[1:] - 1
 
-    cell_wires = [patch.wires + first_cell[p] * _CELL_COLUMNS for p, patch in enumerate(patches)]
-    names = {patch.name: int(first) for patch, first in zip(patches, first_cell[:-1], strict=True)}
-    bridge_wires = [
-        [names[b.a_patch] + b.a_cell, b.a_port, names[b.b_patch] + b.b_cell, b.b_port]
-        for b in bridges
-        if b.a_patch in names and b.b_patch in names
-    ]
-    power_wires = np.vstack([*cell_wires, np.array(bridge_wires, dtype=np.int64).reshape(-1, 4)])
-    links = power_wires.copy()
-    links[:, [0, 2]] = node_of_cell[power_wires[:, [0, 2]]]
+    links = skin.wires.copy()
+    links[:, [0, 2]] = node_of_cell[skin.wires[:, [0, 2]]]
     gateway_port = np.zeros(len(patches), dtype=np.int64)
     group_ports, wires = [], [links]
     for g, (first, last) in enumerate(pairwise(first_patch.tolist())):
@@ -133,23 +126,17 @@ def wire(
     link_out[topology.src, topology.src_port] = np.arange(topology.n_links)
     uid_of_cell = np.arange(n_cells) - first_cell[first_patch[group_of_patch[patch_of_cell]]]
     return Wiring(
-        patches=patches,
-        first_cell=first_cell,
+        skin=skin,
         first_patch=first_patch,
         group_ports=group_ports,
         gateway_port=gateway_port,
         interface=interface,
         node_of_cell=node_of_cell,
-        patch_of_cell=patch_of_cell,
         uid_of_cell=uid_of_cell,
         group_of_node=np.repeat(np.arange(len(groups)), np.diff(first_node)),
         link_out=link_out,
-        power_wires=power_wires,
         topology=topology,
     )
-
-
-_CELL_COLUMNS = np.array([1, 0, 1, 0])
 
 
 def _topology(wires: Ints, n_nodes: int, interface: Ints, spec: NetworkSpec) -> Topology:

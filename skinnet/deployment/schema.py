@@ -29,6 +29,7 @@ from skinnet.deployment.table import (
     Table,
     Vector,
     ns_of_ms,
+    parse_port,
 )
 
 __all__ = [
@@ -459,7 +460,7 @@ class Deployment(Table, frozen=True, kw_only=True):
         """Patches that bridges join into one network, by name; one without bridges is a group of its own."""
         group = {patch.name: [patch.name] for patch in self.patches}
         for bridge in self.bridges:
-            one, other = (group.get(end.split("/")[0]) for end in (bridge.a, bridge.b))
+            one, other = (group.get(parse_port(end)[0]) for end in (bridge.a, bridge.b))
             if one is not None and other is not None and one is not other:
                 one += other
                 group |= dict.fromkeys(other, one)

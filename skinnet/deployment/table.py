@@ -16,6 +16,7 @@ __all__ = [
     "Vector",
     "ns_of_ms",
     "ns_of_s",
+    "parse_port",
 ]
 
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -39,6 +40,13 @@ def ns_of_ms(value_ms: float) -> int:
 def ns_of_s(value_s: float) -> int:
     """Integer nanoseconds of a time in seconds."""
     return round(value_s * 1e9)
+
+
+def parse_port(name: str) -> tuple[str, int, int]:
+    """Patch, cell and port of a `PortName`."""
+    patch, _, place = name.partition("/")
+    cell, _, port = place.partition(":")
+    return patch, int(cell), int(port)
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

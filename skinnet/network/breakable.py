@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skinnet.deployment.faults import CellRule, FaultRule, GatewayLost, LinkRule
 from skinnet.deployment.schema import Deployment
+from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.seeding import key_of
 
@@ -91,7 +92,9 @@ class Inventory:
                 self.wires.append((Place(patch.name, cell, port), Place(patch.name, other, other_port)))
             for gateway, (cell, port) in enumerate(patch.interfaces.tolist()):
                 self.wires.append((Place(patch.name, cell, port), Place(patch.name, gateway=gateway)))
-        self.wires += [(_port(bridge.a), _port(bridge.b)) for bridge in deployment.bridges]
+        self.wires += [
+            (Place(*parse_port(bridge.a)), Place(*parse_port(bridge.b))) for bridge in deployment.bridges
+        ]
 
     def wired_ports(self, patch: str, cell: int) -> list[int]:
         """Ports of a cell at which there is a wire."""
@@ -168,13 +171,6 @@ def _links(
             if meant(end):
                 leaving = end if direction == "out" else peer
                 yield Breakable(leaving.names[-1], (leaving,))
-
-
-def _port(name: str) -> Place:
-    """Place of a "patch/cell:port"."""
-    patch, _, rest = name.partition("/")
-    cell, _, port = rest.partition(":")
-    return Place(patch, int(cell), int(port))
 
 
 def _missing(inventory: Inventory, rule: FaultRule) -> str:

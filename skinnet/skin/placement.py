@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skinnet.deployment.schema import BridgeSpec, CellSpec, LatticeSpec, PatchSpec, PlacedCell
+from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 
@@ -201,8 +202,7 @@ def bridges_of(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) -> tu
     for index, spec in enumerate(specs):
         ends: list[tuple[str, int, int]] = []
         for key, end in (("a", spec.a), ("b", spec.b)):
-            name, _, place = end.partition("/")
-            cell, port = map(int, place.split(":"))
+            name, cell, port = parse_port(end)
             if name not in free:
                 known = ", ".join(free)
                 raise DeploymentError(f"bridges[{index}].{key} = {end!r}: unknown patch; there are {known}")

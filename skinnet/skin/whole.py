@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import Bridge, PlacedPatch
 
@@ -66,8 +67,7 @@ class WholeSkin:
         return np.array(named, dtype=np.int64) if named else self.gateways[:, 0]
 
     def _cell(self, key: str, name: str) -> int:
-        patch_name, _, rest = name.partition("/")
-        cell = int(rest.partition(":")[0])
+        patch_name, cell, _ = parse_port(name)
         for patch, first in zip(self.patches, self.first_cell.tolist(), strict=False):
             if patch.name == patch_name and cell < patch.n_cells:
                 return int(first + cell)

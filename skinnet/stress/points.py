@@ -10,6 +10,7 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
 from skinnet.deployment.schema import CellSpec, ControllerSpec, EncodingSpec, PatchSpec, RunSpec, StageSpec
 from skinnet.deployment.stress import StressSpec
+from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.network.faults import check_targets
 from skinnet.skin.gateways import with_gateways
@@ -167,8 +168,8 @@ def _wired(patch: PatchSpec, cells: CellSpec, deployment: Deployment, gateways: 
     if gateways is None or not patch.interfaces:
         return patch
     ends = [end for bridge in deployment.bridges for end in (bridge.a, bridge.b)]
-    ports = [end.partition("/")[2].split(":") for end in ends if end.partition("/")[0] == patch.name]
-    return with_gateways(patch, cells, gateways, [(int(cell), int(port)) for cell, port in ports])
+    taken = [(cell, port) for name, cell, port in map(parse_port, ends) if name == patch.name]
+    return with_gateways(patch, cells, gateways, taken)
 
 
 def noise_sigma(cells: CellSpec) -> dict[str, float]:
