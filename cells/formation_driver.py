@@ -6,7 +6,9 @@ The routes that they decide on take effect in the kernel as long after as an ans
 """
 
 import heapq
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -74,6 +76,7 @@ class FormationDriver:
         ]
         self.powered = np.zeros(n, dtype=np.bool_)
         self._lives = [0] * n
+        self._earlier = Counter[str]()  # of agents that were switched off and on
         self._agents: list[_Agent | None] = [None] * wiring.topology.n_nodes
         self._node_of_id: list[dict[int, int]] = [{} for _ in self.gateways]
         for node, gateway in zip(wiring.interface.tolist(), self.gateways, strict=True):
@@ -145,7 +148,15 @@ class FormationDriver:
     @property
     def repeated(self) -> int:
         """Packets that were sent again."""
-        return sum(cell.links.repeated for cell in self.cells) + sum(g.links.repeated for g in self.gateways)
+        return self._earlier["repeated"] + sum(agent.links.repeated for agent in self._everyone())
+
+    @property
+    def ignored(self) -> int:
+        """Packets of other epochs, or out of turn, that agents dropped."""
+        return self._earlier["ignored"] + sum(agent.ignored for agent in self._everyone())
+
+    def _everyone(self) -> Iterator[_Agent]:
+        return chain(self.cells, self.gateways)
 
     @property
     def at_rest(self) -> bool:
@@ -161,6 +172,8 @@ class FormationDriver:
     def _switch_on(self, cell: int) -> None:
         node = int(self._wiring.node_of_cell[cell])
         uid = int(self._wiring.uid_of_cell[cell])
+        before = self.cells[cell]
+        self._earlier.update(repeated=before.links.repeated, ignored=before.ignored)
         self.cells[cell] = self._agents[node] = CellFormation(uid, self._resend_ns, self._lives[cell])
         self.powered[cell] = True
 

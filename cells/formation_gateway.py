@@ -47,7 +47,6 @@ class GatewayFormation:
         epoch: Number of the formation, modulo 4096.
         forest: What the cells have reported.
         version: How often what is known has changed, with the end of the first formation.
-        began_ns: When the present or last epoch began [ns].
         route_changes: Routes that are new: (ID, port); whoever reads them empties the list.
         ignored: Packets of other epochs, or out of turn, that were dropped.
     """
@@ -81,7 +80,6 @@ class GatewayFormation:
         self.epoch = 0
         self.forest = Forest()
         self.version = 0
-        self.began_ns = 0
         self.route_changes: list[tuple[int, int]] = []
         self.ignored = 0
         self.links = LinkLayer(ports, resend_ns)
@@ -218,7 +216,6 @@ class GatewayFormation:
         self.forest.joined = set()
         self.epoch = (self.epoch + 1) % _EPOCHS
         self.phase = Phase.EXPLORATION
-        self.began_ns = t_ns
         self._deadline_ns = t_ns + (self._patience_ns // _HASTE if self._warm else self._patience_ns)
         self._unanswered = set(ports)
         for port in ports:

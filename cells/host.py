@@ -249,6 +249,7 @@ class HostNode:
             "network": self._network.counters(),
             "formation_packets": self._network.formation.sent,
             "formation_repeated": self._network.formation.repeated,
+            "formation_ignored": self._network.formation.ignored,
             "tree_depth": self._network.members.depth(),
             "formed_ns": self._network.members.formed_by_patch(),
             "unreached": sum(self._network.members.missing(patch) for patch in range(len(self._patches))),

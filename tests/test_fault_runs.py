@@ -93,6 +93,7 @@ def test_of_everything_that_breaks_the_summary_tells(broken: dict[str, Any]) -> 
     assert figures["recovery.unfinished"] == 0
     assert figures["formation.unreached_cells"] == 1  # a cell without neighbours that lost its gateway
     assert figures["formation.repeated_packets"] > 0
+    assert figures["formation.ignored_packets"] > 0
     assert 0 < figures["recovery.back_ms.max"] <= figures["recovery.complete_ms.max"]
 
 

@@ -328,6 +328,14 @@ def test_noise_belongs_to_the_cell() -> None:
     assert len(one.heard(Events)) > 10
 
 
+def test_cells_are_fed_where_the_deployment_says_and_nowhere_else() -> None:
+    """A host none of whose cells is named is dark, though its gateways are wired."""
+    deployment = small(hosts="per_patch", power={"feeds": ("arm/0:0",)})
+    dark = {name: Host(deployment, name).run(5).facts["without_power"] for name in deployment.host_patches()}
+    sizes = {patch.name: patch.n_cells for patch in deployment.patches}
+    assert list(dark.values()) == [0, sizes["hand"]]
+
+
 def test_a_rehearsal_reaches_the_last_step() -> None:
     """Cells form, sample, stream and are heard: whatever is compiled on the way is."""
     assert rehearse(small()) > 0

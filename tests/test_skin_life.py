@@ -226,6 +226,20 @@ def test_formation_outlives_lossy_links() -> None:
     assert life.network.counters()["formation"]["loss"] > 0
 
 
+def test_what_a_cell_did_before_it_lost_its_power_still_counts() -> None:
+    lossy = Streaming(
+        patch("p", 6, 3),
+        network=FAST | {"loss": 0.2},
+        found=lambda w: [Outage(CUT_NS, 2 * CUT_NS, cell=cell) for cell in range(18)],
+    ).run(2 * CUT_NS)
+    formation = lossy.network.formation
+    before = formation.repeated
+    lossy.run(3 * CUT_NS)
+    assert formation.powered.all()
+    assert formation.repeated >= before > 0
+    assert formation.repeated > sum(agent.links.repeated for agent in (*formation.cells, *formation.gateways))
+
+
 def test_bit_errors_are_caught_and_counted() -> None:
     n = 2 * (7 + 1)
     bad = [Impairment(CUT_NS, link, 0.0, 1e-4) for link in range(n)]

@@ -88,7 +88,7 @@ class _Run:
 
     def __init__(self, files: Files, wired: Wired, until_ns: int, seed: int) -> None:
         topology = wired.topology
-        self._files, self._wired, self._until_ns = files, wired, until_ns
+        self._wired, self._until_ns = wired, until_ns
         self._network = Network(
             topology, seed=seed, node_keys=wired.nodes.view(np.uint64), hop_limit=topology.n_nodes
         )

@@ -53,6 +53,7 @@ def _formation_figures(hosts: list[Part]) -> dict[str, Any]:
     if None not in formed_ns:
         figures["formation.sim_ms"] = max(formed_ns) * 1e-6
     figures["formation.repeated_packets"] = sum(host.facts["formation_repeated"] for host in hosts)
+    figures["formation.ignored_packets"] = sum(host.facts["formation_ignored"] for host in hosts)
     figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in hosts)
     figures["formation.unreached_cells"] = sum(host.facts["unreached"] for host in hosts)
     if cut_off := [patch for host in hosts for patch in host.facts["cut_off"]]:
