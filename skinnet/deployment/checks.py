@@ -231,4 +231,4 @@ def _check_stand(deployment: Deployment) -> None:
     for key, name in (("present_stage", stand.present_stage), ("lower_stage", stand.lower_stage)):
         if name is not None and name.partition(".")[0] not in deployment.controller.stages:
             known = ", ".join(deployment.controller.stages)
-            raise DeploymentError(f"stand.{key} = {name!r}: unknown stage; there are {known}")
+            raise DeploymentError(f"stand.{key} = {name!r}: unknown stage; there are {known or 'none'}")
