@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.drive_log import DriveLog
+from controller.grasping.memory import LongTermMemory
+from controller.grasping.session import Session
 from controller.knowledge import Knowledge
 from controller.skin_input import SkinInput, SkinRows
 from controller.stages import Stage, make_stage
@@ -47,7 +49,9 @@ class Brain:
     def __init__(self, control: ControllerSpec, skin: SkinInput, n_cells: int) -> None:
         self.skin = skin
         self.knowledge = Knowledge(cut=control.map.cut)
+        self._memory = LongTermMemory(None, self.knowledge)
         self.picture = TactilePicture(n_cells)
+        self.sessions: list[Session] = []
         self.stage_log: list[tuple[str, int]] = []
         self.drives = DriveLog()
         self._control = control
@@ -70,8 +74,9 @@ class Brain:
 
     @property
     def stage(self) -> str:
-        """Name of the present stage."""
-        return self._name
+        """Name of the present stage, and after a dot what it is doing if it does more than one thing."""
+        label = self._stage.label if self._stage is not None else ""
+        return f"{self._name}.{label}" if label else self._name
 
     @property
     def progress(self) -> float:
@@ -148,10 +153,14 @@ class Brain:
                 self._control.stages[self._name],
                 self._control,
                 self.knowledge,
+                self._memory,
+                self.picture,
                 t_ns=t_ns,
                 n_cells=self._n_cells,
                 home_rad=self._home_rad,
             )
+            if isinstance(self._stage, Session):
+                self.sessions.append(self._stage)
 
     def _switch_streams(self, t_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         stage = self._stage

@@ -84,6 +84,12 @@ class SensoryMotorMap:
         self._poses_rad.append(pose_rad.astype(np.float64))
         self._weights.append(weights.astype(np.float64))
 
+    def forget(self, pose_rad: NDArray[np.float64]) -> None:
+        """Drops the maps of exactly this pose (D,)."""
+        kept = [i for i, pose in enumerate(self._poses_rad) if not np.array_equal(pose, pose_rad)]
+        self._poses_rad = [self._poses_rad[i] for i in kept]
+        self._weights = [self._weights[i] for i in kept]
+
     def closest(self, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map (S, D) of the explored pose next to `position_rad` in joint space, the oldest of equals.
 

@@ -16,6 +16,7 @@ __all__ = ["Guide"]
 class Guide:
     """Tactile guidance: the robot evades touch, and follows whoever pushes it: equation (4)."""
 
+    label = ""
     wants_stream = False
 
     def __init__(

@@ -15,6 +15,7 @@ class Listen:
     gains = None
     thresholds = None
     felt = None
+    label = ""
     wants_stream = False
 
     def __init__(self, duration_s: float, start_ns: int) -> None:

@@ -17,6 +17,7 @@ from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.plan import PlanSpec
 from skinnet.deployment.power import PowerSpec
 from skinnet.deployment.script import ScriptSpec
+from skinnet.deployment.session import SessionSpec
 from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, SheetSpec, SurfaceSpec
 from skinnet.deployment.stress import StressSpec
 from skinnet.deployment.table import (
@@ -353,7 +354,7 @@ class MapSpec(Table, frozen=True, kw_only=True):
 class StageSpec(Table, frozen=True, kw_only=True):
     """One stage of the controller's program."""
 
-    kind: Literal["structure", "map", "posture", "guide", "listen"]
+    kind: Literal["structure", "map", "posture", "guide", "listen", "session"]
     duration_s: Positive | None = None
     force_gain: NonNegative = 0.0
     force_threshold: NonNegative = 0.05
@@ -393,6 +394,7 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
     structure: StructureSpec = field(default_factory=StructureSpec)
     map: MapSpec = field(default_factory=MapSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
+    session: SessionSpec = field(default_factory=SessionSpec)
     safety: SafetySpec = field(default_factory=SafetySpec)
 
     @property
