@@ -56,14 +56,14 @@ class Skin(TactilePicture):
 
     def __init__(self) -> None:
         super().__init__(S)
-        self._t_ns = 0
+        self.now_ns = 0
 
     def feel(self, cells: tuple[int, ...], modality: Modality, level: int, value: float) -> None:
-        self._t_ns += 1
+        self.now_ns += 1
         n = len(cells)
         self.apply_events(
             np.array(cells),
-            np.full(n, self._t_ns),
+            np.full(n, self.now_ns),
             np.full(n, int(modality)),
             np.zeros(n, dtype=np.int64),
             np.full(n, int(EventKind.LEVEL)),
@@ -105,6 +105,7 @@ class Robot:
             if not self.blocked:
                 self.position_rad = self.position_rad + velocity * TICK_NS * 1e-9
             self.t_ns += TICK_NS
+            self.skin.now_ns = self.t_ns
         return velocity
 
     def ask(self, what: str, argument: str = "") -> bool:
