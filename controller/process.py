@@ -220,6 +220,11 @@ class ControllerNode:
             "map_problems": knowledge.map_problems,
         }
         arrays = self._trace.arrays() | {"drives": brain.drives.rows}
+        if brain.sessions:
+            facts["session"] = [entry._asdict() for session in brain.sessions for entry in session.log]
+            facts["refused_requests"] = [entry for session in brain.sessions for entry in session.refused]
+            facts["poses"] = {name: pose.tolist() for name, pose in knowledge.poses.items()}
+            facts["areas"] = {label: cells.tolist() for label, cells in knowledge.areas.items()}
         if knowledge.structure is not None:
             structure = knowledge.structure
             facts["structure"] = {

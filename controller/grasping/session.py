@@ -44,13 +44,14 @@ _PLAIN = {
 
 
 class Transition(NamedTuple):
-    """One row of the session's log."""
+    """One row of the session's log; `contacts` counts cells on each arm, then on the chest."""
 
     t_ns: int
     state: str
     event: str
     to: str
-    argument: str = ""
+    argument: str
+    contacts: tuple[int, ...]
 
 
 class Session:
@@ -144,7 +145,8 @@ class Session:
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
         """Joint velocities (D,) [rad/s] at `t_ns`."""
-        request = self._operator.due(t_ns, self.state, touched=self._execution.touched)
+        brushed = self._attention is not None and self._attention.brushed
+        request = self._operator.due(t_ns, self.state, touched=self._execution.touched or brushed)
         if request is not None:
             self.ask(t_ns, *request)
         if self._operator.gives_up(t_ns, self.state):
@@ -209,7 +211,9 @@ class Session:
         state = after(self.state, event)
         assert state is not None
         self._leave(event)
-        self.log.append(Transition(t_ns, self.state.value, event.value, state.value, self._asked_argument))
+        contacts = self._senses.contacts(self._picture)
+        argument = self._asked_argument
+        self.log.append(Transition(t_ns, self.state.value, event.value, state.value, argument, contacts))
         self._argument, self._asked_argument = self._asked_argument, ""
         again = state is self.state
         self.state = state

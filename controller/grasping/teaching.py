@@ -32,6 +32,11 @@ class Attention:
         self._before = contact
 
     @property
+    def brushed(self) -> bool:
+        """Something is in contact now."""
+        return bool(self._before.any())
+
+    @property
     def cells(self) -> NDArray[np.int64]:
         """Cells with a new contact so far."""
         return np.flatnonzero(self._touched)

@@ -97,10 +97,10 @@ class TouchEvents:
         }
         return {event for event, holds in conditions.items() if holds}
 
-    def contacts(self, picture: TactilePicture) -> tuple[list[bool], bool]:
-        """Which arms are in contact, and whether the chest is."""
+    def contacts(self, picture: TactilePicture) -> tuple[int, ...]:
+        """How many cells are in contact: on each arm, then on the chest."""
         contact = self._contact(picture)
-        return [bool(contact[arm].any()) for arm in self.arms], bool(contact[self._chest].any())
+        return tuple(int(contact[cells].sum()) for cells in (*self.arms, self._chest))
 
     def _proximity(self, picture: TactilePicture) -> NDArray[np.int64]:
         level = picture.level(Modality.PROXIMITY)
