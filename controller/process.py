@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
+from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
 from controller.skin_input import SkinInput, SkinRows
 from skinnet.channels import Keys, Role
@@ -81,6 +82,7 @@ class ControllerNode:
         self._state_s = -1e9
         self._log = hashlib.sha256()
         self._trace = _Trace()
+        self._patch_trace = PatchTrace(sizes)
 
     def start(self, put: Put) -> None:
         """The first tick is at time zero."""
@@ -162,6 +164,8 @@ class ControllerNode:
         put(self._command_key, payload)
         self._note(position, events, stream, payload)
         self._trace.add(t_ns, tick.velocity_rad_s, self._brain.felt, (len(events.cell), len(stream.cell)))
+        if self._brain.sessions:
+            self._patch_trace.add(t_ns, self._brain.picture)
         self._t_ns += self._period_ns
 
     def _see_topologies(self) -> None:
@@ -221,6 +225,7 @@ class ControllerNode:
         }
         arrays = self._trace.arrays() | {"drives": brain.drives.rows}
         if brain.sessions:
+            arrays |= self._patch_trace.arrays()
             facts["session"] = [entry._asdict() for session in brain.sessions for entry in session.log]
             facts["refused_requests"] = [entry for session in brain.sessions for entry in session.refused]
             facts["poses"] = {name: pose.tolist() for name, pose in knowledge.poses.items()}
