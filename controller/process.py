@@ -277,7 +277,7 @@ class _Trace:
         }
 
 
-def build(deployment: Deployment, name: str, base: Path) -> Node:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
     """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
     if deployment.nursing is not None:
         from controller.nursing.process import NursingNode  # brings MuJoCo with it
