@@ -49,7 +49,8 @@ class Brain:
     def __init__(self, control: ControllerSpec, skin: SkinInput, n_cells: int) -> None:
         self.skin = skin
         self.knowledge = Knowledge(cut=control.map.cut)
-        self._memory = LongTermMemory(None, self.knowledge)
+        self.memory = LongTermMemory(None, self.knowledge)
+        """Where what is learnt is kept; nowhere unless somebody says where."""
         self.picture = TactilePicture(n_cells)
         self.sessions: list[Session] = []
         self.stage_log: list[tuple[str, int]] = []
@@ -153,7 +154,7 @@ class Brain:
                 self._control.stages[self._name],
                 self._control,
                 self.knowledge,
-                self._memory,
+                self.memory,
                 self.picture,
                 t_ns=t_ns,
                 n_cells=self._n_cells,

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
+from controller.grasping.memory import LongTermMemory
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
 from controller.skin_input import SkinInput, SkinRows
+from controller.trace import Trace
 from skinnet.channels import Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
@@ -48,6 +50,7 @@ class ControllerNode:
 
     def __init__(self, deployment: Deployment, name: str, sizes: dict[str, int]) -> None:
         self.name = name
+        self._deployment = deployment
         keys = Keys(deployment.robot)
         self.subscriptions = (
             keys.of("joints"),
@@ -81,8 +84,12 @@ class ControllerNode:
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._state_s = -1e9
         self._log = hashlib.sha256()
-        self._trace = _Trace()
+        self._trace = Trace()
         self._patch_trace = PatchTrace(sizes)
+
+    def keep(self, base: Path, out: Path | None) -> None:
+        """Recalls what the deployment in `base` names, and keeps what is learnt in the run folder `out`."""
+        self._brain.memory = LongTermMemory.begin(self._deployment, base, out, self._brain.knowledge)
 
     def start(self, put: Put) -> None:
         """The first tick is at time zero."""
@@ -210,6 +217,7 @@ class ControllerNode:
     def result(self) -> Part:
         """What was found out, and the traces of what was felt and commanded."""
         brain, knowledge = self._brain, self._brain.knowledge
+        brain.memory.close()
         facts: dict[str, Any] = {
             "logs": {"controller": self._log.hexdigest()},
             "done": brain.done,
@@ -253,41 +261,7 @@ class ControllerNode:
         return Part(self.name, self.role, facts, arrays)
 
 
-class _Trace:
-    """What came in and was commanded in every tick, and what was felt in the ticks of stages that react."""
-
-    def __init__(self) -> None:
-        self._t_ns: list[int] = []
-        self._velocity: list[NDArray[np.float32]] = []
-        self._taken: list[tuple[int, int]] = []
-        self._felt_ns: list[int] = []
-        self._felt: list[NDArray[np.float16]] = []
-
-    def add(
-        self,
-        t_ns: int,
-        velocity: NDArray[np.float64],
-        felt: NDArray[np.float64] | None,
-        taken: tuple[int, int],
-    ) -> None:
-        self._t_ns.append(t_ns)
-        self._taken.append(taken)
-        self._velocity.append(velocity.astype(np.float32))
-        if felt is not None:
-            self._felt_ns.append(t_ns)
-            self._felt.append(felt.astype(np.float16))
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        return {
-            "t_ns": np.array(self._t_ns, dtype=np.int64),
-            "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
-            "taken": np.array(self._taken, dtype=np.int64).reshape(-1, 2),  # events, full readings
-            "touch_t_ns": np.array(self._felt_ns, dtype=np.int64),
-            "touch": np.array(self._felt, dtype=np.float16),
-        }
-
-
-def build(deployment: Deployment, name: str, base: Path) -> Node:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
     """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
     if deployment.nursing is not None:
         from controller.nursing.process import NursingNode  # brings MuJoCo with it
@@ -295,4 +269,6 @@ def build(deployment: Deployment, name: str, base: Path) -> Node:
         return NursingNode(deployment, name, base)
     rehearse(deployment)
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
-    return ControllerNode(deployment, name, sizes)
+    node = ControllerNode(deployment, name, sizes)
+    node.keep(base, out)
+    return node

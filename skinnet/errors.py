@@ -2,6 +2,7 @@
 
     SkinnetError
     ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
+    ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
@@ -13,6 +14,7 @@ A bug of ours is an AssertionError or an ordinary Python exception, never one of
 
 __all__ = [
     "DeploymentError",
+    "MemoryFileError",
     "ModelError",
     "PortInUseError",
     "ProcessFailedError",
@@ -28,6 +30,10 @@ class SkinnetError(Exception):
 
 class DeploymentError(SkinnetError):
     """A deployment does not hold; the text names file, key, value, what is allowed, what to do."""
+
+
+class MemoryFileError(SkinnetError):
+    """What a memory file holds, or what should be kept in one, does not hold; the text says which and why."""
 
 
 class ModelError(SkinnetError):

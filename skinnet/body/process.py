@@ -183,7 +183,7 @@ class BodyNode:
         return Part(self.name, self.role, facts, arrays)
 
 
-def build(deployment: Deployment, name: str, base: Path) -> BodyNode:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> BodyNode:
     """The body of `deployment`: scripted if it has a script."""
     body = Body(deployment, base) if deployment.script is None else ScriptedBody(deployment, base)
     body.stimulus()  # compiles what it calls before others wait for it, and changes nothing

@@ -19,9 +19,16 @@ __all__ = ["run_in_process"]
 
 
 async def run_in_process(
-    deployment: Deployment, base: Path, progress: Progress, watch: Watch | None = None
+    deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None = None
 ) -> Outcome:
     """Runs `deployment` in this process.
+
+    Args:
+        deployment: What to run.
+        base: Folder that relative paths in it start from.
+        out: Run folder.
+        progress: Where to show how it goes.
+        watch: Window for outsiders.
 
     Raises:
         SkinnetError: what a node could not go on with.
@@ -32,7 +39,7 @@ async def run_in_process(
     progress.follow(launcher, keys)
     if watch is not None:
         watch.open(launcher)
-    nodes = [build_node(p.module, deployment, p.name, base) for p in processes(deployment)]
+    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment)]
     try:
         async with asyncio.TaskGroup() as group:
             for node in nodes:
