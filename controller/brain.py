@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from controller.drive_log import DriveLog
 from controller.knowledge import Knowledge
+from controller.requests import Asked, Reply
 from controller.skin_input import SkinInput, SkinRows
 from controller.stages import Stage, make_stage
 from controller.touch.fusion import TactilePicture
@@ -74,6 +75,11 @@ class Brain:
         return self._name
 
     @property
+    def state(self) -> str:
+        """The present stage for watchers, to whom it is a state as well that none has begun."""
+        return self._name or "forming"
+
+    @property
     def progress(self) -> float:
         """Share of the present stage that is done, 0 to 1."""
         return self._stage.progress if self._stage is not None else float(self.done)
@@ -94,6 +100,19 @@ class Brain:
         self.picture.set_found(gone, False)
         self.picture.set_found(back, True)
         self._streaming[gone] = False
+
+    def ask(self, t_ns: int, what: str, argument: str) -> Reply:
+        """Passes a request on to the present stage, or refuses it; just before the tick of `t_ns`."""
+        stage = self._stage
+        if stage is not None:
+            if isinstance(stage, Asked):
+                return stage.ask(t_ns, what, argument)
+            why = f"stage {self._name!r} takes no requests"
+        elif self.done:
+            why = "the program is over"
+        else:
+            why = "the program has not begun: the network of the skin is forming"
+        return Reply(False, self.state, why)
 
     def tick(
         self, t_ns: int, position_rad: NDArray[np.float64], t_joints_ns: int, t_skin_ns: int, *, ready: bool
