@@ -10,8 +10,10 @@ import typer
 from skinnet import __version__
 from skinnet.cli import bench, network, run
 from skinnet.cli.plan import EXAMPLES, plan
+from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
+from skinnet.cli.request import request
 from skinnet.cli.stress import stress
-from skinnet.errors import DeploymentError, ModelError, PortInUseError, SkinnetError
+from skinnet.errors import DeploymentError, ModelError, PortInUseError, SkinnetError, UnreachableError
 
 __all__ = ["app", "main"]
 
@@ -29,6 +31,7 @@ app.command(epilog=run.EXAMPLES)(run.run)
 app.command()(run.check)
 app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
+app.command(epilog=REQUEST_EXAMPLES)(request)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 
@@ -54,7 +57,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, ModelError, PortInUseError) as error:
+    except (DeploymentError, ModelError, PortInUseError, UnreachableError) as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:
