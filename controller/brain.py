@@ -77,7 +77,7 @@ class Brain:
     @property
     def state(self) -> str:
         """The present stage for watchers, to whom it is a state as well that none has begun."""
-        return self._name or "forming"
+        return self.stage or "forming"
 
     @property
     def progress(self) -> float:

@@ -8,8 +8,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from typer.testing import CliRunner
 
 from skinnet.channels import OUTSIDE, Keys, Role
+from skinnet.cli.main import app
 from skinnet.errors import UnreachableError
 from skinnet.messages import Answer, ControllerState, Request, decode, encode
 from skinnet.run.requests import MOST_OPEN, PATIENCE_S, Clerk, RequestDesk
@@ -252,6 +254,31 @@ def test_the_clerk_answers_gives_up_and_sends_away(
     clerk.close()
     assert last.said == ["no answer: the run is over"]
     assert [request.id for _, request in loop.requests] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_the_command_line_says_what_was_answered(accepted: bool) -> None:
+    hub = MemoryHub()
+    controller = hub.connect("controller")
+
+    def obey(key: str, payload: bytes) -> None:
+        asked = decode(payload, Request)
+        why = "" if accepted else f"no floor {asked.argument}"
+        answer = Answer(id=asked.id, t_ns=1_500_000_000, accepted=accepted, state="lift.up", why=why)
+        controller.tell(KEYS.of("answer"), encode(answer))
+
+    controller.overhear(KEYS.of("request", "go"), obey)
+    with tempfile.TemporaryDirectory(prefix="skin") as folder:
+        endpoint = f"unixsock-stream/{folder}/watch"
+        watch = Watch(KEYS, endpoint)
+        watch.open(hub.connect(OUTSIDE))
+        controller.tell(KEYS.of("state"), encode(ControllerState(t_ns=0, stage="lift.up", progress=0.0)))
+        done = CliRunner().invoke(app, ["request", endpoint, "go", "2"])
+        watch.close()
+    said = (
+        "accepted; state lift.up at 1.500 s" if accepted else "refused: no floor 2; state lift.up at 1.500 s"
+    )
+    assert (done.exit_code, done.output) == (int(not accepted), f"{said}\n")
 
 
 async def hear(transport: Transport, n: int) -> list[Delivery]:

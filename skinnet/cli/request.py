@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from skinnet.channels import Keys
-from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
+from skinnet.errors import DeploymentError, ProtocolError, SkinnetError, UnreachableError
 from skinnet.messages import Answer, decode
 from skinnet.transport.client import ask
 
@@ -37,7 +37,7 @@ def request(
     """Asks the controller of a run for something; exit code 0 if it was accepted, 1 if not."""
     for name, hint in ((what, "WHAT"), (robot or "any", "--robot")):
         if not _NAME.fullmatch(name):
-            raise typer.BadParameter(f"{name!r} is no name: letters, digits, - and _", param_hint=hint)
+            raise DeploymentError(f"{hint} {name!r}: names have letters, digits, - and _ only")
     replies = ask(endpoint, Keys(robot or "*").of("request", what), argument.encode(), timeout)
     if not replies:
         who = f"no robot {robot}" if robot else "nobody"
