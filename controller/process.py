@@ -14,6 +14,7 @@ from controller.brain import Brain, Tick
 from controller.grasping.memory import LongTermMemory
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
+from controller.requests import Requests
 from controller.skin_input import SkinInput, SkinRows
 from controller.trace import Trace
 from skinnet.channels import Keys, Role
@@ -28,6 +29,7 @@ from skinnet.messages import (
     ControllerState,
     Events,
     Joints,
+    Request,
     SkinFrame,
     Stream,
     Topology,
@@ -56,6 +58,7 @@ class ControllerNode:
             keys.of("joints"),
             *(keys.of(channel, "*") for channel in ("frame", "stream", "topology", "bundle")),
             keys.of("events", "*", "*"),
+            keys.of("request", "*"),
         )
         hosts = deployment.host_patches()
         host_of = {patch: host for host, patches in hosts.items() for patch in patches}
@@ -82,7 +85,9 @@ class ControllerNode:
         self._t_ns = 0
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
+        self._requests = Requests(keys, self.counters)
         self._state_s = -1e9
+        self._told = ""
         self._log = hashlib.sha256()
         self._trace = Trace()
         self._patch_trace = PatchTrace(sizes)
@@ -105,7 +110,7 @@ class ControllerNode:
         return self._t_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in joint feedback, or what a patch has to say."""
+        """Takes in joint feedback, what a patch has to say, or what a user asks for."""
         if channel == "joints":
             joints = decode(payload, Joints)
             position = np.array(joints.position_rad, dtype=np.float64)
@@ -115,6 +120,9 @@ class ControllerNode:
                 raise ProtocolError("joint positions that are not finite")
             self._joints[joints.t_ns] = position
             self._body.close(joints.covered_ns)
+            return
+        if channel == "request":
+            self._requests.add(fields[0], decode(payload, Request))
             return
         patch = self._patches.get(fields[0]) if fields else None
         if patch is None:
@@ -149,6 +157,7 @@ class ControllerNode:
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
         self._see_topologies()
+        self._log.update(self._requests.handle(t_ns, self._brain.ask))
         alive = [patch for patch in self._patches.values() if not patch.lost]
         ready = all(patch.name in self._formed for patch in alive)
         t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
@@ -204,15 +213,17 @@ class ControllerNode:
             log.update(column.data)
         log.update(command)
 
-    def news(self) -> tuple[str, bytes] | None:
-        """What goes on; by the wall clock, and never part of the log."""
-        now_s = time.monotonic()
-        if now_s - self._state_s < _STATE_EVERY_S and not self._finished:
-            return None
-        self._state_s = now_s
-        brain = self._brain
-        state = ControllerState(t_ns=self._t_ns, stage=brain.stage or "forming", progress=brain.progress)
-        return self._keys.of("state"), encode(state)
+    def news(self) -> list[tuple[str, bytes]]:
+        """Answers to requests; and what goes on, when it changes and by the wall clock. Never in the log."""
+        news = self._requests.news()
+        brain, now_s = self._brain, time.monotonic()
+        if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
+            self._told, self._state_s = brain.state, now_s
+            state = ControllerState(
+                t_ns=self._t_ns, stage=brain.state, progress=brain.progress, text=brain.why
+            )
+            news.append((self._keys.of("state"), encode(state)))
+        return news
 
     def result(self) -> Part:
         """What was found out, and the traces of what was felt and commanded."""
@@ -230,6 +241,7 @@ class ControllerNode:
             "cells": self._patch_of_cell,
             "command_delay_ns": self._delay_ns,
             "map_problems": knowledge.map_problems,
+            "requests": self._requests.log,
         }
         arrays = self._trace.arrays() | {"drives": brain.drives.rows}
         if brain.sessions:

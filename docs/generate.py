@@ -101,7 +101,7 @@ def _channels() -> str:
         (
             f"`{prefix}{row.pattern}`",
             f"[{row.message.__name__}](#{row.message.__name__.lower()})",
-            row.sender.value,
+            row.origin,
             ", ".join(role.value for role in row.receivers),
             row.period,
             "yes" if row.public else "",

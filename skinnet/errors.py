@@ -6,6 +6,8 @@
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
+    ├── UnreachableError    nobody answers at the endpoint to connect to
+    ├── NameTakenError      a process of this name is in the loop already
     ├── UpstreamLostError   a process that this one needs is gone
     └── ProcessFailedError  a process of the run ended with an error
 
@@ -16,10 +18,12 @@ __all__ = [
     "DeploymentError",
     "MemoryFileError",
     "ModelError",
+    "NameTakenError",
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
     "SkinnetError",
+    "UnreachableError",
     "UpstreamLostError",
 ]
 
@@ -46,6 +50,14 @@ class ProtocolError(SkinnetError):
 
 class PortInUseError(SkinnetError):
     """The endpoint to listen on is already taken."""
+
+
+class UnreachableError(SkinnetError):
+    """Nobody answers at the endpoint to connect to, or not as was asked."""
+
+
+class NameTakenError(SkinnetError):
+    """A process of this name is in the loop already: two would answer for one."""
 
 
 class UpstreamLostError(SkinnetError):

@@ -106,6 +106,11 @@ class Session:
         return self.state.value
 
     @property
+    def why(self) -> str:
+        """The event that led to the present state."""
+        return self.log[-1].event if self.log else ""
+
+    @property
     def progress(self) -> float:
         """A session has no end that one could come nearer to."""
         return float(self.done)

@@ -162,8 +162,9 @@ class BodyNode:
         """Configurations sent to the patches of `host` since its last frame."""
         return sum(self._configs.pop(patch, 0) for patch in self._patches[host])
 
-    def news(self) -> None:
+    def news(self) -> tuple[()]:
         """All that the body has to say is part of the run."""
+        return ()
 
     def result(self) -> Part:
         """Ground truth and joint trace, for figures that compare."""

@@ -54,6 +54,9 @@ async def run_in_process(
                 )
     except* SkinnetError as errors:
         raise errors.exceptions[0] from None
+    finally:
+        if watch is not None:
+            watch.leave()
     parts = [part_of(node) for node in nodes]
     facts = parts[0].facts
     report = ProcessReport("all", "in_process", os.getpid(), facts["cpu_s"], facts["peak_mb"], 0)
