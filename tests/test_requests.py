@@ -38,11 +38,15 @@ class Lift:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stage, name)
 
+    @property
+    def label(self) -> str:
+        return f"floor{self.floor}"
+
     def ask(self, t_ns: int, what: str, argument: str) -> Reply:
         if what != "go" or not argument.isdecimal():
-            return Reply(False, f"floor{self.floor}", f"{what} {argument}: say go and a floor")
+            return Reply(False, self.label, f"{what} {argument}: say go and a floor")
         self.floor = int(argument)
-        return Reply(True, f"floor{self.floor}")
+        return Reply(True, self.label)
 
 
 @pytest.fixture
@@ -117,10 +121,10 @@ def test_what_a_stage_makes_of_a_request_is_the_answer() -> None:
         ask(robot, number, what, argument)
     robot.step()
     assert answers(robot.node.news()) == [
-        Answer(id=0, t_ns=TICK_NS, accepted=True, state="floor2"),
-        Answer(id=1, t_ns=TICK_NS, accepted=False, state="floor2", why="go up: say go and a floor"),
-        Answer(id=2, t_ns=TICK_NS, accepted=False, state="floor2", why="stop : say go and a floor"),
-        Answer(id=3, t_ns=TICK_NS, accepted=True, state="floor1"),
+        Answer(id=0, t_ns=TICK_NS, accepted=True, state="bow.floor2"),
+        Answer(id=1, t_ns=TICK_NS, accepted=False, state="bow.floor2", why="go up: say go and a floor"),
+        Answer(id=2, t_ns=TICK_NS, accepted=False, state="bow.floor2", why="stop : say go and a floor"),
+        Answer(id=3, t_ns=TICK_NS, accepted=True, state="bow.floor1"),
     ]
     assert robot.node.counters == {"requests_from_outside": 4}
 
@@ -175,7 +179,7 @@ def test_a_request_that_is_none_is_refused_by_the_wire() -> None:
 def test_the_nursing_program_takes_none() -> None:
     deployment = load(SHIPPED.parent / "riba_trajectory.toml")
     keys = Keys(deployment.robot)
-    node = build(deployment, "controller", SHIPPED.parent)
+    node = build(deployment, "controller", SHIPPED.parent, None)
     home = [deployment.body.home_rad.get(joint, 0.0) for joint in deployment.body.joints]
     node.accept("joints", (), encode(Joints(t_ns=0, covered_ns=0, position_rad=home)))
     node.accept("request", ("grasp",), encode(Request(id=7)))
