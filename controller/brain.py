@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.drive_log import DriveLog
+from controller.grasping.memory import LongTermMemory
+from controller.grasping.session import Session
 from controller.knowledge import Knowledge
+from controller.requests import Asked, Reply
 from controller.skin_input import SkinInput, SkinRows
 from controller.stages import Stage, make_stage
 from controller.touch.fusion import TactilePicture
@@ -47,7 +50,10 @@ class Brain:
     def __init__(self, control: ControllerSpec, skin: SkinInput, n_cells: int) -> None:
         self.skin = skin
         self.knowledge = Knowledge(cut=control.map.cut)
+        self.memory = LongTermMemory(None, self.knowledge)
+        """Where what is learnt is kept; nowhere unless somebody says where."""
         self.picture = TactilePicture(n_cells)
+        self.sessions: list[Session] = []
         self.stage_log: list[tuple[str, int]] = []
         self.drives = DriveLog()
         self._control = control
@@ -70,8 +76,19 @@ class Brain:
 
     @property
     def stage(self) -> str:
-        """Name of the present stage."""
-        return self._name
+        """Name of the present stage, and after a dot what it is doing if it does more than one thing."""
+        label = self._stage.label if self._stage is not None else ""
+        return f"{self._name}.{label}" if label else self._name
+
+    @property
+    def state(self) -> str:
+        """The present stage for watchers, to whom it is a state as well that none has begun."""
+        return self.stage or "forming"
+
+    @property
+    def why(self) -> str:
+        """Why the present stage last changed its state; empty if it has none."""
+        return self._stage.why if self._stage is not None else ""
 
     @property
     def progress(self) -> float:
@@ -94,6 +111,20 @@ class Brain:
         self.picture.set_found(gone, False)
         self.picture.set_found(back, True)
         self._streaming[gone] = False
+
+    def ask(self, t_ns: int, what: str, argument: str) -> Reply:
+        """Passes a request on to the present stage, or refuses it; just before the tick of `t_ns`."""
+        stage = self._stage
+        if stage is not None:
+            if isinstance(stage, Asked):
+                reply = stage.ask(t_ns, what, argument)
+                return reply._replace(state=self.state)
+            why = f"stage {self._name!r} takes no requests"
+        elif self.done:
+            why = "the program is over"
+        else:
+            why = "the program has not begun: the network of the skin is forming"
+        return Reply(False, self.state, why)
 
     def tick(
         self, t_ns: int, position_rad: NDArray[np.float64], t_joints_ns: int, t_skin_ns: int, *, ready: bool
@@ -148,10 +179,14 @@ class Brain:
                 self._control.stages[self._name],
                 self._control,
                 self.knowledge,
+                self.memory,
+                self.picture,
                 t_ns=t_ns,
                 n_cells=self._n_cells,
                 home_rad=self._home_rad,
             )
+            if isinstance(self._stage, Session):
+                self.sessions.append(self._stage)
 
     def _switch_streams(self, t_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         stage = self._stage

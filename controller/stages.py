@@ -5,10 +5,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.grasping.memory import LongTermMemory
+from controller.grasping.session import Session
 from controller.knowledge import Knowledge
 from controller.selforganisation.exploration import Exploration, Hold
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
-from controller.selforganisation.sensory_motor_map import fuse, normal_weights
 from controller.selforganisation.structural_exploration import (
     StructuralExploration,
     StructuralExplorationConfig,
@@ -27,6 +28,14 @@ _ACCELERATION = slice(4, 7)
 
 class Stage(Protocol):
     """One stage: ticks until it is done."""
+
+    @property
+    def label(self) -> str:
+        """What it is doing, if a stage does more than one thing; else empty."""
+
+    @property
+    def why(self) -> str:
+        """Why the label last changed; empty if it never did."""
 
     @property
     def done(self) -> bool:
@@ -67,14 +76,20 @@ class Stage(Protocol):
 class Explore:
     """A motion program of self-organisation: structure or map."""
 
+    label = why = ""
     gains = None
     thresholds = None
     felt = None
 
-    def __init__(self, program: StructuralExploration | MapExploration, knowledge: Knowledge) -> None:
+    def __init__(
+        self,
+        program: StructuralExploration | MapExploration,
+        knowledge: Knowledge,
+        memory: LongTermMemory,
+    ) -> None:
         self._program: Exploration = program
         self._own = program
-        self._knowledge = knowledge
+        self._knowledge, self._memory = knowledge, memory
 
     @property
     def done(self) -> bool:
@@ -109,19 +124,15 @@ class Explore:
         knowledge = self._knowledge
         if isinstance(self._own, StructuralExploration):
             knowledge.structure = self._own.result
+            self._memory.remember_structure()
             return
-        found = self._own.result
-        weights = normal_weights(found.deflection_m)
-        activity = np.ones(weights.shape, dtype=np.bool_)
-        if knowledge.structure is not None:
-            activity = knowledge.structure.activity
-        knowledge.map_problems += found.problems
-        knowledge.map.add(found.pose_rad, fuse(activity, weights, knowledge.cut))
+        knowledge.learn_map(self._own.result)
 
 
 class TakePosture:
     """Goes to a pose: equation (5)."""
 
+    label = why = ""
     gains = None
     thresholds = None
     felt = None
@@ -163,6 +174,8 @@ def make_stage(
     spec: StageSpec,
     control: ControllerSpec,
     knowledge: Knowledge,
+    memory: LongTermMemory,
+    picture: TactilePicture,
     *,
     t_ns: int,
     n_cells: int,
@@ -172,10 +185,10 @@ def make_stage(
     n_dofs = len(home_rad)
     match spec.kind:
         case "structure":
-            config = _structure_config(control.structure)
-            return Explore(StructuralExploration(config, n_dofs, n_cells, t_ns), knowledge)
+            exploration = StructuralExploration(_structure_config(control.structure), n_dofs, n_cells, t_ns)
+            return Explore(exploration, knowledge, memory)
         case "map":
-            return Explore(MapExploration(_map_config(control.map), n_dofs, n_cells, t_ns), knowledge)
+            return Explore(MapExploration(_map_config(control.map), n_dofs, n_cells, t_ns), knowledge, memory)
         case "posture":
             pose = home_rad if spec.pose == "home" else np.array(control.poses_rad[spec.pose])
             return TakePosture(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.accuracy_rad))
@@ -184,6 +197,10 @@ def make_stage(
         case "listen":
             assert spec.duration_s is not None
             return Listen(spec.duration_s, t_ns)
+        case "session":
+            return Session(
+                control, knowledge, memory, _map_config(control.map), picture, n_dofs, n_cells, t_ns
+            )
 
 
 def _structure_config(spec: StructureSpec) -> StructuralExplorationConfig:

@@ -1,4 +1,4 @@
-"""Fills the generated parts of docs/deployment.md and docs/wire.md: `python docs/generate.py`.
+"""Fills the generated parts of the pages of docs/: `python docs/generate.py`.
 
 A part stands between `<!-- generated: NAME -->` and `<!-- end -->`; the text around it is written by hand.
 A test fails while a page is behind the code.
@@ -6,6 +6,7 @@ A test fails while a page is behind the code.
 
 import ast
 import inspect
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
@@ -17,16 +18,22 @@ import numpy as np
 from msgspec import NODEFAULT, Struct, to_builtins
 from msgspec import inspect as reflect
 
+from controller.grasping.directives import Area, Directive, Gains, directives
+from controller.grasping.state_machine import State, diagram
 from skinnet.channels import ALIVE, CHANNELS, Role
 from skinnet.deployment.schema import Deployment
+from skinnet.deployment.session import SessionSpec
 from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
 from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW
 
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
 
 _HERE = Path(__file__).parent
-PAGES = (_HERE / "deployment.md", _HERE / "wire.md")
+PAGES = (_HERE / "deployment.md", _HERE / "grasping.md", _HERE / "wire.md")
 _PART = re.compile(r"(<!-- generated: (?P<name>\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_COMMANDING = [
+    state for state in State if any(any(own) for own in directives(SessionSpec())[state].gains.values())
+]
 _NAME_PATTERN = r"^[A-Za-z0-9_\-]+$"
 
 
@@ -94,7 +101,7 @@ def _channels() -> str:
         (
             f"`{prefix}{row.pattern}`",
             f"[{row.message.__name__}](#{row.message.__name__.lower()})",
-            row.sender.value,
+            row.origin,
             ", ".join(role.value for role in row.receivers),
             row.period,
             "yes" if row.public else "",
@@ -156,6 +163,30 @@ def _numbers() -> str:
     return _table(("column", "number", "name", "meaning"), rows)
 
 
+def _states() -> str:
+    return f"```mermaid\n{diagram()}```\n"
+
+
+def _directives() -> str:
+    """Table II as the code has it."""
+    head = ("state", "force CA", "CHA", "NCA", "proximity CA", "CHA", "NCA", "pose", "rad/s", "times out [s]")
+    return _table(
+        head, (_directive(*row) for row in directives(SessionSpec()).items() if row[0] in _COMMANDING)
+    )
+
+
+def _directive(state: State, directive: Directive) -> tuple[str, ...]:
+    gains = [directive.gains.get(area, Gains()) for area in (Area.CONTACT, Area.CHEST, Area.OTHER)]
+    forces = [f"{own.force_threshold:g}, {own.force_gain:g}" if own.force_gain else "–" for own in gains]
+    nears = [
+        f"{own.proximity_threshold:g}, {own.proximity_gain:g}" if own.proximity_gain else "–" for own in gains
+    ]
+    pose = directive.pose or ("as asked" if state is State.GO else "–")
+    speed = f"{directive.speed_rad_s:g}" if pose != "–" else "–"
+    patience = f"{directive.patience_s:g}" if directive.patience_s < math.inf else "–"
+    return (f"`{state.value}`", *forces, *nears, pose, speed, patience)
+
+
 _MAKERS = {
     "schema": _schema,
     "channels": _channels,
@@ -164,6 +195,8 @@ _MAKERS = {
     "sheet_rows": _sheet_rows,
     "columns": _columns,
     "numbers": _numbers,
+    "states": _states,
+    "directives": _directives,
 }
 
 

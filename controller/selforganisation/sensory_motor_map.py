@@ -84,6 +84,12 @@ class SensoryMotorMap:
         self._poses_rad.append(pose_rad.astype(np.float64))
         self._weights.append(weights.astype(np.float64))
 
+    def forget(self, pose_rad: NDArray[np.float64]) -> None:
+        """Drops the maps of exactly this pose (D,)."""
+        kept = [i for i, pose in enumerate(self._poses_rad) if not np.array_equal(pose, pose_rad)]
+        self._poses_rad = [self._poses_rad[i] for i in kept]
+        self._weights = [self._weights[i] for i in kept]
+
     def closest(self, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map (S, D) of the explored pose next to `position_rad` in joint space, the oldest of equals.
 
@@ -94,6 +100,18 @@ class SensoryMotorMap:
             raise LookupError("the sensory-motor map is empty; explore a pose first")
         distance = np.linalg.norm(self.poses_rad - position_rad, axis=1)
         return self._weights[int(np.argmin(distance))]
+
+    def explored_at(self, position_rad: NDArray[np.float64], within_rad: float) -> NDArray[np.float64] | None:
+        """Map (S, D) explored in a pose, up to `within_rad` in every joint; None if none was.
+
+        Of several, that of the nearest pose, and the newest of equals.
+        """
+        found, least_rad = None, within_rad
+        for pose_rad, weights in zip(self._poses_rad, self._weights, strict=True):
+            distance_rad = float(np.abs(pose_rad - position_rad).max())
+            if distance_rad <= least_rad:
+                found, least_rad = weights, distance_rad
+        return found
 
 
 @dataclass(frozen=True)

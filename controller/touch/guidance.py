@@ -4,27 +4,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.knowledge import Knowledge
-from controller.skin_input import SkinRows
 from controller.touch.fusion import TactilePicture
 from controller.touch.reactions import TactileReaction
+from controller.touch.timed import TimedStage
 from skinnet.deployment.schema import ControllerSpec, StageSpec
 from skinnet.messages import Modality
 
 __all__ = ["Guide"]
 
 
-class Guide:
+class Guide(TimedStage):
     """Tactile guidance: the robot evades touch, and follows whoever pushes it: equation (4)."""
-
-    wants_stream = False
 
     def __init__(
         self, spec: StageSpec, control: ControllerSpec, knowledge: Knowledge, n_cells: int, start_ns: int
     ) -> None:
         assert spec.duration_s is not None
-        self._start_ns = start_ns
-        self._duration_ns = round(spec.duration_s * 1e9)
-        self._t_ns = start_ns
+        super().__init__(spec.duration_s, start_ns)
         self._max_age_ns = round(control.safety.stale_ms * 1e6)
         self._knowledge = knowledge
         self._reaction = TactileReaction(n_cells)
@@ -47,19 +43,6 @@ class Guide:
         """(S, 4) thresholds, inf without a gain."""
         return self._reaction.thresholds
 
-    @property
-    def done(self) -> bool:
-        """The time of the stage is over."""
-        return self._t_ns - self._start_ns >= self._duration_ns
-
-    @property
-    def progress(self) -> float:
-        """Share of the stage's time."""
-        return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
-
-    def take(self, stream: SkinRows) -> None:
-        """The picture has taken them in already."""
-
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
@@ -69,6 +52,3 @@ class Guide:
         velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
         self.felt = touch
         return velocity
-
-    def finish(self, t_ns: int) -> None:
-        """Nothing is learnt."""

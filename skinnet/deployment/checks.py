@@ -3,9 +3,11 @@
 import itertools
 import math
 from collections import Counter
+from typing import get_args
 
 from skinnet.deployment.fault_checks import check_faults
-from skinnet.deployment.schema import CellSpec, Deployment
+from skinnet.deployment.schema import CellSpec, ControllerSpec, Deployment
+from skinnet.deployment.session import StateName
 from skinnet.deployment.things import NO_OBJECT
 from skinnet.errors import DeploymentError
 
@@ -179,19 +181,31 @@ def _check_touches(deployment: Deployment) -> None:
         key = f"teacher.touches[{index}]"
         if (touch.depth_m is None) == (touch.force_n is None):
             raise DeploymentError(f"{key}: give either depth_m or force_n")
-        if touch.stage not in deployment.controller.stages:
-            known = ", ".join(deployment.controller.stages)
-            raise DeploymentError(f"{key}.stage = {touch.stage!r}: unknown stage; there are {known}")
+        _check_stage(f"{key}.stage", touch.stage, deployment.controller)
         if touch.cell.split("/")[0] not in names:
             raise DeploymentError(
                 f"{key}.cell = {touch.cell!r}: unknown patch; there are {', '.join(sorted(names))}"
             )
 
 
+def _check_stage(key: str, name: str, control: ControllerSpec) -> None:
+    """The world acts when a stage of the program begins, or a state of a session: `session.hold`."""
+    known = list(control.stages)
+    for stage, spec in control.stages.items():
+        if spec.kind == "session":
+            known += [f"{stage}.{state}" for state in get_args(StateName)]
+    if name not in known:
+        raise DeploymentError(f"{key} = {name!r}: unknown stage; there are {', '.join(known)}")
+
+
 def _check_nursing(deployment: Deployment) -> None:
     nursing, payload = deployment.nursing, deployment.payload
     if nursing is None:
         return
+    if deployment.memory.read is not None:
+        raise DeploymentError(
+            f"memory.read = {deployment.memory.read!r}: nursing starts without knowledge; leave it"
+        )
     for joint in nursing.joints:
         if joint not in deployment.body.joints:
             raise DeploymentError(f"nursing.joints: {joint!r} is not among body.joints")

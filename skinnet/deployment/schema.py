@@ -12,11 +12,13 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from skinnet.deployment.faults import FaultRule
+from skinnet.deployment.memory import MemorySpec
 from skinnet.deployment.nursing import NursingSpec
 from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.plan import PlanSpec
 from skinnet.deployment.power import PowerSpec
 from skinnet.deployment.script import ScriptSpec
+from skinnet.deployment.session import SessionSpec
 from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, SheetSpec, SurfaceSpec
 from skinnet.deployment.stand import StandSpec
 from skinnet.deployment.stress import StressSpec
@@ -355,7 +357,7 @@ class MapSpec(Table, frozen=True, kw_only=True):
 class StageSpec(Table, frozen=True, kw_only=True):
     """One stage of the controller's program."""
 
-    kind: Literal["structure", "map", "posture", "guide", "listen"]
+    kind: Literal["structure", "map", "posture", "guide", "listen", "session"]
     duration_s: Positive | None = None
     force_gain: NonNegative = 0.0
     force_threshold: NonNegative = 0.05
@@ -395,6 +397,7 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
     structure: StructureSpec = field(default_factory=StructureSpec)
     map: MapSpec = field(default_factory=MapSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
+    session: SessionSpec = field(default_factory=SessionSpec)
     safety: SafetySpec = field(default_factory=SafetySpec)
 
     @property
@@ -445,6 +448,7 @@ class Deployment(Table, frozen=True, kw_only=True):
     nursing: NursingSpec | None = None
     """Whole-body contact manipulation as the controller's program, in the place of stages."""
     controller: ControllerSpec
+    memory: MemorySpec = field(default_factory=MemorySpec)
     stress: StressSpec = field(default_factory=StressSpec)
     """What `skinnet stress` sweeps; runs ignore it."""
 

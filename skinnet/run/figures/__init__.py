@@ -6,9 +6,11 @@ from typing import Any
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.part import Part
+from skinnet.run.figures.grasp import grasp_figures
 from skinnet.run.figures.network import network_figures
 from skinnet.run.figures.nursing import board_figures, nursing_figures
 from skinnet.run.figures.self_organisation import map_figures, structure_figures
+from skinnet.run.figures.session import session_figures
 from skinnet.run.figures.touch import touch_figures
 from skinnet.run.truth import Truth
 
@@ -27,8 +29,10 @@ def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) 
         truth = Truth(deployment, base)
         figures |= structure_figures(deployment, controller, truth)
         figures |= map_figures(deployment, controller, truth)
+        figures |= session_figures(controller)
         if body is not None:
             figures |= touch_figures(deployment, controller, body)
+            figures |= grasp_figures(deployment, controller, body)
     if BOARDS in parts:
         figures |= board_figures(parts[BOARDS])
     figures |= network_figures([part for part in parts.values() if part.role == "cells"])

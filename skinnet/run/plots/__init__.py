@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from skinnet.deployment import Deployment
 from skinnet.part import Part
 from skinnet.run.outcome import Outcome
+from skinnet.run.plots.grasp import plot_grasp
 from skinnet.run.plots.network import plot_latency
 from skinnet.run.plots.nursing import plot_deviations, plot_feedback, plot_object, plot_patterns
 from skinnet.run.plots.picture import draw_picture
@@ -25,6 +26,7 @@ _PLOTS: tuple[tuple[str, _Plot], ...] = (
     ("touch", plot_touch),
     ("reactions", plot_reactions),
     ("latency", plot_latency),
+    ("grasp", plot_grasp),
 )
 _NURSING: tuple[tuple[str, _Plot], ...] = (
     ("deviations", plot_deviations),

@@ -1,0 +1,102 @@
+"""The low-level controllers under the directive of a state: tactile reaction and posture, superimposed."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.grasping.directives import Area, Directive, Gains
+from controller.grasping.state_machine import Event
+from controller.knowledge import Knowledge
+from controller.touch.fusion import TactilePicture
+from controller.touch.posture import PoseTarget, Posture
+from controller.touch.reactions import TactileReaction
+from skinnet.messages import FOREVER_NS, Modality
+
+__all__ = ["Execution"]
+
+_PROGRESS_RAD = 0.002
+"""A robot that comes nearer to its pose by less than this makes no progress (assumed)."""
+
+
+class Execution:
+    """Does what a directive says, and tells when it is done or cannot be.
+
+    Attributes:
+        felt: (S, 4) readings that the last tick reacted to; None while all is inhibited.
+        touched: The last tick reacted to something.
+    """
+
+    def __init__(self, knowledge: Knowledge, n_cells: int, max_age_ns: int, stall_ns: int) -> None:
+        """Starts inhibited, without a pose.
+
+        Args:
+            knowledge: Maps and areas.
+            n_cells: S.
+            max_age_ns: Older readings are lost ones.
+            stall_ns: Patience with a robot that comes no nearer to its pose.
+        """
+        self._knowledge, self._max_age_ns, self._stall_ns = knowledge, max_age_ns, stall_ns
+        self._reaction = TactileReaction(n_cells)
+        self._posture = Posture()
+        self._target: PoseTarget | None = None
+        self._timeout_ns: float = FOREVER_NS
+        self._nearest_rad, self._nearest_ns = np.inf, 0
+        self.felt: NDArray[np.float64] | None = None
+        self.touched = False
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """(S, 4) gains."""
+        return self._reaction.gains
+
+    def obey(self, t_ns: int, directive: Directive, target: PoseTarget | None, *, reacts: bool) -> None:
+        """Takes a new directive: areas are tuned, and the posture goes to `target`, or rests."""
+        self._reaction.inhibit()
+        if reacts:
+            self._tune(None, directive.gains.get(Area.OTHER, Gains()))
+            for label, area_cells in self._knowledge.areas.items():
+                self._tune(area_cells, directive.gains.get(Area(label), Gains()))
+        self._target = target
+        if target is None:
+            self._posture.release()
+        else:
+            self._posture.go(target)
+        self._timeout_ns = t_ns + min(directive.patience_s * 1e9, FOREVER_NS)
+        self._nearest_rad, self._nearest_ns = np.inf, t_ns
+
+    def _tune(self, cells: NDArray[np.int64] | None, gains: Gains) -> None:
+        """Tunes the cells (n,) of an area, or all."""
+        for modality, threshold, gain in (
+            (Modality.FORCE, gains.force_threshold, gains.force_gain),
+            (Modality.PROXIMITY, gains.proximity_threshold, gains.proximity_gain),
+        ):
+            self._reaction.tune(modality, threshold=threshold, gain=gain, cells=cells)
+
+    def step(
+        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+    ) -> tuple[NDArray[np.float64], set[Event]]:
+        """Joint velocities (D,) [rad/s], and the completion events of this tick."""
+        velocity, reached = self._posture.step(t_ns, position_rad)
+        events = set() if reached is None else {Event.POSE_REACHED}
+        if self._stalled(t_ns, position_rad):
+            events.add(Event.STALLED)
+        if t_ns >= self._timeout_ns:
+            events.add(Event.TIMED_OUT)
+        self.felt, self.touched = None, False
+        if self._reaction.gains.any() and len(self._knowledge.map):
+            touch = picture.touch(
+                t_ns, self._max_age_ns
+            )  # cells in contact stream: an old reading is a lost one
+            reaction = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
+            velocity = velocity + reaction
+            self.felt, self.touched = touch, bool(self._reaction.activation(touch).any())
+        return velocity, events
+
+    def _stalled(self, t_ns: int, position_rad: NDArray[np.float64]) -> bool:
+        """No nearer to the pose for too long; whoever has arrived and is pushed away is not stalled."""
+        if self._target is None:
+            return False
+        away = np.abs(self._target.position_rad - position_rad)
+        left_rad = float(away.sum())
+        if left_rad < self._nearest_rad - _PROGRESS_RAD or (away <= self._target.accuracy_rad).all():
+            self._nearest_rad, self._nearest_ns = left_rad, t_ns
+        return t_ns - self._nearest_ns > self._stall_ns

@@ -1,0 +1,55 @@
+"""The scripted operator of a deployment: requests one after the other, each at its time."""
+
+from collections import deque
+from collections.abc import Sequence
+
+from controller.grasping.state_machine import RESTING, State
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.session import OperatorSpec
+
+__all__ = ["Operator"]
+
+
+class Operator:
+    """Follows a script; what is due depends on the session's state and its touches only.
+
+    Args:
+        script: Requests in their order.
+        patience_ns: How long to wait for a state that does not come while the session rests.
+        t_ns: now.
+    """
+
+    def __init__(self, script: Sequence[OperatorSpec], patience_ns: int, t_ns: int) -> None:
+        self._script = deque(script)
+        self._scripted = bool(script)
+        self._patience_ns = patience_ns
+        self._state: State | None = None
+        self._since_ns = self._sent_ns = self._touched_ns = t_ns
+
+    def due(self, t_ns: int, state: State, *, touched: bool) -> tuple[str, str] | None:
+        """The request to send now with its argument, or None; `touched`: a reaction is active."""
+        if state is not self._state:
+            self._state, self._since_ns = state, t_ns
+            self._touched_ns = t_ns
+        if touched:
+            self._touched_ns = t_ns
+        if not self._script:
+            return None
+        step = self._script[0]
+        waited_ns = t_ns - max(self._since_ns, self._sent_ns)
+        quiet_ns = t_ns - max(self._touched_ns, self._sent_ns)
+        if (
+            state.value != step.state
+            or waited_ns < round(step.after_s * NS_PER_S)
+            or quiet_ns < round(step.quiet_s * NS_PER_S)
+        ):
+            return None
+        self._script.popleft()
+        self._sent_ns = t_ns
+        return step.request, step.argument
+
+    def gives_up(self, t_ns: int, state: State) -> bool:
+        """The script is through or waits in vain, and the session rests for too long."""
+        waits = bool(self._script) and self._script[0].state == state.value
+        rested_ns = t_ns - max(self._since_ns, self._sent_ns)
+        return self._scripted and not waits and state in RESTING and rested_ns >= self._patience_ns

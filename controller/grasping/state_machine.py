@@ -1,0 +1,166 @@
+"""The state machine of teaching and grasping, as one table: Fig. 7 of [M14] and the states around it.
+
+Events come from three sources: completion of the low-level controllers, touch, and requests of users.
+What a state's row does not list does not happen in it: it is not looked for, or if it is a request, refused.
+"""
+
+from enum import Enum
+
+__all__ = ["CARRYING", "GRASPING", "RESTING", "SENSED", "TABLE", "Event", "State", "after", "diagram"]
+
+
+class State(Enum):
+    """What a session is doing; the value is its name in deployments, messages and plots."""
+
+    IDLE = "idle"
+    GUIDE_FORCE = "guide_force"
+    GUIDE_PROXIMITY = "guide_proximity"
+    ATTEND = "attend"
+    REMEMBER = "remember"
+    GO = "go"
+    OPEN = "open"
+    APPROACH = "approach"
+    CONTACT = "contact"
+    LOAD = "load"
+    PULL = "pull"
+    HOLD = "hold"
+    SET_DOWN = "set_down"
+    RELEASE = "release"
+    SAFE = "safe"
+    ENDED = "ended"
+
+
+class Event(Enum):
+    """Why a session leaves a state."""
+
+    # completion events of the low-level controllers
+    POSE_REACHED = "pose reached"
+    EXPLORED = "pose explored"
+    STALLED = "stalled"
+    TIMED_OUT = "timed out"
+    # tactile events
+    PATTED = "patted"
+    OBJECT_NEAR = "object near both arms"
+    OBJECT_TOUCHED = "object touches both arms"
+    OBJECT_LOADED = "both arms press"
+    CHEST_TOUCHED = "object touches the chest"
+    OBJECT_LOST = "an arm lost the object"
+    PAIN = "pain"
+    SKIN_LOST = "skin lost"
+    # requests
+    GUIDE_FORCE = "guide force"
+    GUIDE_PROXIMITY = "guide proximity"
+    GUIDE_OFF = "guide off"
+    ATTEND = "attend"
+    ATTEND_OFF = "attend off"
+    REMEMBER = "remember"
+    GO = "go"
+    GRASP = "grasp"
+    RELEASE = "release"
+    CANCEL = "cancel"
+    END = "end"
+
+
+SENSED = (
+    Event.SKIN_LOST,
+    Event.PAIN,
+    Event.OBJECT_LOST,
+    Event.PATTED,
+    Event.CHEST_TOUCHED,
+    Event.OBJECT_LOADED,
+    Event.OBJECT_TOUCHED,
+    Event.OBJECT_NEAR,
+    Event.POSE_REACHED,
+    Event.EXPLORED,
+    Event.STALLED,
+    Event.TIMED_OUT,
+)
+"""Events that the session senses by itself, first those that win at the same tick; the rest are requests."""
+
+_AT_REST = {
+    Event.GUIDE_FORCE: State.GUIDE_FORCE,
+    Event.GUIDE_PROXIMITY: State.GUIDE_PROXIMITY,
+    Event.ATTEND: State.ATTEND,
+    Event.REMEMBER: State.REMEMBER,
+    Event.GO: State.GO,
+    Event.GRASP: State.OPEN,
+    Event.PATTED: State.OPEN,
+    Event.CANCEL: State.SAFE,
+    Event.END: State.ENDED,
+}
+_GUIDED = {
+    Event.GUIDE_FORCE: State.GUIDE_FORCE,
+    Event.GUIDE_PROXIMITY: State.GUIDE_PROXIMITY,
+    Event.GUIDE_OFF: State.IDLE,
+    Event.CANCEL: State.SAFE,
+}
+_FAILS = {
+    Event.CANCEL: State.SAFE,
+    Event.STALLED: State.SAFE,
+    Event.TIMED_OUT: State.SAFE,
+    Event.PAIN: State.SAFE,
+    Event.SKIN_LOST: State.SAFE,
+}
+_UNSATISFIED = {**_FAILS, Event.POSE_REACHED: State.SAFE}
+"""A pose that is reached without the contact that the state is for: no object, or one that does not fit."""
+
+TABLE: dict[State, dict[Event, State]] = {
+    State.IDLE: _AT_REST,
+    State.GUIDE_FORCE: _GUIDED,
+    State.GUIDE_PROXIMITY: _GUIDED,
+    State.ATTEND: {Event.ATTEND_OFF: State.IDLE, Event.CANCEL: State.SAFE},
+    State.REMEMBER: {Event.EXPLORED: State.IDLE, Event.CANCEL: State.SAFE},
+    State.GO: {
+        Event.POSE_REACHED: State.IDLE,
+        Event.STALLED: State.SAFE,
+        Event.TIMED_OUT: State.SAFE,
+        Event.PAIN: State.SAFE,
+        Event.CANCEL: State.SAFE,
+    },
+    State.OPEN: {**_FAILS, Event.POSE_REACHED: State.APPROACH},
+    State.APPROACH: {**_UNSATISFIED, Event.OBJECT_NEAR: State.CONTACT},
+    State.CONTACT: {**_UNSATISFIED, Event.OBJECT_TOUCHED: State.LOAD},
+    State.LOAD: {**_UNSATISFIED, Event.OBJECT_LOADED: State.PULL},
+    State.PULL: {**_UNSATISFIED, Event.OBJECT_LOST: State.SAFE, Event.CHEST_TOUCHED: State.HOLD},
+    State.HOLD: {
+        Event.RELEASE: State.RELEASE,
+        Event.CANCEL: State.SET_DOWN,
+        Event.OBJECT_LOST: State.SET_DOWN,
+        Event.PAIN: State.SET_DOWN,
+        Event.SKIN_LOST: State.SET_DOWN,
+    },
+    State.SET_DOWN: {Event.RELEASE: State.RELEASE, Event.CANCEL: State.SET_DOWN, Event.TIMED_OUT: State.SAFE},
+    State.RELEASE: {
+        Event.POSE_REACHED: State.IDLE,
+        Event.STALLED: State.SAFE,
+        Event.TIMED_OUT: State.SAFE,
+        Event.CANCEL: State.SAFE,
+    },
+    State.SAFE: _AT_REST,
+    State.ENDED: {},
+}
+"""For each state, the state that follows each event."""
+
+GRASPING = (State.OPEN, State.APPROACH, State.CONTACT, State.LOAD, State.PULL, State.HOLD)
+"""The superstate 'execute grasp' of Fig. 7."""
+CARRYING = (State.HOLD, State.SET_DOWN)
+"""The object may hang in the arms: they do not open before somebody had time to take it."""
+RESTING = (State.IDLE, State.SAFE)
+
+
+def after(state: State, event: Event) -> State | None:
+    """The state that follows `event` in `state`; None if nothing follows: sensed in vain, or refused."""
+    return TABLE[state].get(event)
+
+
+def diagram() -> str:
+    """The table as a Mermaid state diagram; transitions between the same two states share an arrow."""
+    lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE.value}"]
+    for state, row in TABLE.items():
+        reasons: dict[State, list[str]] = {}
+        for event, target in row.items():
+            reasons.setdefault(target, []).append(event.value)
+        for target, events in reasons.items():
+            end = "[*]" if target is State.ENDED else target.value
+            lines.append(f"    {state.value} --> {end}: {', '.join(events)}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,106 @@
+"""Grasps: did it succeed, how hard did it press, what did the object meet."""
+
+from typing import Any
+
+import numpy as np
+
+from skinnet.deployment import Deployment
+from skinnet.deployment.schema import ForceSpec
+from skinnet.part import Part
+from skinnet.run.figures.session import StateSpan, state_spans
+
+__all__ = ["EXECUTED", "grasp_figures"]
+
+EXECUTED = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
+"""States of a grasp and of what ends it."""
+_HELD_S = 5.0
+_STANDS_AGAIN = 0.5
+"""Share of its weight that the stand carries in the end when the object is back."""
+_G_M_S2 = 9.81
+
+
+def grasp_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
+    """Figures of the last grasp of the run; empty without one."""
+    spans = state_spans(controller)
+    begins = [i for i, span in enumerate(spans) if span.state == "open"]
+    if not begins:
+        return {}
+    grasp = [span for span in spans[begins[-1] :] if span.state in EXECUTED]
+    figures: dict[str, Any] = {"grasp.object": deployment.object, "grasp.attempts": len(begins)}
+    figures |= _course(grasp)
+    figures |= _forces(deployment.cells.force, grasp, controller, body)
+    thing = body.facts.get("object")
+    carried = thing is not None and _carried(thing, body)
+    figures["grasp.success"] = bool(carried and _three_contacts(grasp) and grasp[-1].event == "pose reached")
+    if thing is not None:
+        figures |= _object_figures(thing, body)
+    return figures
+
+
+def _three_contacts(grasp: list[StateSpan]) -> bool:
+    """Pulled to the chest, with all three in contact when it was held, and released on request."""
+    order = [(span.state, span.event) for span in grasp]
+    pulled = [span for span in grasp if (span.state, span.event) == ("pull", "object touches the chest")]
+    held = ("hold", "release") in order
+    return bool(pulled) and held and all(cells > 0 for cells in pulled[-1].contacts)
+
+
+def _carried(thing: dict[str, Any], body: Part) -> bool:
+    """Held for five seconds without the stand, and back on it in the end."""
+    stands_n = float(body.arrays["object_on_stand_n"][-1])
+    back = stands_n > _STANDS_AGAIN * thing["mass_kg"] * _G_M_S2
+    return thing["dropped_ns"] is None and thing["carried_away_s"] >= _HELD_S and back
+
+
+def _course(grasp: list[StateSpan]) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    for span in grasp:
+        key = f"grasp.{span.state}_s"
+        figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
+    for span in grasp:
+        if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
+            figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
+    failed = [span for span in grasp if span.event in _CAUSES]
+    figures["grasp.cancelled_in"] = failed[0].state if failed else ""
+    figures["grasp.cancelled_by"] = failed[0].event if failed else ""
+    figures["grasp.ends_in"] = grasp[-1].state
+    return figures
+
+
+_CAUSES = ("cancel", "stalled", "timed out", "pain", "skin lost", "an arm lost the object")
+
+
+def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Part) -> dict[str, Any]:
+    """Peaks during the grasp: the truth on one force cell, and what the controller was told."""
+    start_ns, end_ns = grasp[0].start_ns, grasp[-1].end_ns
+    t_ns = body.arrays["cell_t_ns"]
+    within = (t_ns >= start_ns) & (t_ns <= end_ns)
+    peak_n = float(body.arrays["cell_peak_n"][within].max(initial=0.0))
+    ticks = controller.arrays["patch_t_ns"]
+    told = controller.arrays["patch_felt"][(ticks >= start_ns) & (ticks <= end_ns), :, 0]
+    t_move = controller.arrays["t_ns"]
+    speed = np.abs(controller.arrays["velocity_rad_s"][(t_move >= start_ns) & (t_move <= end_ns)])
+    return {
+        "grasp.peak_force_n": peak_n,
+        "grasp.peak_reading": float(np.interp(peak_n, force.calibration_n, force.calibration_reading)),
+        "grasp.peak_reading_told": float(told.max(initial=0.0)),
+        "grasp.peak_speed_rad_s": float(speed.max(initial=0.0)),
+    }
+
+
+def _object_figures(thing: dict[str, Any], body: Part) -> dict[str, Any]:
+    pose = body.arrays["object_pose"]
+    moved_m = pose[-1, :3] - pose[0, :3]
+    figures: dict[str, Any] = {
+        "grasp.placed_m": thing["placed_m"],
+        "grasp.yaw_deg": float(np.degrees(thing["yaw_rad"])),
+        "grasp.carried_s": thing["carried_away_s"],
+        "grasp.dropped": thing["dropped_ns"] is not None,
+        "grasp.sunk_mm": 1e3 * thing["sunk_m"],
+        "grasp.object_speed_m_s": thing["peak_speed_m_s"],
+        "grasp.object_moved_m": [float(m) for m in moved_m],
+    }
+    for name, met in sorted(thing["met"].items()):
+        figures[f"grasp.bare.{name}_n"] = met["peak_n"]
+        figures[f"grasp.bare.{name}_s"] = met["total_s"]
+    return figures

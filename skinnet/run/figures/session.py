@@ -1,0 +1,64 @@
+"""Sessions: when the controller was in which state, and why it left."""
+
+from typing import Any, NamedTuple
+
+from skinnet.part import Part
+
+__all__ = ["StateSpan", "session_figures", "state_spans"]
+
+
+class StateSpan(NamedTuple):
+    """One stay in a state [ns], the event that ended it, and the cells in contact then, by arm, then chest.
+
+    `argument` is that of the request by which it began.
+    """
+
+    state: str
+    start_ns: int
+    end_ns: int
+    event: str
+    argument: str
+    contacts: tuple[int, ...]
+
+
+def state_spans(controller: Part) -> list[StateSpan]:
+    """All states in their order; the last one ends with the run, without an event."""
+    log: list[dict[str, Any]] = controller.facts.get("session", [])
+    if not log:
+        return []
+    spans = []
+    start_ns, argument = _begin_ns(controller), ""
+    for entry in log:
+        spans.append(
+            StateSpan(
+                entry["state"], start_ns, entry["t_ns"], entry["event"], argument, tuple(entry["contacts"])
+            )
+        )
+        start_ns, argument = entry["t_ns"], entry["argument"]
+    end_ns = controller.facts["end_ns"]
+    if log[-1]["to"] != "ended":
+        spans.append(StateSpan(log[-1]["to"], start_ns, end_ns, "", argument, ()))
+    return spans
+
+
+def _begin_ns(controller: Part) -> int:
+    """When the session's stage began: the last stage that began before its first transition."""
+    first_ns = controller.facts["session"][0]["t_ns"]
+    return max((t_ns for _, t_ns in controller.facts["stages"] if t_ns <= first_ns), default=0)
+
+
+def session_figures(controller: Part) -> dict[str, Any]:
+    """Poses, areas, refused requests, and the time in each state."""
+    spans = state_spans(controller)
+    if not spans:
+        return {}
+    figures: dict[str, Any] = {
+        "session.poses": sorted(controller.facts["poses"]),
+        "session.refused_requests": len(controller.facts["refused_requests"]),
+    }
+    for label, cells in sorted(controller.facts["areas"].items()):
+        figures[f"session.area_cells.{label}"] = len(cells)
+    for span in spans:
+        key = f"session.state_s.{span.state}"
+        figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
+    return figures
