@@ -30,7 +30,7 @@ _RIG = """
     </body>
     <body name="left" pos="0.4 0.47 1.07">
       <joint name="left" type="slide" axis="0 -1 0"/>
-      <geom name="left" type="box" size="0.10 0.02 0.04" mass="5"/>
+      {left}
       <geom name="bare" type="box" size="0.01 0.02 0.03" pos="0 {bare_m} 0" mass="0.001"/>
     </body>
     <body name="right" pos="0.4 -0.47 1.07">
@@ -40,6 +40,8 @@ _RIG = """
   </worldbody>
 </mujoco>
 """
+_FLAT = '<geom name="left" type="box" size="0.10 0.02 0.04" mass="5"/>'
+_ROUND = '<geom name="left" type="cylinder" size="0.04 0.10" pos="0 0.02 0" euler="0 90 0" mass="5"/>'
 _SERVO = {"kp_nm_per_rad": 1e6, "kv_nm_s_per_rad": 4e3, "torque_limit_nm": 1e5}
 """So stiff that a paddle is where it is told to be (N/m)."""
 
@@ -53,15 +55,25 @@ def _paddle(name: str, inwards: float) -> PatchSpec:
 def rig_deployment(thing: ObjectName = "delivery_box", seed: int = 1, **stand: Any) -> Deployment:
     """The rig with an object between the paddles, the middle of which lies at x = 0.4 m."""
     scene = deployment_of((_paddle("left", -1.0), _paddle("right", 1.0)), ("left", "right"), servo=_SERVO)
-    depth_m = 0.3 if thing == "none" else THINGS[thing].size_m[0]
-    defaults = {"near_x_m": _AT_X_M - 0.5 * depth_m, "plate_near_x_m": 0.25, "lower_stage": "hold"}
+    depth_m, nearer_m = (0.3, 0.0) if thing == "none" else (THINGS[thing].size_m[0], THINGS[thing].nearer_m)
+    defaults = {"near_x_m": _AT_X_M - 0.5 * depth_m + nearer_m, "plate_near_x_m": 0.25, "lower_stage": "hold"}
     keys = {"object": thing, "seed": seed, "stand": defaults | stand}
     return msgspec.convert(msgspec.to_builtins(scene) | keys, Deployment)
 
 
-def rig(folder: Path, thing: ObjectName = "delivery_box", bare_m: float = 0.01, **stand: Any) -> Body:
-    """The body of the rig; `bare_m` below -0.012 lets a bare block stand out from the left paddle's foam."""
-    (folder / "scene.xml").write_text(_RIG.format(bare_m=bare_m))
+def rig(
+    folder: Path,
+    thing: ObjectName = "delivery_box",
+    bare_m: float = 0.01,
+    round_link: bool = False,
+    **stand: Any,
+) -> Body:
+    """The body of the rig.
+
+    With `bare_m` below -0.012 a bare block stands out from the left paddle's foam; with `round_link` the link
+    under that foam is a cylinder.
+    """
+    (folder / "scene.xml").write_text(_RIG.format(bare_m=bare_m, left=_ROUND if round_link else _FLAT))
     return Body(rig_deployment(thing, **stand), folder)
 
 

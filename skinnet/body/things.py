@@ -79,16 +79,13 @@ def presented_by(deployment: Deployment) -> Presented | None:
     name = deployment.object
     thing = None if name == NO_OBJECT else THINGS[name]
     x, y, yaw = (_draw(deployment.seed, what) for what in ("x", "y", "yaw"))
+    near_m = stand.near_x_m - (0.0 if thing is None else thing.nearer_m)
     depth_m = (_EMPTY_M if thing is None else thing.size_m)[0]
     return Presented(
         stand=stand,
         name=name,
         thing=thing,
-        at_m=(
-            stand.near_x_m + 0.5 * depth_m + stand.offset_m * x,
-            stand.offset_m * y,
-            stand.grasp_z_m,
-        ),
+        at_m=(near_m + 0.5 * depth_m + stand.offset_m * x, stand.offset_m * y, stand.grasp_z_m),
         yaw_rad=math.radians(stand.yaw_deg) * yaw,
     )
 
