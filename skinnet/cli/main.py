@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, network, run
+from skinnet.cli import bench, network, report, run
 from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.stress import stress
-from skinnet.errors import DeploymentError, ModelError, PortInUseError, SkinnetError
+from skinnet.errors import DeploymentError, ModelError, PortInUseError, RunFolderError, SkinnetError
 
 __all__ = ["app", "main"]
 
@@ -29,6 +29,7 @@ app.command(epilog=run.EXAMPLES)(run.run)
 app.command()(run.check)
 app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
+app.command(epilog=report.EXAMPLES)(report.report)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 
@@ -54,7 +55,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, ModelError, PortInUseError) as error:
+    except (DeploymentError, ModelError, PortInUseError, RunFolderError) as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

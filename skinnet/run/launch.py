@@ -84,7 +84,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         stack.enter_context(progress)
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
-    summary = summarise(deployment, base, outcome, wall_s)
+    summary = summarise(deployment, base, outcome, wall_s) | {"settings": list(order.overrides)}
     if watch is not None and watch.counters:
         summary["counters"]["watch"] = watch.counters
     write_json(out / "summary.json", summary)
