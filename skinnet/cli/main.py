@@ -8,10 +8,20 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, network, report, run
+from skinnet.cli import bench, memory, network, report, run
 from skinnet.cli.plan import EXAMPLES, plan
+from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
+from skinnet.cli.request import request
 from skinnet.cli.stress import stress
-from skinnet.errors import DeploymentError, ModelError, PortInUseError, RunFolderError, SkinnetError
+from skinnet.errors import (
+    DeploymentError,
+    MemoryFileError,
+    ModelError,
+    PortInUseError,
+    RunFolderError,
+    SkinnetError,
+    UnreachableError,
+)
 
 __all__ = ["app", "main"]
 
@@ -30,6 +40,8 @@ app.command()(run.check)
 app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
 app.command(epilog=report.EXAMPLES)(report.report)
+app.add_typer(memory.app, name="memory")
+app.command(epilog=REQUEST_EXAMPLES)(request)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 
@@ -55,7 +67,14 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, ModelError, PortInUseError, RunFolderError) as error:
+    except (
+        DeploymentError,
+        MemoryFileError,
+        ModelError,
+        PortInUseError,
+        RunFolderError,
+        UnreachableError,
+    ) as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:
