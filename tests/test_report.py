@@ -14,7 +14,7 @@ from reported import ARM, SHORT, Page, browser, png, small_run
 
 from skinnet.deployment import load
 from skinnet.deployment.load import build
-from skinnet.errors import RunFolderError
+from skinnet.errors import RunFolderError, SkinnetError
 from skinnet.report.as_run import sections
 from skinnet.report.claims import Against, Below, Between, Claim, Equals, Near, Verdict, judge
 from skinnet.report.collect import Run, Seeds, Stress, collect
@@ -302,6 +302,20 @@ def test_what_is_no_finished_run_is_refused(kind: str, folder: Path, tmp_path: P
     assert told in line
     assert line.startswith(str(target))
     assert "\n" not in line
+
+
+def test_a_run_that_fails_takes_the_summary_of_an_earlier_one_away(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_: Any) -> None:
+        raise SkinnetError("host0 is gone")
+
+    shutil.copytree(folder, tmp_path / "run")
+    monkeypatch.setattr("skinnet.run.launch.run_in_process", fail)
+    with pytest.raises(SkinnetError, match="host0"):
+        small_run(tmp_path / "run")
+    with pytest.raises(RunFolderError, match="failed, was stopped"):
+        collect(tmp_path / "run")
 
 
 def test_the_command_writes_the_page_or_one_line(folder: Path, tmp_path: Path) -> None:

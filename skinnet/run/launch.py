@@ -78,6 +78,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         SkinnetError: the run failed; one clear line.
     """
     out.mkdir(parents=True, exist_ok=True)
+    (out / "summary.json").unlink(missing_ok=True)  # of an earlier run in this folder
     write_bytes(out / "deployment.json", resolved_json(deployment))
     start_s = time.monotonic()
     base = order.file.parent.resolve()
