@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, memory, network, run
+from skinnet.cli import bench, memory, network, report, run
 from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
@@ -18,6 +18,7 @@ from skinnet.errors import (
     MemoryFileError,
     ModelError,
     PortInUseError,
+    RunFolderError,
     SkinnetError,
     UnreachableError,
 )
@@ -38,6 +39,7 @@ app.command(epilog=run.EXAMPLES)(run.run)
 app.command()(run.check)
 app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
+app.command(epilog=report.EXAMPLES)(report.report)
 app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
 app.add_typer(network.app, name="network")
@@ -65,7 +67,14 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, MemoryFileError, ModelError, PortInUseError, UnreachableError) as error:
+    except (
+        DeploymentError,
+        MemoryFileError,
+        ModelError,
+        PortInUseError,
+        RunFolderError,
+        UnreachableError,
+    ) as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

@@ -78,6 +78,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         SkinnetError: the run failed; one clear line.
     """
     out.mkdir(parents=True, exist_ok=True)
+    (out / "summary.json").unlink(missing_ok=True)  # of an earlier run in this folder
     write_bytes(out / "deployment.json", resolved_json(deployment))
     start_s = time.monotonic()
     base = order.file.parent.resolve()
@@ -88,7 +89,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         stack.enter_context(progress)
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
-    summary = summarise(deployment, base, outcome, wall_s)
+    summary = summarise(deployment, base, outcome, wall_s) | {"settings": list(order.overrides)}
     if watch is not None and watch.counters:
         summary["counters"]["watch"] = watch.counters
     write_json(out / "summary.json", summary)
