@@ -33,7 +33,7 @@ def grasp_figures(deployment: Deployment, controller: Part, body: Part) -> dict[
     carried = thing is not None and _carried(thing, body)
     figures["grasp.success"] = bool(carried and _three_contacts(grasp) and grasp[-1].event == "pose reached")
     if thing is not None:
-        figures |= _object_figures(thing, body)
+        figures |= _object_figures(thing, body, grasp)
     return figures
 
 
@@ -88,9 +88,10 @@ def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Pa
     }
 
 
-def _object_figures(thing: dict[str, Any], body: Part) -> dict[str, Any]:
-    pose = body.arrays["object_pose"]
-    moved_m = pose[-1, :3] - pose[0, :3]
+def _object_figures(thing: dict[str, Any], body: Part, grasp: list[StateSpan]) -> dict[str, Any]:
+    """Where the object was and went, and which bare links it met: they have no skin that could feel it."""
+    moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["placed_m"])
+    start_ns = grasp[0].start_ns
     figures: dict[str, Any] = {
         "grasp.placed_m": thing["placed_m"],
         "grasp.yaw_deg": float(np.degrees(thing["yaw_rad"])),
@@ -101,6 +102,8 @@ def _object_figures(thing: dict[str, Any], body: Part) -> dict[str, Any]:
         "grasp.object_moved_m": [float(m) for m in moved_m],
     }
     for name, met in sorted(thing["met"].items()):
+        if met["peak_ns"] < start_ns:  # before the grasp
+            continue
         figures[f"grasp.bare.{name}_n"] = met["peak_n"]
         figures[f"grasp.bare.{name}_s"] = met["total_s"]
     return figures
