@@ -6,7 +6,7 @@ from typing import Any
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.part import Part
-from skinnet.run.figures.grasp import grasp_figures
+from skinnet.run.figures.grasp import grasp_figures, object_figures
 from skinnet.run.figures.network import network_figures
 from skinnet.run.figures.nursing import board_figures, nursing_figures
 from skinnet.run.figures.self_organisation import map_figures, structure_figures
@@ -33,6 +33,8 @@ def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) 
         if body is not None:
             figures |= touch_figures(deployment, controller, body)
             figures |= grasp_figures(deployment, controller, body)
+    if body is not None:
+        figures |= object_figures(body)
     if BOARDS in parts:
         figures |= board_figures(parts[BOARDS])
     figures |= network_figures([part for part in parts.values() if part.role == "cells"])
