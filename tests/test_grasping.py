@@ -1,4 +1,4 @@
-"""Grasps of unknown objects from the taught memory: five that succeed, four that cannot, and all that may break."""
+"""Grasps of unknown objects from the taught memory: five that succeed, four that cannot, and what breaks."""
 
 import io
 import json
@@ -45,7 +45,7 @@ def operator(*steps: tuple[str, str, float]) -> str:
 
 
 def as_it_was(figures: Figures) -> None:
-    """The object was never thrown: no faster than a fall of the stand's way, and it stands where it was put."""
+    """The object was not thrown: no faster than a fall of the stand's way, and it stands where it was put."""
     assert figures["object.peak_speed_m_s"] < (2.0 * GRAVITY_M_S2 * LOWERED_M) ** 0.5
     assert abs(figures["object.moved_m"][2]) < 0.01
 

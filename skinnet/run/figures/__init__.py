@@ -11,6 +11,7 @@ from skinnet.run.figures.network import network_figures
 from skinnet.run.figures.nursing import board_figures, nursing_figures
 from skinnet.run.figures.self_organisation import map_figures, structure_figures
 from skinnet.run.figures.session import session_figures
+from skinnet.run.figures.teaching import teaching_figures
 from skinnet.run.figures.touch import touch_figures
 from skinnet.run.truth import Truth
 
@@ -32,6 +33,7 @@ def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) 
         figures |= session_figures(controller)
         if body is not None:
             figures |= touch_figures(deployment, controller, body)
+            figures |= teaching_figures(body)
             figures |= grasp_figures(deployment, controller, body)
     if body is not None:
         figures |= object_figures(body)
