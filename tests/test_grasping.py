@@ -32,7 +32,7 @@ def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
     figures: Figures = summary["figures"]
     assert figures["grasp.peak_reading"] < PAIN
     assert figures["grasp.peak_reading_told"] < PAIN
-    assert figures["grasp.peak_speed_rad_s"] <= SPEED_RAD_S
+    assert figures["grasp.peak_speed_rad_s"] <= SPEED_RAD_S * (1.0 + 1e-6)  # as a float of 32 bits
     assert figures["network.conserved"]
     return figures
 
