@@ -1,5 +1,6 @@
 """Grasps: did it succeed, how hard did it press, what did the object meet."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -59,14 +60,11 @@ def _course(grasp: list[StateSpan]) -> dict[str, Any]:
         figures.setdefault(f"grasp.begin_s.{span.state}", span.start_ns * 1e-9)
         if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
             figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
-    failed = [span for span in grasp if span.event in _CAUSES]
+    failed = [span for span, after in pairwise(grasp) if after.state in ("set_down", "safe")]
     figures["grasp.cancelled_in"] = failed[0].state if failed else ""
     figures["grasp.cancelled_by"] = failed[0].event if failed else ""
     figures["grasp.ends_in"] = grasp[-1].state
     return figures
-
-
-_CAUSES = ("cancel", "stalled", "timed out", "pain", "skin lost", "an arm lost the object")
 
 
 def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Part) -> dict[str, Any]:
