@@ -6,6 +6,7 @@ from collections import Counter
 
 from skinnet.deployment.fault_checks import check_faults
 from skinnet.deployment.schema import CellSpec, Deployment
+from skinnet.deployment.teacher_checks import check_teacher
 from skinnet.errors import DeploymentError
 
 __all__ = ["check"]
@@ -22,7 +23,7 @@ def check(deployment: Deployment) -> None:
     _check_hosts(deployment)
     _check_sensors(deployment.cells)
     _check_program(deployment)
-    _check_touches(deployment)
+    check_teacher(deployment)
     _check_nursing(deployment)
     check_faults(deployment)
     if deployment.script is not None:
@@ -169,21 +170,6 @@ def _check_program(deployment: Deployment) -> None:
         if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
             known = ", ".join(["home", *control.poses_rad])
             raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; there are {known}")
-
-
-def _check_touches(deployment: Deployment) -> None:
-    names = {patch.name for patch in deployment.patches}
-    for index, touch in enumerate(deployment.teacher.touches):
-        key = f"teacher.touches[{index}]"
-        if (touch.depth_m is None) == (touch.force_n is None):
-            raise DeploymentError(f"{key}: give either depth_m or force_n")
-        if touch.stage not in deployment.controller.stages:
-            known = ", ".join(deployment.controller.stages)
-            raise DeploymentError(f"{key}.stage = {touch.stage!r}: unknown stage; there are {known}")
-        if touch.cell.split("/")[0] not in names:
-            raise DeploymentError(
-                f"{key}.cell = {touch.cell!r}: unknown patch; there are {', '.join(sorted(names))}"
-            )
 
 
 def _check_nursing(deployment: Deployment) -> None:

@@ -12,6 +12,7 @@ __all__ = [
     "PortName",
     "Positive",
     "Share",
+    "StageName",
     "Table",
     "Vector",
     "ns_of_ms",
@@ -22,6 +23,10 @@ __all__ = [
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+$", min_length=1, max_length=64)]
+StageName = Annotated[
+    str, Meta(pattern=r"^[A-Za-z0-9_\-]+(\.[A-Za-z0-9_\-]+)?$", min_length=1, max_length=129)
+]
+"""A stage of the program, or with a dot one of the states that a stage goes through."""
 Vector = tuple[float, float, float]
 CellName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+$")]
 """A cell: "patch/cell"."""
