@@ -125,6 +125,8 @@ class ScriptedBody:
         """Crossings and refused commands as facts; the presses that began, as an array."""
         facts = {
             "touches": [],
+            "lessons": [],
+            "strokes": [],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.refused,
         }

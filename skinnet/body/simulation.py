@@ -1,6 +1,7 @@
 """The body without its process: physics, skin, servos and teacher, stepped from one time to another."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from skinnet.body.sheet_surface import sheet_surface
 from skinnet.body.stimulus import StimulusSampler
 from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
-from skinnet.body.teacher import Teacher
+from skinnet.body.teacher import Skin, Teacher
 from skinnet.body.truth import TouchTruth, reaction_truth
 from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
@@ -84,9 +85,8 @@ class Body:
         on_sheets = sheet_surface(self.model.mj, self.sheets, spec.model)
         self.sheet_foundation = SheetFoundation(sheets=self.sheets, **self._skin(on_sheets, deployment))
         self._touches = teacher.touches
-        self.teacher = Teacher(
-            self.data, self.model.finger, self._foundation, teacher, self.cells, deployment.cells
-        )
+        skin = Skin(self._foundation, self.cells, deployment.cells)
+        self.teacher = Teacher(self.model, self.data, skin, teacher, spec.model)
         reach_m = _SEEN_BEYOND_REACH * deployment.cells.proximity.reach_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
@@ -164,9 +164,11 @@ class Body:
         return positions
 
     def truth(self) -> GroundTruth:
-        """Touches of the teacher, crossings, commands that were refused, the payload's way."""
+        """What the teacher did, crossings, commands that were refused, the payload's way."""
         facts = {
             "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
+            "lessons": [asdict(lesson) for lesson in self.teacher.lessons],
+            "strokes": [asdict(stroke) for stroke in self.teacher.strokes],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.actuation.refused,
         }

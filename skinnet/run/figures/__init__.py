@@ -9,6 +9,7 @@ from skinnet.part import Part
 from skinnet.run.figures.network import network_figures
 from skinnet.run.figures.nursing import board_figures, nursing_figures
 from skinnet.run.figures.self_organisation import map_figures, structure_figures
+from skinnet.run.figures.teaching import teaching_figures
 from skinnet.run.figures.touch import touch_figures
 from skinnet.run.truth import Truth
 
@@ -29,6 +30,7 @@ def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) 
         figures |= map_figures(deployment, controller, truth)
         if body is not None:
             figures |= touch_figures(deployment, controller, body)
+            figures |= teaching_figures(body)
     if BOARDS in parts:
         figures |= board_figures(parts[BOARDS])
     figures |= network_figures([part for part in parts.values() if part.role == "cells"])
