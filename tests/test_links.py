@@ -80,10 +80,18 @@ def test_only_controlled_joints_move_links() -> None:
     assert (still == ~links.moves).all()
 
 
-def test_a_free_object_is_no_link() -> None:
-    """What the arms hold has no pose that outsiders know."""
-    file = ARM.with_name("riba_cylinder.toml")
-    assert not {"payload", "teacher_finger"} & set(Links(load(file), file.parent).names)
+def test_what_moves_by_itself_is_no_link(tmp_path: Path) -> None:
+    """Neither the teacher's finger nor a ball has a pose that outsiders know; a table has."""
+    things = (
+        '<body name="ball" pos="1 0 1"><freejoint/><geom size="0.1" density="1000"/></body>'
+        '<body name="door" pos="2 0 1"><joint name="hinge"/><geom size="0.1" density="1000"/></body>'
+        '<body name="table" pos="3 0 1"><geom size="0.1"/><body name="lamp"><geom size="0.1"/></body></body>'
+    )
+    model = ARM.with_suffix(".xml").read_text().replace("</worldbody>", f"{things}</worldbody>")
+    (tmp_path / ARM.with_suffix(".xml").name).write_text(model)
+    links = Links(load(ARM), tmp_path)
+    assert links.names == ["base", "upper_link", "fore_link", "table", "lamp"]
+    assert links.parent == [-1, 0, 1, -1, 3]
 
 
 def _arm() -> Links:

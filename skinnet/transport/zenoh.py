@@ -1,4 +1,4 @@
-"""The Zenoh transport; the only file that imports `zenoh`.
+"""The Zenoh transport of the loop.
 
 A star: the hub listens as a peer, everybody else is its client. In a mesh, messages of different senders
 overtake each other. Everything in the loop has one priority and BLOCK, since mixed priorities
@@ -16,6 +16,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,9 +41,15 @@ log = logging.getLogger(__name__)
 
 
 def open_session(
-    listen: str | None, connect: str | None, connect_timeout_ms: int = _CONNECT_TIMEOUT_MS
+    listen: str | None,
+    connect: str | None,
+    connect_timeout_ms: int = _CONNECT_TIMEOUT_MS,
+    more: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """A Zenoh session that listens as a hub or connects as a client, and never scouts."""
+    """A Zenoh session that listens as a hub or connects as a client, and never scouts.
+
+    Settings of Zenoh in `more` go before those of the loop.
+    """
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
         "scouting/multicast/enabled": False,
@@ -57,6 +64,7 @@ def open_session(
         settings["listen/endpoints"] = [listen]
     if connect:
         settings["connect/endpoints"] = [connect]
+    settings |= more
     config = zenoh.Config()
     try:
         for key, value in settings.items():
