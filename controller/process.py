@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
 from controller.grasping.memory import LongTermMemory
+from controller.outside import OutsideVelocity
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
 from controller.requests import Requests
@@ -59,6 +60,7 @@ class ControllerNode:
             *(keys.of(channel, "*") for channel in ("frame", "stream", "topology", "bundle")),
             keys.of("events", "*", "*"),
             keys.of("request", "*"),
+            keys.of("velocity"),
         )
         hosts = deployment.host_patches()
         host_of = {patch: host for host, patches in hosts.items() for patch in patches}
@@ -86,6 +88,8 @@ class ControllerNode:
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._requests = Requests(keys, self.counters)
+        allowed = deployment.controller.outside_velocity
+        self._outside = OutsideVelocity(allowed, self._n_dofs, self.counters)
         self._state_s = -1e9
         self._told = ""
         self._log = hashlib.sha256()
@@ -124,6 +128,9 @@ class ControllerNode:
         if channel == "request":
             self._requests.add(fields[0], decode(payload, Request))
             return
+        if channel == "velocity":
+            self._outside.take(self._t_ns, payload)
+            return
         patch = self._patches.get(fields[0]) if fields else None
         if patch is None:
             raise ProtocolError(
@@ -161,7 +168,12 @@ class ControllerNode:
         alive = [patch for patch in self._patches.values() if not patch.lost]
         ready = all(patch.name in self._formed for patch in alive)
         t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
-        tick, events, stream = self._brain.tick(t_ns, position, t_ns, t_skin_ns, ready=ready)
+        outside = self._outside.at(t_ns)
+        if outside is not None:
+            self._log.update(outside.tobytes())
+        tick, events, stream = self._brain.tick(
+            t_ns, position, t_ns, t_skin_ns, ready=ready, outside_rad_s=outside
+        )
         self._finished = self._brain.done
         effect_ns = t_ns + self._delay_ns
         # not at once: who had come so far would wait for frames that nobody sends any more

@@ -21,6 +21,7 @@ from skinnet.messages import (
     Stimulus,
     Stream,
     Topology,
+    Velocity,
 )
 from skinnet.sheet_messages import Pressures, Regions
 
@@ -76,6 +77,7 @@ CHANNELS = (
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
     Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
+    Channel("velocity", "controller/velocity", Velocity, None, (Role.CONTROLLER,), "at will"),
     Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request"),
     Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz"),
 )
@@ -85,7 +87,7 @@ ALIVE = "alive"
 DEPLOYMENT = "skinnet/*/deployment"
 """Asked at a watch endpoint, this tells what runs there, whatever the robot."""
 OUTSIDE = "outside"
-"""Sender of what strangers bring into the loop: configuration of cells, requests to the controller."""
+"""Sender of what strangers bring into the loop: configurations, requests to the controller, velocities."""
 _KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}

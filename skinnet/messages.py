@@ -38,6 +38,7 @@ __all__ = [
     "Stimulus",
     "Stream",
     "Topology",
+    "Velocity",
     "decode",
     "encode",
     "pack",
@@ -225,6 +226,16 @@ class Request(Message, frozen=True, kw_only=True, tag="request"):
 
     id: int
     argument: str = ""
+
+
+class Velocity(Message, frozen=True, kw_only=True, tag="velocity"):
+    """Joint velocities [rad/s] that a user adds to the controller's own, in the order of the joints.
+
+    They count for 100 ms of simulated time, unless others come. The safety clamp has the last word. Runs take
+    them only if `controller.outside_velocity` lets them.
+    """
+
+    velocity_rad_s: list[float]
 
 
 class Answer(Message, frozen=True, kw_only=True, tag="answer"):

@@ -22,7 +22,7 @@ from skinnet.body.links import Links
 from skinnet.channels import OUTSIDE
 from skinnet.deployment import load, resolved_json
 from skinnet.errors import DeploymentError, PortInUseError, SkinnetError, UnreachableError
-from skinnet.messages import ControllerState, Deployed, encode
+from skinnet.messages import ControllerState, Deployed, Velocity, decode, encode
 from skinnet.ros2.bridge import NODE, Order, bridge
 from skinnet.run.watch import Watch, free_endpoint
 from skinnet.transport.memory import MemoryHub
@@ -46,6 +46,11 @@ class Run:
         hub = MemoryHub()
         self.watch.open(hub.connect(OUTSIDE))
         self._member = hub.connect("body")
+        self.velocities: queue.SimpleQueue[list[float]] = queue.SimpleQueue()
+        self._member.overhear(KEYS.of("velocity"), self._on_velocity)
+
+    def _on_velocity(self, _key: str, payload: bytes) -> None:
+        self.velocities.put(decode(payload, Velocity).velocity_rad_s)
 
     def put(self, name: str, *fields: str | int, payload: bytes) -> None:
         self._member.put(KEYS.of(name, *fields), payload)
@@ -64,8 +69,8 @@ def run_of(deployed: Deployed | None) -> Iterator[Run]:
         run.watch.close()
 
 
-def arm() -> Deployed:
-    return Deployed(deployment=resolved_json(load(ARM)).decode(), base=str(ARM.parent))
+def arm(*overrides: str) -> Deployed:
+    return Deployed(deployment=resolved_json(load(ARM, overrides)).decode(), base=str(ARM.parent))
 
 
 class Bridged:
@@ -108,6 +113,7 @@ class Listener:
         self._reader.start()
         self.found: dict[str, dict[str, Any]] = {}
         self.nodes: list[str] = []
+        self.subscriptions: set[str] = set()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
@@ -123,12 +129,19 @@ class Listener:
                 self.found[fact["found"]] = fact
             if "node" in fact and "found" not in fact:
                 self.nodes.append(fact["node"])
+            if "subscription" in fact:
+                self.subscriptions.add(fact["subscription"])
             if wanted(fact):
                 return fact
 
     def message(self, topic: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
         """The first message on a topic that is wanted."""
         return self.until(lambda fact: fact.get("topic") == topic and wanted(fact["message"]))["message"]
+
+    def wait_for_subscription(self, topic: str) -> None:
+        """Somebody listens to what is sent on a topic."""
+        if topic not in self.subscriptions:
+            self.until(lambda fact: fact.get("subscription") == topic)
 
     def say(self, line: str) -> None:
         assert self._process.stdin is not None
@@ -311,6 +324,52 @@ def peer(router: str) -> Iterator[Any]:
         yield session
 
 
+MOVABLE = "controller.outside_velocity=true"
+COMMANDS = "/arm/joint_velocity_commands"
+
+
+def test_velocities_of_ros_reach_the_run() -> None:
+    """What makes no sense is refused with one line that names its sender, and stops the robot."""
+    with run_of(arm(MOVABLE)) as run, zenoh_router() as router, telling(run), listener(router) as ros:
+        bridged = Bridged(Order(run.endpoint, router=router, control=True))
+        bridged.wait_for(COMMANDS)
+        ros.wait_for_subscription(COMMANDS)
+        ros.say(f"velocities {COMMANDS} 0.25 -0.5 0.125")
+        assert run.velocities.get(timeout=PATIENCE_S) == [0.25, -0.5, 0.125]
+        wrong = ("0.25 -0.5", "0.25 -0.5 0.125 9.0", "0.25 nan 0.125", "inf 0.0 0.0", "")
+        for numbers in (*wrong, wrong[0]):
+            ros.say(f"velocities {COMMANDS} {numbers}")
+            assert run.velocities.get(timeout=PATIENCE_S) == [0.0, 0.0, 0.0]
+        ros.say(f"velocities {COMMANDS} 0.0 0.0 0.25")
+        assert run.velocities.get(timeout=PATIENCE_S) == [0.0, 0.0, 0.25]
+        lines = {bridged.wait_for("refused") for _ in range(4)}
+        assert lines == {
+            "refused: /teleop: velocities of 2 joints; the run has 3",
+            "refused: /teleop: velocities of 4 joints; the run has 3",
+            "refused: /teleop: velocities that are not finite",
+            "refused: /teleop: velocities of 0 joints; the run has 3",
+        }
+    assert "refused 2 times: /teleop: velocities of 2 joints" in bridged.wait_for("of 2 joints")
+    assert run.velocities.empty()
+    bridged.join()
+
+
+def test_without_control_ros_moves_nothing() -> None:
+    with run_of(arm(MOVABLE)) as run, zenoh_router() as router, telling(run), listener(router) as ros:
+        bridged = Bridged(Order(run.endpoint, router=router))
+        bridged.wait_for("/diagnostics")
+        ros.say(f"velocities {COMMANDS} 0.25 -0.5 0.125")
+        ros.message("/arm/joint_states")
+        ros.message("/diagnostics")
+        assert run.velocities.empty()
+    bridged.join()
+
+
+def test_a_run_that_takes_no_velocities() -> None:
+    with run_of(arm()) as run, pytest.raises(SkinnetError, match=r"controller\.outside_velocity=true"):
+        bridge(Order(run.endpoint, control=True), print)
+
+
 def test_nobody_at_the_watch_endpoint() -> None:
     with pytest.raises(UnreachableError, match="nobody answers there"):
         bridge(Order(free_endpoint()), print)
@@ -359,23 +418,31 @@ def test_two_bridges_of_one_robot() -> None:
 
 
 def test_the_command_line_follows_a_run(tmp_path: Path) -> None:
-    """`skinnet run` in processes of its own, `skinnet bridge ros2`, and the stranger."""
-    settings = ('controller.program=["map"]', "controller.map.periods=400", "run.pace=realtime")
+    """`skinnet run` in processes of its own, `skinnet bridge ros2`, and the stranger, who moves a joint."""
+    settings = ('controller.program=["map"]', "controller.map.periods=400", "run.pace=realtime", MOVABLE)
     with launched(TOUCH, tmp_path, settings=settings) as process:
         endpoint = wait_for(process, "connect to").split("connect to ")[1].split(",")[0]
         router = free_endpoint()
         line = [sys.executable, "-m", "skinnet.cli", "bridge", "ros2", endpoint, "--listen", router]
-        bridging = subprocess.Popen([*line, "--rate", "20"], stdout=subprocess.PIPE, text=True)
+        line += ["--rate", "20", "--control"]
+        bridging = subprocess.Popen(line, stdout=subprocess.PIPE, text=True)
         assert bridging.stdout is not None
         try:
             said = [bridging.stdout.readline()]
-            while "/diagnostics" not in said[-1]:
+            while "/hrp2/joint_velocity_commands" not in said[-1]:
                 assert said[-1], said
                 said.append(bridging.stdout.readline())
             with listener(router) as ros:
                 first = ros.message("/hrp2/joint_states")
                 cloud = ros.message("/hrp2/skin", lambda m: not math.isnan(m["points"]["temperature"][0]))
-                later = ros.message("/hrp2/joint_states", lambda m: m["position"] != first["position"])
+                ros.wait_for_subscription("/hrp2/joint_velocity_commands")
+
+                def turned(message: Any) -> bool:
+                    """Asks for more, until a joint is further away than the map ever takes it."""
+                    ros.say("velocities /hrp2/joint_velocity_commands 0.5" + " 0.0" * 13)
+                    return abs(message["position"][0] - first["position"][0]) > 0.1
+
+                later = ros.message("/hrp2/joint_states", turned)
             process.terminate()
             rest, _ = bridging.communicate(timeout=PATIENCE_S)
             assert bridging.returncode == 0

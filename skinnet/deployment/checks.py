@@ -152,6 +152,10 @@ def _check_program(deployment: Deployment) -> None:
         raise DeploymentError(
             "controller.program, nursing: give a program of stages or [nursing], one of them"
         )
+    if deployment.nursing is not None and control.outside_velocity:
+        raise DeploymentError(
+            "controller.outside_velocity = true: nursing takes no velocities from outside; leave it"
+        )
     if deployment.nursing is not None and not deployment.sheets:
         raise DeploymentError("nursing: needs tactile sheets; give surfaces and sheets")
     n_dofs = len(deployment.body.joints)

@@ -58,6 +58,7 @@ class Watch:
         self.endpoint, self._outer = _open(keys, listen)
         self.copied = 0
         self.configs = 0
+        self.velocities = 0
         self._topologies: dict[str, bytes] = {}
         self._state: dict[str, bytes] = {}
         self._inner: Transport | None = None
@@ -69,7 +70,8 @@ class Watch:
     @property
     def counters(self) -> dict[str, int]:
         """What was copied to outsiders, and what they brought in; nothing if nobody came."""
-        counts = {"copied": self.copied, "configs": self.configs} | self._desk.counters
+        counts = {"copied": self.copied, "configs": self.configs, "velocities": self.velocities}
+        counts |= self._desk.counters
         return {name: count for name, count in counts.items() if count}
 
     def tell_deployment(self, deployed: Deployed) -> None:
@@ -85,6 +87,8 @@ class Watch:
             expression = self._expression(row)
             if row.name == "config":
                 self._outer.tap(expression, self._bring_in)
+            elif row.name == "velocity":
+                self._outer.tap(expression, self._bring_velocity)
             elif row.public and row.receivers:
                 self._outer.on_interest(expression, _Copier(inner, self, expression))
         inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
@@ -111,6 +115,11 @@ class Watch:
         else:
             self.configs += 1
             self._hand_in(key, encode(config))
+
+    def _bring_velocity(self, key: str, payload: bytes) -> None:
+        """A velocity by a stranger; the controller decides on it."""
+        self.velocities += 1
+        self._hand_in(key, payload)
 
     def _hand_in(self, key: str, payload: bytes) -> None:
         """Puts into the loop, from any thread, what a stranger brings; in vain if the loop is over."""
