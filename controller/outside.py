@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
-from skinnet.messages import Velocity, decode
+from skinnet.messages import decode
+from skinnet.outside_messages import Velocity
 
 __all__ = ["OutsideVelocity"]
 

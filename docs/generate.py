@@ -23,7 +23,8 @@ from controller.grasping.state_machine import State, diagram
 from skinnet.channels import ALIVE, CHANNELS, Keys, Role
 from skinnet.deployment.schema import Deployment
 from skinnet.deployment.session import SessionSpec
-from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, Deployed, EventKind, Modality
+from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
+from skinnet.outside_messages import Deployed
 from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW
 
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]

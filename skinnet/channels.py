@@ -21,8 +21,8 @@ from skinnet.messages import (
     Stimulus,
     Stream,
     Topology,
-    Velocity,
 )
+from skinnet.outside_messages import Velocity
 from skinnet.sheet_messages import Pressures, Regions
 
 __all__ = ["ALIVE", "CHANNELS", "DEPLOYMENT", "OUTSIDE", "Channel", "Keys", "Role", "channel"]

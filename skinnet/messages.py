@@ -27,7 +27,6 @@ __all__ = [
     "Command",
     "Config",
     "ControllerState",
-    "Deployed",
     "EventKind",
     "Events",
     "Joints",
@@ -38,7 +37,6 @@ __all__ = [
     "Stimulus",
     "Stream",
     "Topology",
-    "Velocity",
     "decode",
     "encode",
     "pack",
@@ -228,16 +226,6 @@ class Request(Message, frozen=True, kw_only=True, tag="request"):
     argument: str = ""
 
 
-class Velocity(Message, frozen=True, kw_only=True, tag="velocity"):
-    """Joint velocities [rad/s] that a user adds to the controller's own, in the order of the joints.
-
-    They count for 100 ms of simulated time, unless others come. The safety clamp has the last word. Runs take
-    them only if `controller.outside_velocity` lets them.
-    """
-
-    velocity_rad_s: list[float]
-
-
 class Answer(Message, frozen=True, kw_only=True, tag="answer"):
     """What became of request `id` at the tick `t_ns`: the state after it; if it was refused, `why`."""
 
@@ -255,13 +243,6 @@ class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"
     stage: str
     progress: float
     text: str = ""
-
-
-class Deployed(Message, frozen=True, kw_only=True, tag="deployed"):
-    """What runs: the whole deployment as JSON, as in the run folder; paths in it start from folder `base`."""
-
-    deployment: str
-    base: str
 
 
 _encoder = msgspec.msgpack.Encoder()

@@ -10,7 +10,7 @@ from test_links import DEPLOYMENTS
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.messages import Velocity
+from skinnet.outside_messages import Velocity
 
 FRESH_TICKS = 100_000_000 // TICK_NS
 

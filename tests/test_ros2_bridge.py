@@ -22,7 +22,8 @@ from skinnet.body.links import Links
 from skinnet.channels import OUTSIDE
 from skinnet.deployment import load, resolved_json
 from skinnet.errors import DeploymentError, PortInUseError, SkinnetError, UnreachableError
-from skinnet.messages import ControllerState, Deployed, Velocity, decode, encode
+from skinnet.messages import ControllerState, decode, encode
+from skinnet.outside_messages import Deployed, Velocity
 from skinnet.ros2.bridge import NODE, Order, bridge
 from skinnet.run.watch import Watch, free_endpoint
 from skinnet.transport.memory import MemoryHub

@@ -20,7 +20,8 @@ from skinnet.clock import NS_PER_S, next_multiple
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import build
 from skinnet.errors import ProtocolError, SkinnetError
-from skinnet.messages import Deployed, Velocity, decode, encode
+from skinnet.messages import decode, encode
+from skinnet.outside_messages import Deployed, Velocity
 from skinnet.ros2 import types
 from skinnet.ros2.control import Control
 from skinnet.ros2.mirror import CHANNELS, Mirror

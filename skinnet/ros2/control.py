@@ -8,7 +8,7 @@ robot of ROS in this way can move this one. Its layout says nothing there, nor h
 import numpy as np
 
 from skinnet.errors import ProtocolError
-from skinnet.messages import Velocity
+from skinnet.outside_messages import Velocity
 from skinnet.ros2.attachment import Attachment, gid_of
 from skinnet.ros2.keys import Entity
 from skinnet.ros2.types import VELOCITIES, decode

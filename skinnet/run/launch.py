@@ -15,8 +15,8 @@ from skinnet.deployment.checks import check
 from skinnet.deployment.recall import recall
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
-from skinnet.messages import Deployed
 from skinnet.network.faults import check_targets
+from skinnet.outside_messages import Deployed
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
 from skinnet.run.progress import Progress

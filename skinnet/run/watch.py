@@ -14,7 +14,8 @@ import msgspec
 
 from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys, Role
 from skinnet.errors import PortInUseError, ProtocolError
-from skinnet.messages import Config, Deployed, decode, encode
+from skinnet.messages import Config, decode, encode
+from skinnet.outside_messages import Deployed
 from skinnet.run.requests import Clerk, RequestDesk
 from skinnet.transport.base import Transport
 from skinnet.transport.zenoh import ZenohTransport
