@@ -418,6 +418,27 @@ def test_two_bridges_of_one_robot() -> None:
     first.join()
 
 
+def commanded(*arguments: str, before: str = "pass") -> tuple[int, str]:
+    """Exit code and errors of `skinnet bridge ros2`, in a Python that does `before` first."""
+    code = f"import sys; {before}; from skinnet.cli.main import main; main()"
+    line = [sys.executable, "-c", code, "bridge", "ros2", *arguments]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    return done.returncode, done.stderr
+
+
+def test_the_command_line_says_in_one_line_what_is_wrong() -> None:
+    endpoint = free_endpoint()
+    code, errors = commanded(endpoint)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert errors.startswith(f"skinnet: {endpoint}: no Zenoh endpoint, or nobody answers there")
+
+
+def test_without_the_extra_it_says_which_one_to_install() -> None:
+    code, errors = commanded(free_endpoint(), before="sys.modules['xxhash'] = None")
+    assert code == 1
+    assert errors == "skinnet: xxhash is missing; install the extra: pip install 'skinnet[ros2]'\n"
+
+
 def test_the_command_line_follows_a_run(tmp_path: Path) -> None:
     """`skinnet run` in processes of its own, `skinnet bridge ros2`, and the stranger, who moves a joint."""
     settings = ('controller.program=["map"]', "controller.map.periods=400", "run.pace=realtime", MOVABLE)

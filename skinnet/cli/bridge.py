@@ -61,7 +61,7 @@ def _ros2(
         from skinnet.ros2.bridge import Order, bridge
     except ModuleNotFoundError as error:
         raise SkinnetError(
-            f"no module {error.name}: install the extra, pip install 'skinnet[ros2]'"
+            f"{error.name} is missing; install the extra: pip install 'skinnet[ros2]'"
         ) from error
     terminal = console()
 
