@@ -77,7 +77,9 @@ def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Pa
     told = controller.arrays["patch_felt"][(ticks >= start_ns) & (ticks <= end_ns), :, 0]
     t_move = controller.arrays["t_ns"]
     speed = np.abs(controller.arrays["velocity_rad_s"][(t_move >= start_ns) & (t_move <= end_ns)])
-    return {
+    stages = {name.rpartition(".")[2]: n for name, n in body.facts["peak_cell_n"].items()}
+    by_state = {f"grasp.{span.state}.peak_force_n": stages.get(span.state, 0.0) for span in grasp}
+    return by_state | {
         "grasp.peak_force_n": peak_n,
         "grasp.peak_reading": float(np.interp(peak_n, force.calibration_n, force.calibration_reading)),
         "grasp.peak_reading_told": float(told.max(initial=0.0)),
