@@ -3,6 +3,7 @@
     SkinnetError
     ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
     ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
+    ├── RecordingError      a recording is none, of a newer version, damaged, or cannot be written
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
@@ -22,6 +23,7 @@ __all__ = [
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
+    "RecordingError",
     "SkinnetError",
     "UnreachableError",
     "UpstreamLostError",
@@ -42,6 +44,10 @@ class MemoryFileError(SkinnetError):
 
 class ModelError(SkinnetError):
     """An MJCF model does not compile, or does not have what a deployment names."""
+
+
+class RecordingError(SkinnetError):
+    """A file is no recording that this program can read, or one cannot be written; the text says why."""
 
 
 class ProtocolError(SkinnetError):

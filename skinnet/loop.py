@@ -11,7 +11,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from skinnet.channels import ALIVE, OUTSIDE, Keys
 from skinnet.clock import WallPace
@@ -20,7 +20,7 @@ from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.upstream import Upstream
 
-__all__ = ["Node", "Put", "run_loop"]
+__all__ = ["Node", "Put", "Sparing", "run_loop"]
 
 log = logging.getLogger(__name__)
 
@@ -76,6 +76,14 @@ class Node(Protocol):
 
     def result(self) -> Part:
         """What the summary needs of this process, when the loop is over."""
+
+
+@runtime_checkable
+class Sparing(Protocol):
+    """A node that does not send what nobody hears."""
+
+    def listen_for(self, heard: Callable[[str], bool]) -> None:
+        """From now on `heard` tells whether anybody hears what is put on a key."""
 
 
 _GRACE_S = 0.2
@@ -207,6 +215,8 @@ async def run_loop(
     _claim(node.name, transport, keys)
     transport.subscribe(node.subscriptions, sorted(node.senders | {OUTSIDE}))
     transport.watch_alive(keys.alive("*", "*"))
+    if isinstance(node, Sparing):
+        node.listen_for(transport.heard)
     transport.announce(keys.alive(node.role, node.name))
     loop = _Loop(node, transport, keys, deadline_s)
     await loop.gather()

@@ -64,6 +64,9 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
     )
+    parser.add_argument(
+        "--also", action="append", default=[], help="one more process to wait for at the start"
+    )
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint: be the hub")
     end.add_argument("--connect", help="Zenoh endpoint of the hub")
@@ -125,6 +128,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
     try:
         node = build_node(module, deployment, args.name, args.base, args.parts.parent)
+        node.peers |= frozenset(args.also)
         usage = UsageTrace(lambda: (transport.received_bytes, transport.sent_bytes))
         gc.freeze()
         gc.set_threshold(_GC_THRESHOLD)

@@ -419,7 +419,7 @@ async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> No
     hub = ZenohTransport(KEYS, "hub", listen=endpoint)
     try:
         hub.subscribe([key("*")], ["hub"])
-        hub.tell(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
+        hub.tell(f"{KEYS.prefix}loop/hub/controller-recorder", b"no envelope")
         hub.put(key("x"), b"1")
         hub.flush()
         assert await hear(hub, 1) == [Delivery(key("x"), b"1")]

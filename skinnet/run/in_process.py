@@ -4,7 +4,7 @@ import asyncio
 import os
 from pathlib import Path
 
-from skinnet.channels import OUTSIDE, Keys
+from skinnet.channels import OUTSIDE, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
 from skinnet.loop import run_loop
@@ -19,7 +19,12 @@ __all__ = ["run_in_process"]
 
 
 async def run_in_process(
-    deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None = None
+    deployment: Deployment,
+    base: Path,
+    out: Path,
+    progress: Progress,
+    watch: Watch | None = None,
+    record: bool = False,
 ) -> Outcome:
     """Runs `deployment` in this process.
 
@@ -29,6 +34,7 @@ async def run_in_process(
         out: Run folder.
         progress: Where to show how it goes.
         watch: Window for outsiders.
+        record: Whether to write a recording.
 
     Raises:
         SkinnetError: what a node could not go on with.
@@ -39,7 +45,9 @@ async def run_in_process(
     progress.follow(launcher, keys)
     if watch is not None:
         watch.open(launcher)
-    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment)]
+    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment, record)]
+    for node in nodes:
+        node.peers |= {RECORDER} if record else frozenset()
     try:
         async with asyncio.TaskGroup() as group:
             for node in nodes:

@@ -15,6 +15,7 @@ from skinnet.deployment.checks import check
 from skinnet.deployment.recall import recall
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
+from skinnet.messages import Deployed
 from skinnet.network.faults import check_targets
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
@@ -39,6 +40,7 @@ class Order:
         in_process: Run everything in one process.
         listen: Endpoint for watchers; a free port unless given.
         plots: Draw plots and a picture.
+        record: Write all that is said into a file of the run folder.
     """
 
     file: Path
@@ -46,6 +48,7 @@ class Order:
     in_process: bool = False
     listen: str | None = None
     plots: bool = True
+    record: bool = False
 
 
 def prepare(order: Order, seed: int | None = None) -> Deployment:
@@ -85,6 +88,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         watch = _watch(order, deployment, progress)
         if watch is not None:
             stack.callback(watch.close)
+            watch.tell_deployment(Deployed(deployment=resolved_json(deployment).decode(), base=str(base)))
         stack.enter_context(progress)
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
@@ -112,8 +116,8 @@ async def _run(
     order: Order, deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
 ) -> Outcome:
     if order.in_process:
-        return await run_in_process(deployment, base, out, progress, watch)
-    return await run_processes(deployment, base, out, progress, watch)
+        return await run_in_process(deployment, base, out, progress, watch, order.record)
+    return await run_processes(deployment, base, out, progress, watch, order.record)
 
 
 def _draw(

@@ -14,7 +14,7 @@ import msgspec
 
 from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys, Role
 from skinnet.errors import PortInUseError, ProtocolError
-from skinnet.messages import Config, decode, encode
+from skinnet.messages import Config, Deployed, decode, encode
 from skinnet.run.requests import Clerk, RequestDesk
 from skinnet.transport.base import Transport
 from skinnet.transport.zenoh import ZenohTransport
@@ -72,6 +72,11 @@ class Watch:
         counts = {"copied": self.copied, "configs": self.configs} | self._desk.counters
         return {name: count for name, count in counts.items() if count}
 
+    def tell_deployment(self, deployed: Deployed) -> None:
+        """Answers whoever asks what runs here."""
+        answer = {self._keys.deployment: encode(deployed)}
+        self._outer.serve(self._keys.deployment, lambda: answer)
+
     def open(self, inner: Transport) -> None:
         """Begins to copy what goes through the loop."""
         self._inner = inner
@@ -80,7 +85,7 @@ class Watch:
             expression = self._expression(row)
             if row.name == "config":
                 self._outer.tap(expression, self._bring_in)
-            elif row.public and row.receivers:
+            elif row.public and not row.told:
                 self._outer.on_interest(expression, _Copier(inner, self, expression))
         inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
         inner.tap(keys.of("state"), self._on_state)
