@@ -3,7 +3,8 @@
     SkinnetError
     ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
     ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
-    ├── RecordingError      a recording is none, of a newer version, damaged, or cannot be written
+    ├── RecordingError      a file is no recording, or of a newer version, or damaged
+    ├── RecorderError       a recording cannot be written
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
@@ -23,6 +24,7 @@ __all__ = [
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
+    "RecorderError",
     "RecordingError",
     "SkinnetError",
     "UnreachableError",
@@ -47,7 +49,11 @@ class ModelError(SkinnetError):
 
 
 class RecordingError(SkinnetError):
-    """A file is no recording that this program can read, or one cannot be written; the text says why."""
+    """A file is no recording that this program can read; the text says why."""
+
+
+class RecorderError(SkinnetError):
+    """What is said cannot be written down; the text names the file and says why."""
 
 
 class ProtocolError(SkinnetError):

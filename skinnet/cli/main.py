@@ -10,6 +10,8 @@ import typer
 from skinnet import __version__
 from skinnet.cli import bench, memory, network, run
 from skinnet.cli.plan import EXAMPLES, plan
+from skinnet.cli.replay import EXAMPLES as REPLAY_EXAMPLES
+from skinnet.cli.replay import replay
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
 from skinnet.cli.stress import stress
@@ -18,6 +20,7 @@ from skinnet.errors import (
     MemoryFileError,
     ModelError,
     PortInUseError,
+    RecordingError,
     SkinnetError,
     UnreachableError,
 )
@@ -25,6 +28,14 @@ from skinnet.errors import (
 __all__ = ["app", "main"]
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+_BAD_INPUTS = (
+    DeploymentError,
+    MemoryFileError,
+    ModelError,
+    PortInUseError,
+    RecordingError,
+    UnreachableError,
+)
 
 app = typer.Typer(
     add_completion=False,
@@ -40,6 +51,7 @@ app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
 app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
+app.command(epilog=REPLAY_EXAMPLES)(replay)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 
@@ -65,7 +77,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, MemoryFileError, ModelError, PortInUseError, UnreachableError) as error:
+    except _BAD_INPUTS as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

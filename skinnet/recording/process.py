@@ -140,9 +140,8 @@ class RecorderNode:
             case "frame" | "stream" | "regions":
                 self._close(channel, fields[0], key, payload, head)
             case "topology":
-                source = self._source(fields[0])
-                self._hold(head.t_ns, fields[0], channel, key, payload)
-                source.arrive()
+                self._source(fields[0]).arrive()
+                self._events[fields[0]].append((channel, key, payload))
             case "joints":
                 self._hold(head.t_ns, "body", channel, key, payload)
                 self._body.close(head.t_ns + self._joints_ns)
@@ -169,7 +168,7 @@ class RecorderNode:
                 self._hold(head.t_ns, _SENDERS[channel], channel, key, payload)
 
     def _accept_events(self, channel: str, patch: str, key: str, payload: bytes) -> None:
-        """Events have no time of their own: they have that of the frame that closes their period."""
+        """Events wait for the frame that closes their period, and have its time; so do topologies."""
         source = self._source(patch)
         try:
             count = len(self._columns(payload).cell)

@@ -8,7 +8,7 @@ from typing import IO
 from skinnet import __version__
 from skinnet.channels import Channel, Keys
 from skinnet.deployment import Deployment, resolved_json
-from skinnet.errors import RecordingError
+from skinnet.errors import RecorderError
 from skinnet.recording.format import (
     ABOUT,
     DEPLOYMENT,
@@ -45,7 +45,7 @@ class Writer:
             base: Folder that relative paths in it start from.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecorderError: the file cannot be written.
         """
         self.counts: Counter[str] = Counter()
         self._path = path
@@ -92,7 +92,7 @@ class Writer:
         """Writes the chunk in progress if it is large enough or has waited long enough.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecorderError: the file cannot be written.
         """
         now_s = time.monotonic()
         if self._mcap.waiting_bytes >= _CHUNK_BYTES or now_s - self._flushed_s >= _CHUNK_S:
@@ -106,7 +106,7 @@ class Writer:
         """Ends the file.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecorderError: the file cannot be written.
         """
         try:
             self._mcap.finish()
@@ -120,8 +120,8 @@ class Writer:
         schema = schema_name(kind), SCHEMA_ENCODING, schema_of(kind)
         return self.topic(key, ENCODING, schema), row.name
 
-    def _failed(self, error: OSError) -> RecordingError:
-        return RecordingError(f"{error.filename or self._path}: the recording cannot go on: {error.strerror}")
+    def _failed(self, error: OSError) -> RecorderError:
+        return RecorderError(f"{error.filename or self._path}: the recording cannot go on: {error.strerror}")
 
 
 def _about(deployment: Deployment, base: Path) -> dict[str, str]:
