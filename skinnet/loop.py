@@ -20,7 +20,7 @@ from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.upstream import Upstream
 
-__all__ = ["Node", "Put", "Sparing", "run_loop"]
+__all__ = ["Keeping", "Node", "Put", "Sparing", "run_loop"]
 
 log = logging.getLogger(__name__)
 
@@ -86,6 +86,14 @@ class Sparing(Protocol):
         """From now on `heard` tells whether anybody hears what is put on a key."""
 
 
+@runtime_checkable
+class Keeping(Protocol):
+    """A node that keeps something beyond the run, which is to be whole however the run ends."""
+
+    def end(self) -> None:
+        """The run is over, or ends here."""
+
+
 _GRACE_S = 0.2
 """Liveliness may overtake the last messages of a process, which come through another thread."""
 
@@ -102,8 +110,8 @@ class _Loop:
         self._blamed: set[str] = set()
 
     async def gather(self) -> None:
-        """Waits until every peer has announced itself."""
-        while not self.node.peers <= self.present:
+        """Waits until every peer has announced itself, be it that some are gone again."""
+        while not self.node.peers <= self.present | self.gone_s.keys():
             self.take(await self.transport.receive(1.0))
 
     async def fulfil(self, pace: WallPace | None) -> None:

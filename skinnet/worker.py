@@ -23,7 +23,7 @@ import msgspec
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.loop import Node, run_loop
+from skinnet.loop import Keeping, Node, run_loop
 from skinnet.part import Part
 from skinnet.transport.zenoh import ZenohTransport
 from skinnet.usage import UsageTrace
@@ -126,6 +126,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     deployment = msgspec.json.decode(args.deployment.read_bytes(), type=Deployment)
     keys = Keys(deployment.robot)
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
+    node: Node | None = None
     try:
         node = build_node(module, deployment, args.name, args.base, args.parts.parent)
         node.peers |= frozenset(args.also)
@@ -148,6 +149,8 @@ async def _run(module: str, args: argparse.Namespace) -> None:
         if args.listen:
             await _outlast(transport, present - {node.name})
     finally:
+        if isinstance(node, Keeping):
+            node.end()
         transport.close()
 
 

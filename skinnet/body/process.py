@@ -160,8 +160,9 @@ class BodyNode:
                 self._log.update(values)
         if t_ns % self._joints_ns == 0:
             if RECORDER in self.peers or self._heard(self._world_key):
-                world = World(t_ns=t_ns, covered_ns=t_ns, poses=self._body.loose())
-                put(self._world_key, encode(world))
+                poses = self._body.loose()
+                if poses:
+                    put(self._world_key, encode(World(t_ns=t_ns, covered_ns=t_ns, poses=poses)))
             position = self._body.joints()
             joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())
             put(self._joints_key, encode(joints))

@@ -42,9 +42,7 @@ class Conversion:
 
     def __init__(self, deployment: Deployment, base: Path, writer: Writer) -> None:
         self._writer = writer
-        self._numbers = {
-            topic: writer.topic(topic, "protobuf", _schema(kind)) for topic, kind in TOPICS.items()
-        }
+        self._numbers: dict[str, int] = {}
         self._links = Links(deployment, base)
         self._skin = PaintedSkin(deployment)
         self._robot = scene(shapes_of(deployment, base))
@@ -52,6 +50,11 @@ class Conversion:
         self._next_ns = 0
         self._joints: bytes | None = None
         self._world: bytes | None = None
+
+    def begin(self) -> None:
+        """The file has begun: says which topics there will be."""
+        for topic, kind in TOPICS.items():
+            self._numbers[topic] = self._writer.topic(topic, "protobuf", _schema(kind))
 
     def see(self, channel: str, key: str, t_ns: int, payload: bytes) -> None:
         """A message of the record, in its order."""
@@ -63,7 +66,7 @@ class Conversion:
             case "world":
                 self._world = payload
             case "events" | "bundle" | "stream" | "regions":
-                self._skin.feel(channel, payload)
+                self._skin.feel(channel, key, payload)
             case "state" | "answer" | "fault" | "topology":
                 self._tell(channel, t_ns, payload)
 

@@ -5,6 +5,7 @@ a scene of a thousand cells takes microseconds.
 """
 
 import struct
+from collections import deque
 
 import numpy as np
 from foxglove import messages as fox
@@ -40,6 +41,8 @@ _STRONG = 0.45
 _STRONG_KPA = 20.0
 """So a pressure has the colour of pain (assumed)."""
 _SHADES = 255
+_LAST = 2
+"""Every cell that streams is in these many periods, also one whose readings need a little more than one."""
 
 Floats = NDArray[np.float64]
 
@@ -60,6 +63,7 @@ class PaintedSkin:
         self._sheets = sheets
         self._regions: list[NDArray[np.void]] = [np.zeros(0, dtype=REGION_ROW) for _ in sheets]
         self._felt: list[tuple[str, bytes]] = []
+        self._streams: dict[str, deque[bytes]] = {}
         self._shades: NDArray[np.uint8] | None = None
         thickness_m = deployment.body.foam.thickness_m
         across_m = _GAP * pitch_m(deployment.cells.side_m)
@@ -68,20 +72,28 @@ class PaintedSkin:
         self._scene = np.frombuffer(fox.SceneUpdate(entities=entities).encode(), dtype=np.uint8).copy()
         self._places = _places(self._scene, sizes[-1] + sum(sheet.n_elements for sheet in sheets))
 
-    def feel(self, channel: str, payload: bytes) -> None:
-        """A message of the skin; it is opened when somebody looks."""
-        self._felt.append((channel, payload))
+    def feel(self, channel: str, key: str, payload: bytes) -> None:
+        """A message of the skin; it is opened when somebody looks, and of a stream only the last ones are."""
+        if channel == "stream":
+            streams = self._streams.get(key)
+            if streams is None:
+                streams = self._streams[key] = deque(maxlen=_LAST)
+            streams.append(payload)
+        else:
+            self._felt.append((channel, payload))
 
     def paint(self) -> bytes | None:
         """The scene as it is now, if it has changed since the last time."""
         for channel, payload in self._felt:
-            if channel == "stream":
-                self._take_stream(decode(payload, Stream))
-            elif channel == "regions":
+            if channel == "regions":
                 self._take_regions(decode(payload, Regions))
             else:
                 self._take_events(decode(payload, Events))
         self._felt.clear()
+        for streams in self._streams.values():
+            for payload in streams:
+                self._take_stream(decode(payload, Stream))
+            streams.clear()
         shades = np.rint(np.concatenate([self._cell_colours(), *self._sheet_colours()]) * _SHADES).astype(
             np.uint8
         )

@@ -97,6 +97,7 @@ class RecorderNode:
         self._joints_ns, self._control_ns = deployment.body.joints_ns, deployment.controller.period_ns
         self._t_ns, self._end_ns = 0, deployment.max_ns
         self._finished = False
+        self._whole = False
         self._keys = keys
         self._keys_of: dict[tuple[str, tuple[str, ...]], str] = {}
         self._held: list[_Held] = []
@@ -109,7 +110,10 @@ class RecorderNode:
             self._hold(fault.t_ns, name, "fault", keys.of("fault"), encode(fault))
 
     def start(self, put: Put) -> None:
-        """There is nothing to say."""
+        """Begins the file, now that nobody waits for this process any more."""
+        self._writer.begin()
+        self._conversion.begin()
+        self._whole = True
 
     def needs(self) -> dict[str, int] | None:
         """All that was said about the next few frames."""
@@ -209,6 +213,7 @@ class RecorderNode:
 
     def step(self, put: Put) -> None:
         """Writes what belongs to the next few frames."""
+        self._whole = False
         until_ns = self._until_ns()
         self._finished = until_ns == self._end_ns
         if self._finished:
@@ -222,7 +227,14 @@ class RecorderNode:
         self._conversion.go_to(until_ns)
         self._writer.settle()
         self._t_ns = until_ns
+        self._whole = True
         if self._finished:
+            self.end()
+
+    def end(self) -> None:
+        """Ends the file with its summary; one that was being written to is left as after a kill."""
+        if self._whole:
+            self._whole = False
             self._writer.finish()
 
     def _rest(self, t_ns: int) -> None:

@@ -37,24 +37,31 @@ class Writer:
     """
 
     def __init__(self, path: Path, deployment: Deployment, base: Path) -> None:
-        """Begins the file, in the place of one of an earlier run.
+        """Writes nothing yet.
 
         Args:
             path: Where to write.
             deployment: What is run.
             base: Folder that relative paths in it start from.
-
-        Raises:
-            RecorderError: the file cannot be written.
         """
         self.counts: Counter[str] = Counter()
-        self._path = path
+        self._path, self._deployment, self._base = path, deployment, base
         self._keys = Keys(deployment.robot)
         self._numbers: dict[str, tuple[int, str]] = {}
         self._schemas: dict[str, int] = {}
         self._flushed_s = time.monotonic()
+        self._file: IO[bytes]
+        self._mcap: McapFile
+
+    def begin(self) -> None:
+        """Begins the file, in the place of one of an earlier run.
+
+        Raises:
+            RecorderError: the file cannot be written.
+        """
+        deployment, base = self._deployment, self._base
         try:
-            self._file: IO[bytes] = path.open("wb")
+            self._file = self._path.open("wb")
             self._mcap = McapFile(self._file, PROFILE, f"skinnet {__version__}")
             self._mcap.describe(ABOUT, _about(deployment, base))
             self._mcap.attach(DEPLOYMENT, "application/json", resolved_json(deployment))
