@@ -1,8 +1,8 @@
 """The recorder as a process of the run: it hears all that is recorded, and writes it in one order.
 
 Messages of several senders come as they come. They are written when everybody has said all about a time, and
-sorted: by simulated time, then users, body, skin, controller, recorder, then as the channel table has
-them, then as their sender sent them. So the file of a run does not depend on how it was spread over
+sorted: by simulated time, then users, body, skin, controller, recorder, then by channel, then as their sender
+sent them. So the file of a run does not depend on how it was spread over
 processes.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from skinnet.channels import CHANNELS, OUTSIDE, Keys, Role
+from skinnet.channels import OUTSIDE, Keys, Role
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.errors import ProtocolError
@@ -31,9 +31,13 @@ from skinnet.upstream import Upstream
 
 __all__ = ["RecorderNode", "build"]
 
+_CLOSING = ("joints", "stream", "frame", "regions", "command", "fault")
 _FRAMES = 5
 """Control frames between two looks at what came: fewer wake-ups than with one."""
-_RANK = {row.name: i for i, row in enumerate(CHANNELS)}
+_OPEN = [row.name for row in recorded_channels() if row.name not in (*_CLOSING, "topology")]
+_ORDER = ("topology", *_OPEN, *_CLOSING)
+"""Of channels at one time: whoever closes a period with a message has said all else before."""
+_RANK = {name: i for i, name in enumerate(_ORDER)}
 _SENDERS = {"world": "body", "state": "controller"}
 
 
@@ -213,27 +217,32 @@ class RecorderNode:
 
     def step(self, put: Put) -> None:
         """Writes what belongs to the next few frames."""
-        self._whole = False
         until_ns = self._until_ns()
         self._finished = until_ns == self._end_ns
         if self._finished:
-            self._rest(until_ns)
-        self._held.sort()
-        due = len(self._held) if self._finished else bisect_left(self._held, (until_ns,))
-        for t_ns, _, channel, _, key, payload in self._held[:due]:
-            self._conversion.see(CHANNELS[channel].name, key, t_ns, payload)
+            self.end()
+        else:
+            self._held.sort()
+            self._write(bisect_left(self._held, (until_ns,)), until_ns)
+
+    def _write(self, count: int, until_ns: int) -> None:
+        """Writes the first messages of those that wait, and what Foxglove shows before `until_ns`."""
+        self._whole = False
+        for t_ns, _, channel, _, key, payload in self._held[:count]:
+            self._conversion.see(_ORDER[channel], key, t_ns, payload)
             self._writer.add(key, t_ns, payload)
-        del self._held[:due]
+        del self._held[:count]
         self._conversion.go_to(until_ns)
         self._writer.settle()
         self._t_ns = until_ns
         self._whole = True
-        if self._finished:
-            self.end()
 
     def end(self) -> None:
-        """Ends the file with its summary; one that was being written to is left as after a kill."""
+        """Ends the file with its summary, once; one that was being written to is left as after a kill."""
         if self._whole:
+            end_ns = min(self._end_ns, max(self._body.covered_ns, self._t_ns))
+            self._rest(end_ns)
+            self._write(len(self._held), end_ns)
             self._whole = False
             self._writer.finish()
 
@@ -245,6 +254,7 @@ class RecorderNode:
                 self._hold(self._skin[name].covered_ns, name, *event)
         for request in self._requests.values():
             self._hold(t_ns, OUTSIDE, "request", *request)
+        self._held.sort()
 
     def news(self) -> tuple[()]:
         """A recorder is silent."""
