@@ -15,7 +15,7 @@ SHORT_TOUCH = (
     "controller.map.periods=1",
     "controller.map.frequency_hz=8",
     "controller.map.settle_s=0.05",
-    "controller.stages.force_guidance.duration_s=1.5",
+    "controller.stages.force_guidance.duration_s=2.0",
 )
 SHORT = {
     "arm": (ARM, SHORT_ARM),
