@@ -17,8 +17,9 @@ from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
 from controller.requests import Requests
 from controller.skin_input import SkinInput, SkinRows
+from controller.state_record import StateRecord
 from controller.trace import Trace
-from skinnet.channels import Keys, Role
+from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
@@ -68,7 +69,7 @@ class ControllerNode:
         self._patches = {patch: Upstream(patch, host_of[patch]) for patch in sizes}
         self.upstreams: Mapping[str, Upstream] = {"body": self._body, **self._patches}
         self.senders = frozenset({"body", *hosts})
-        self.peers = frozenset({"body", name, *deployment.hosts_of_skin()})
+        self.peers: frozenset[str] = frozenset({"body", name, *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         if "cells" in self.tolerated:
             self.tolerated |= frozenset(hosts)
@@ -92,6 +93,7 @@ class ControllerNode:
         self._outside = OutsideVelocity(allowed, self._n_dofs, self.counters)
         self._state_s = -1e9
         self._told = ""
+        self._record = StateRecord(keys)
         self._log = hashlib.sha256()
         self._trace = Trace()
         self._patch_trace = PatchTrace(sizes)
@@ -188,6 +190,8 @@ class ControllerNode:
             configs=configs,
             end_ns=end_ns if self._finished else None,
         )
+        if RECORDER in self.peers:
+            self._record.tick(put, self._state(t_ns), self._requests.answers, last=self._finished)
         payload = encode(command)
         put(self._command_key, payload)
         self._note(position, events, stream, payload)
@@ -231,11 +235,12 @@ class ControllerNode:
         brain, now_s = self._brain, time.monotonic()
         if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = brain.state, now_s
-            state = ControllerState(
-                t_ns=self._t_ns, stage=brain.state, progress=brain.progress, text=brain.why
-            )
-            news.append((self._keys.of("state"), encode(state)))
+            news.append((self._keys.of("state"), encode(self._state(self._t_ns))))
         return news
+
+    def _state(self, t_ns: int) -> ControllerState:
+        brain = self._brain
+        return ControllerState(t_ns=t_ns, stage=brain.state, progress=brain.progress, text=brain.why)
 
     def result(self) -> Part:
         """What was found out, and the traces of what was felt and commanded."""

@@ -106,14 +106,15 @@ def _channels() -> str:
             ", ".join(role.value for role in row.receivers),
             row.period,
             "yes" if row.public else "",
+            "yes" if row.recorded else "",
         )
         for row in CHANNELS
     ]
     roles = ", ".join(role.value for role in Role)
     told = f"[{Deployed.__name__}](#{Deployed.__name__.lower()})"
-    rows.append((f"`{Keys('<robot>').deployment}`", told, "launcher", "", "when asked", "yes"))
-    rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", ""))
-    return _table(("key", "message", "from", "to", "period", "watchers"), rows)
+    rows.append((f"`{Keys('<robot>').deployment}`", told, "launcher", "", "when asked", "yes", ""))
+    rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", "", ""))
+    return _table(("key", "message", "from", "to", "period", "watchers", "recorded"), rows)
 
 
 def _messages() -> str:

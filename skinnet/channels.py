@@ -23,9 +23,21 @@ from skinnet.messages import (
     Topology,
 )
 from skinnet.outside_messages import Velocity
+from skinnet.record_messages import Counters, Fault, World
 from skinnet.sheet_messages import Pressures, Regions
 
-__all__ = ["ALIVE", "CHANNELS", "DEPLOYMENT", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
+__all__ = [
+    "ALIVE",
+    "CHANNELS",
+    "DEPLOYMENT",
+    "OUTSIDE",
+    "RECORDED",
+    "RECORDER",
+    "Channel",
+    "Keys",
+    "Role",
+    "channel",
+]
 
 
 class Role(Enum):
@@ -34,6 +46,7 @@ class Role(Enum):
     BODY = "body"
     CELLS = "cells"
     CONTROLLER = "controller"
+    RECORDER = "recorder"
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,8 @@ class Channel:
         receivers: Roles that need every message.
         period: When a message is sent.
         public: Whether watchers get best-effort copies; the newest topology and state also answer queries.
+        recorded: Whether a recording of the run holds every message.
+        told: Whether watchers are told of it beside the loop, at a pace of their own.
     """
 
     name: str
@@ -57,6 +72,8 @@ class Channel:
     receivers: tuple[Role, ...]
     period: str
     public: bool = True
+    recorded: bool = True
+    told: bool = False
 
     @property
     def origin(self) -> str:
@@ -64,9 +81,13 @@ class Channel:
         return OUTSIDE if self.sender is None else self.sender.value
 
 
+_GROUND_TRUTH = {"public": False, "recorded": False}
 CHANNELS = (
-    Channel("stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", public=False),
-    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", public=False),
+    Channel(
+        "stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
+    ),
+    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH),
+    Channel("world", "body/world", World, Role.BODY, (), "joints"),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
     Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
     Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
@@ -78,8 +99,10 @@ CHANNELS = (
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
     Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
     Channel("velocity", "controller/velocity", Velocity, None, (Role.CONTROLLER,), "at will"),
-    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request"),
-    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz"),
+    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", told=True),
+    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz", told=True),
+    Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
+    Channel("fault", "run/fault", Fault, Role.RECORDER, (), "on change", public=False),
 )
 """Rows in the order of a touch on its way round."""
 
@@ -88,6 +111,10 @@ DEPLOYMENT = "skinnet/*/deployment"
 """Asked at a watch endpoint, this tells what runs there, whatever the robot."""
 OUTSIDE = "outside"
 """Sender of what strangers bring into the loop: configurations, requests to the controller, velocities."""
+RECORDER = "recorder"
+"""Name of the process that records a run, if one does."""
+RECORDED = "recorder"
+"""End of the lanes that it listens to."""
 _KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
@@ -120,7 +147,8 @@ class Keys:
         """Receivers of what is put on `key`, maybe an expression: what they share travels together."""
         lane = self._lanes.get(key)
         if lane is None:
-            lane = "-".join(role.value for role in self.parse(key)[0].receivers)
+            row = self.parse(key)[0]
+            lane = "-".join([*(role.value for role in row.receivers), *([RECORDED] if row.recorded else [])])
             if len(self._lanes) < _KNOWN_KEYS:
                 self._lanes[key] = lane
         return lane

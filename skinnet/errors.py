@@ -3,6 +3,8 @@
     SkinnetError
     ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
     ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
+    ├── RecordingError      a file is no recording, or of a newer version, or damaged
+    ├── RecorderError       a recording cannot be written
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
@@ -23,6 +25,8 @@ __all__ = [
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
+    "RecorderError",
+    "RecordingError",
     "RunFolderError",
     "SkinnetError",
     "UnreachableError",
@@ -44,6 +48,14 @@ class MemoryFileError(SkinnetError):
 
 class ModelError(SkinnetError):
     """An MJCF model does not compile, or does not have what a deployment names."""
+
+
+class RecordingError(SkinnetError):
+    """A file is no recording that this program can read; the text says why."""
+
+
+class RecorderError(SkinnetError):
+    """What is said cannot be written down; the text names the file and says why."""
 
 
 class ProtocolError(SkinnetError):

@@ -11,7 +11,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from skinnet.channels import ALIVE, OUTSIDE, Keys
 from skinnet.clock import WallPace
@@ -20,7 +20,7 @@ from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.upstream import Upstream
 
-__all__ = ["Node", "Put", "run_loop"]
+__all__ = ["Keeping", "Node", "Put", "Sparing", "run_loop"]
 
 log = logging.getLogger(__name__)
 
@@ -78,6 +78,22 @@ class Node(Protocol):
         """What the summary needs of this process, when the loop is over."""
 
 
+@runtime_checkable
+class Sparing(Protocol):
+    """A node that does not send what nobody hears."""
+
+    def listen_for(self, heard: Callable[[str], bool]) -> None:
+        """From now on `heard` tells whether anybody hears what is put on a key."""
+
+
+@runtime_checkable
+class Keeping(Protocol):
+    """A node that keeps something beyond the run, which is to be whole however the run ends."""
+
+    def end(self) -> None:
+        """The run is over, or ends here."""
+
+
 _GRACE_S = 0.2
 """Liveliness may overtake the last messages of a process, which come through another thread."""
 
@@ -94,8 +110,8 @@ class _Loop:
         self._blamed: set[str] = set()
 
     async def gather(self) -> None:
-        """Waits until every peer has announced itself."""
-        while not self.node.peers <= self.present:
+        """Waits until every peer has announced itself, be it that some are gone again."""
+        while not self.node.peers <= self.present | self.gone_s.keys():
             self.take(await self.transport.receive(1.0))
 
     async def fulfil(self, pace: WallPace | None) -> None:
@@ -207,6 +223,8 @@ async def run_loop(
     _claim(node.name, transport, keys)
     transport.subscribe(node.subscriptions, sorted(node.senders | {OUTSIDE}))
     transport.watch_alive(keys.alive("*", "*"))
+    if isinstance(node, Sparing):
+        node.listen_for(transport.heard)
     transport.announce(keys.alive(node.role, node.name))
     loop = _Loop(node, transport, keys, deadline_s)
     await loop.gather()

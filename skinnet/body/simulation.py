@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skinnet.body.actuation import Actuation
 from skinnet.body.foundation import Foundation, elastic_bodies, foam_of
 from skinnet.body.grasp_truth import GraspTruth
+from skinnet.body.loose import LooseBodies
 from skinnet.body.model import load_model, resting_targets_rad
 from skinnet.body.payload import Closing, Payload
 from skinnet.body.scene import motion_of, scene_of
@@ -54,6 +55,7 @@ class Body:
         sheet_foundation: Their foam.
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
+        loose: Poses of finger, payload, stand and object now, by name.
         payload: The object in the robot's arms, if there is one.
         stand: The stand in front of the robot, if there is one.
         grasp: What really becomes of the object on it.
@@ -85,8 +87,7 @@ class Body:
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}
 
-        self._step_ns = spec.physics_ns
-        self._step_s = spec.physics_ns / NS_PER_S
+        self._step_ns, self._step_s = spec.physics_ns, spec.physics_ns / NS_PER_S
         self._sway = Sway(spec.sway, deployment.seed)
         self.data = self._at_home()
         resting_rad = resting_targets_rad(self.data, self.model.sway_actuator)
@@ -104,6 +105,7 @@ class Body:
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
         self.forces = ForceTrace(spec.joints_ns)
+        self.loose = LooseBodies(self.data).poses
         self._evaluated = self._watched = False
         self._stimulus: NDArray[np.float64] | None = None
         self.stand: Stand | None = None

@@ -109,7 +109,7 @@ def _check_hosts(deployment: Deployment) -> None:
     left = [name for name in names if name not in placed]
     if left:
         raise DeploymentError(f"hosts: no host runs {', '.join(left)}")
-    known = {"body", "cells", "controller", *deployment.hosts_of_skin()}
+    known = {"body", "cells", "controller", "recorder", *deployment.hosts_of_skin()}
     for name in deployment.run.may_be_lost:
         if name not in known:
             raise DeploymentError(

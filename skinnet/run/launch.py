@@ -40,6 +40,7 @@ class Order:
         in_process: Run everything in one process.
         listen: Endpoint for watchers; a free port unless given.
         plots: Draw plots and a picture.
+        record: Write all that is said into a file of the run folder.
     """
 
     file: Path
@@ -47,6 +48,7 @@ class Order:
     in_process: bool = False
     listen: str | None = None
     plots: bool = True
+    record: bool = False
 
 
 def prepare(order: Order, seed: int | None = None) -> Deployment:
@@ -115,8 +117,8 @@ async def _run(
     order: Order, deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
 ) -> Outcome:
     if order.in_process:
-        return await run_in_process(deployment, base, out, progress, watch)
-    return await run_processes(deployment, base, out, progress, watch)
+        return await run_in_process(deployment, base, out, progress, watch, order.record)
+    return await run_processes(deployment, base, out, progress, watch, order.record)
 
 
 def _draw(

@@ -90,7 +90,7 @@ class Watch:
                 self._outer.tap(expression, self._bring_in)
             elif row.name == "velocity":
                 self._outer.tap(expression, self._bring_velocity)
-            elif row.public and row.receivers:
+            elif row.public and not row.told:
                 self._outer.on_interest(expression, _Copier(inner, self, expression))
         inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
         inner.tap(keys.of("state"), self._on_state)

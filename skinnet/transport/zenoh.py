@@ -23,7 +23,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from skinnet.channels import Keys
+from skinnet.channels import RECORDED, Keys
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 from skinnet.transport.base import Delivery, OnMessage, Query
 from skinnet.transport.envelope import TRANSIT_BINS, Arrivals, Messages, seal
@@ -145,6 +145,7 @@ class ZenohTransport:
         self._entities: list[Any] = []
         self._outbox: dict[str, Messages] = {}
         self._arrivals: list[Arrivals] = []
+        self._heard: dict[str, bool] = {}
         self.receive = self._mailbox.receive
         self.sent_bytes = 0
 
@@ -174,6 +175,8 @@ class ZenohTransport:
         """Takes the messages that match out of the envelopes of `senders`."""
         chosen = tuple(expressions)
         lanes = sorted({self._keys.lane(expression) for expression in chosen})
+        if len(lanes) > 1 and all(lane.endswith(RECORDED) for lane in lanes):
+            lanes = [f"$*{RECORDED}"]  # subscriptions have a thread each: order holds in one only
         for sender, lane in product(senders, lanes):
             self._unpack(f"{sender}/{lane}", Arrivals(chosen, self._mailbox.post_all))
 
@@ -225,6 +228,19 @@ class ZenohTransport:
         get = self._session.liveliness().get
         replies = collect(lambda handler: get(expression, handler, timeout=_PRESENT_S))
         return frozenset(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+
+    def heard(self, key: str) -> bool:
+        """Whether anybody subscribes to the envelopes of the lane of `key`."""
+        lane = self._keys.lane(key)
+        if lane not in self._heard:
+            publisher = self._session.declare_publisher(self._own_prefix + lane)
+            self._heard[lane] = publisher.matching_status.matching
+
+            def on_change(status: Any) -> None:
+                self._heard[lane] = status.matching
+
+            self._entities.extend((publisher, publisher.declare_matching_listener(on_change)))
+        return self._heard[lane]
 
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to the envelope of this period for its receivers."""
