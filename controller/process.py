@@ -4,6 +4,7 @@ import hashlib
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
 from controller.grasping.memory import LongTermMemory
+from controller.grasping.report import session_facts
 from controller.outside import OutsideVelocity
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
@@ -263,10 +265,7 @@ class ControllerNode:
         arrays = self._trace.arrays() | {"drives": brain.drives.rows}
         if brain.sessions:
             arrays |= self._patch_trace.arrays()
-            facts["session"] = [entry._asdict() for session in brain.sessions for entry in session.log]
-            facts["refused_requests"] = [entry for session in brain.sessions for entry in session.refused]
-            facts["poses"] = {name: pose.tolist() for name, pose in knowledge.poses.items()}
-            facts["areas"] = {label: cells.tolist() for label, cells in knowledge.areas.items()}
+            facts |= session_facts(brain.sessions, knowledge)
         if knowledge.structure is not None:
             structure = knowledge.structure
             facts["structure"] = {
@@ -281,12 +280,7 @@ class ControllerNode:
             arrays["map_pose_rad"] = knowledge.map.poses_rad
             arrays["map"] = knowledge.map.weights
         if brain.safety is not None:
-            counters = brain.safety.counters
-            facts["safety"] = {
-                "clamped": counters.clamped,
-                "stale_ticks": counters.stale_ticks,
-                "rejected": counters.rejected,
-            }
+            facts["safety"] = asdict(brain.safety.counters)
         return Part(self.name, self.role, facts, arrays)
 
 

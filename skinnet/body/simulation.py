@@ -24,7 +24,7 @@ from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
 from skinnet.body.teacher import Skin, Teacher
 from skinnet.body.things import presented_by
-from skinnet.body.truth import ForceTrace, TouchTruth, reaction_truth
+from skinnet.body.truth import ForceTrace, reaction_truth
 from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
@@ -196,7 +196,7 @@ class Body:
         self._evaluate()
         self._watch()
         facts = {
-            "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
+            "touches": [touch.facts(self._touches) for touch in self.teacher.truth],
             "lessons": [asdict(lesson) for lesson in self.teacher.lessons],
             "strokes": [asdict(stroke) for stroke in self.teacher.strokes],
             "reaction_crossings": self.crossings.facts(),
@@ -211,11 +211,6 @@ class Body:
             facts |= self.grasp.facts()
             arrays |= self.grasp.arrays()
         return GroundTruth(facts, arrays)
-
-    def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
-        by_depth = self._touches[touch.touch].depth_m is not None
-        public = {key: value for key, value in vars(touch).items() if not key.startswith("_")}
-        return public | {"by_depth": by_depth}
 
     def _at_home(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model.mj)
