@@ -95,7 +95,7 @@ def _shade(axes: Axes, grasp: list[StateSpan]) -> None:
 
 def _name(axes: Axes, grasp: list[StateSpan]) -> None:
     for index, span in enumerate(grasp):
-        height = 1.02 + 0.09 * (index % 2)
+        height = 1.02 + 0.09 * (index % 4)  # short states would write over each other
         axes.annotate(
             span.state, (span.start_ns * 1e-9, height), xycoords=("data", "axes fraction"), fontsize=9
         )
