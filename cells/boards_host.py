@@ -129,8 +129,9 @@ class BoardsNode:
         self._log.update(payload)
         put(self._key, payload)
 
-    def news(self) -> None:
+    def news(self) -> tuple[()]:
         """All that boards have to say is part of the run."""
+        return ()
 
     def result(self) -> Part:
         """Counters of the board network and its latencies."""

@@ -238,9 +238,10 @@ class HostNode:
                 self._formed.append(publisher.topology(put, self._network.members.topology(patch, end_ns)))
             publisher.close(put, start_ns, end_ns, streams.get(patch))
 
-    def news(self) -> tuple[str, bytes] | None:
-        """A topology that was formed, for those who come later and ask."""
-        return self._formed.pop(0) if self._formed else None
+    def news(self) -> list[tuple[str, bytes]]:
+        """Topologies that were formed, for those who come later and ask."""
+        news, self._formed = self._formed, []
+        return news
 
     def result(self) -> Part:
         """Counters of the network and its latencies."""

@@ -23,7 +23,7 @@ _PATCH = PatchSpec(
 )
 
 
-def build(deployment: Deployment, name: str, base: Path) -> HostNode | BoardsNode:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> HostNode | BoardsNode:
     """The host `name` of `deployment`: of cells, or of the boards of tactile sheets."""
     if name == BOARDS:
         return BoardsNode(deployment, name)

@@ -13,6 +13,7 @@ from controller.drive_log import DriveLog
 from controller.grasping.memory import LongTermMemory
 from controller.grasping.session import Session
 from controller.knowledge import Knowledge
+from controller.requests import Asked, Reply
 from controller.skin_input import SkinInput, SkinRows
 from controller.stages import Stage, make_stage
 from controller.touch.fusion import TactilePicture
@@ -49,7 +50,8 @@ class Brain:
     def __init__(self, control: ControllerSpec, skin: SkinInput, n_cells: int) -> None:
         self.skin = skin
         self.knowledge = Knowledge(cut=control.map.cut)
-        self._memory = LongTermMemory(None, self.knowledge)
+        self.memory = LongTermMemory(None, self.knowledge)
+        """Where what is learnt is kept; nowhere unless somebody says where."""
         self.picture = TactilePicture(n_cells)
         self.sessions: list[Session] = []
         self.stage_log: list[tuple[str, int]] = []
@@ -79,6 +81,16 @@ class Brain:
         return f"{self._name}.{label}" if label else self._name
 
     @property
+    def state(self) -> str:
+        """The present stage for watchers, to whom it is a state as well that none has begun."""
+        return self.stage or "forming"
+
+    @property
+    def why(self) -> str:
+        """Why the present stage last changed its state; empty if it has none."""
+        return self._stage.why if self._stage is not None else ""
+
+    @property
     def progress(self) -> float:
         """Share of the present stage that is done, 0 to 1."""
         return self._stage.progress if self._stage is not None else float(self.done)
@@ -99,6 +111,20 @@ class Brain:
         self.picture.set_found(gone, False)
         self.picture.set_found(back, True)
         self._streaming[gone] = False
+
+    def ask(self, t_ns: int, what: str, argument: str) -> Reply:
+        """Passes a request on to the present stage, or refuses it; just before the tick of `t_ns`."""
+        stage = self._stage
+        if stage is not None:
+            if isinstance(stage, Asked):
+                reply = stage.ask(t_ns, what, argument)
+                return reply._replace(state=self.state)
+            why = f"stage {self._name!r} takes no requests"
+        elif self.done:
+            why = "the program is over"
+        else:
+            why = "the program has not begun: the network of the skin is forming"
+        return Reply(False, self.state, why)
 
     def tick(
         self, t_ns: int, position_rad: NDArray[np.float64], t_joints_ns: int, t_skin_ns: int, *, ready: bool
@@ -153,7 +179,7 @@ class Brain:
                 self._control.stages[self._name],
                 self._control,
                 self.knowledge,
-                self._memory,
+                self.memory,
                 self.picture,
                 t_ns=t_ns,
                 n_cells=self._n_cells,

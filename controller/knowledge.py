@@ -14,15 +14,16 @@ __all__ = ["Knowledge"]
 
 @dataclass
 class Knowledge:
-    """Found by exploration, used by reactions; no model of the robot in it.
+    """Found by exploration or taught by touch, used by reactions; no model of the robot in it.
 
     Attributes:
         cut: Cells whose fused vector is shorter cannot move along their normal.
         structure: From the structural exploration; None before.
         map: Sensory-motor maps by pose.
         map_problems: What the exploration of the map could not measure.
-        poses: Key poses (D,) [rad] by name; each was explored, so its map is in `map`.
-        areas: Cells of the touch areas by their label.
+        poses: Key poses by name, positions (D,) [rad].
+        areas: Touch areas by label, numbers (n,) of their cells in ascending order.
+        parameters: Tuned numbers by name.
     """
 
     cut: float
@@ -31,6 +32,7 @@ class Knowledge:
     map_problems: tuple[str, ...] = ()
     poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     areas: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
 
     def activity(self, n_cells: int, n_dofs: int) -> NDArray[np.bool_]:
         """(S, D) which DoF moves which cell; any may before the structure is explored."""

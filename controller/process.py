@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
+from controller.grasping.memory import LongTermMemory
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
+from controller.requests import Requests
 from controller.skin_input import SkinInput, SkinRows
+from controller.trace import Trace
 from skinnet.channels import Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
@@ -26,6 +29,7 @@ from skinnet.messages import (
     ControllerState,
     Events,
     Joints,
+    Request,
     SkinFrame,
     Stream,
     Topology,
@@ -48,11 +52,13 @@ class ControllerNode:
 
     def __init__(self, deployment: Deployment, name: str, sizes: dict[str, int]) -> None:
         self.name = name
+        self._deployment = deployment
         keys = Keys(deployment.robot)
         self.subscriptions = (
             keys.of("joints"),
             *(keys.of(channel, "*") for channel in ("frame", "stream", "topology", "bundle")),
             keys.of("events", "*", "*"),
+            keys.of("request", "*"),
         )
         hosts = deployment.host_patches()
         host_of = {patch: host for host, patches in hosts.items() for patch in patches}
@@ -79,10 +85,16 @@ class ControllerNode:
         self._t_ns = 0
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
+        self._requests = Requests(keys, self.counters)
         self._state_s = -1e9
+        self._told = ""
         self._log = hashlib.sha256()
-        self._trace = _Trace()
+        self._trace = Trace()
         self._patch_trace = PatchTrace(sizes)
+
+    def keep(self, base: Path, out: Path | None) -> None:
+        """Recalls what the deployment in `base` names, and keeps what is learnt in the run folder `out`."""
+        self._brain.memory = LongTermMemory.begin(self._deployment, base, out, self._brain.knowledge)
 
     def start(self, put: Put) -> None:
         """The first tick is at time zero."""
@@ -98,7 +110,7 @@ class ControllerNode:
         return self._t_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in joint feedback, or what a patch has to say."""
+        """Takes in joint feedback, what a patch has to say, or what a user asks for."""
         if channel == "joints":
             joints = decode(payload, Joints)
             position = np.array(joints.position_rad, dtype=np.float64)
@@ -108,6 +120,9 @@ class ControllerNode:
                 raise ProtocolError("joint positions that are not finite")
             self._joints[joints.t_ns] = position
             self._body.close(joints.covered_ns)
+            return
+        if channel == "request":
+            self._requests.add(fields[0], decode(payload, Request))
             return
         patch = self._patches.get(fields[0]) if fields else None
         if patch is None:
@@ -142,6 +157,7 @@ class ControllerNode:
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
         self._see_topologies()
+        self._log.update(self._requests.handle(t_ns, self._brain.ask))
         alive = [patch for patch in self._patches.values() if not patch.lost]
         ready = all(patch.name in self._formed for patch in alive)
         t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
@@ -197,19 +213,22 @@ class ControllerNode:
             log.update(column.data)
         log.update(command)
 
-    def news(self) -> tuple[str, bytes] | None:
-        """What goes on; by the wall clock, and never part of the log."""
-        now_s = time.monotonic()
-        if now_s - self._state_s < _STATE_EVERY_S and not self._finished:
-            return None
-        self._state_s = now_s
-        brain = self._brain
-        state = ControllerState(t_ns=self._t_ns, stage=brain.stage or "forming", progress=brain.progress)
-        return self._keys.of("state"), encode(state)
+    def news(self) -> list[tuple[str, bytes]]:
+        """Answers to requests; and what goes on, when it changes and by the wall clock. Never in the log."""
+        news = self._requests.news()
+        brain, now_s = self._brain, time.monotonic()
+        if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
+            self._told, self._state_s = brain.state, now_s
+            state = ControllerState(
+                t_ns=self._t_ns, stage=brain.state, progress=brain.progress, text=brain.why
+            )
+            news.append((self._keys.of("state"), encode(state)))
+        return news
 
     def result(self) -> Part:
         """What was found out, and the traces of what was felt and commanded."""
         brain, knowledge = self._brain, self._brain.knowledge
+        brain.memory.close()
         facts: dict[str, Any] = {
             "logs": {"controller": self._log.hexdigest()},
             "done": brain.done,
@@ -222,6 +241,7 @@ class ControllerNode:
             "cells": self._patch_of_cell,
             "command_delay_ns": self._delay_ns,
             "map_problems": knowledge.map_problems,
+            "requests": self._requests.log,
         }
         arrays = self._trace.arrays() | {"drives": brain.drives.rows}
         if brain.sessions:
@@ -253,41 +273,7 @@ class ControllerNode:
         return Part(self.name, self.role, facts, arrays)
 
 
-class _Trace:
-    """What came in and was commanded in every tick, and what was felt in the ticks of stages that react."""
-
-    def __init__(self) -> None:
-        self._t_ns: list[int] = []
-        self._velocity: list[NDArray[np.float32]] = []
-        self._taken: list[tuple[int, int]] = []
-        self._felt_ns: list[int] = []
-        self._felt: list[NDArray[np.float16]] = []
-
-    def add(
-        self,
-        t_ns: int,
-        velocity: NDArray[np.float64],
-        felt: NDArray[np.float64] | None,
-        taken: tuple[int, int],
-    ) -> None:
-        self._t_ns.append(t_ns)
-        self._taken.append(taken)
-        self._velocity.append(velocity.astype(np.float32))
-        if felt is not None:
-            self._felt_ns.append(t_ns)
-            self._felt.append(felt.astype(np.float16))
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        return {
-            "t_ns": np.array(self._t_ns, dtype=np.int64),
-            "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
-            "taken": np.array(self._taken, dtype=np.int64).reshape(-1, 2),  # events, full readings
-            "touch_t_ns": np.array(self._felt_ns, dtype=np.int64),
-            "touch": np.array(self._felt, dtype=np.float16),
-        }
-
-
-def build(deployment: Deployment, name: str, base: Path) -> Node:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
     """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
     if deployment.nursing is not None:
         from controller.nursing.process import NursingNode  # brings MuJoCo with it
@@ -295,4 +281,6 @@ def build(deployment: Deployment, name: str, base: Path) -> Node:
         return NursingNode(deployment, name, base)
     rehearse(deployment)
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
-    return ControllerNode(deployment, name, sizes)
+    node = ControllerNode(deployment, name, sizes)
+    node.keep(base, out)
+    return node

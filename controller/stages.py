@@ -34,6 +34,10 @@ class Stage(Protocol):
         """What it is doing, if a stage does more than one thing; else empty."""
 
     @property
+    def why(self) -> str:
+        """Why the label last changed; empty if it never did."""
+
+    @property
     def done(self) -> bool:
         """The next stage may begin."""
 
@@ -72,7 +76,7 @@ class Stage(Protocol):
 class Explore:
     """A motion program of self-organisation: structure or map."""
 
-    label = ""
+    label = why = ""
     gains = None
     thresholds = None
     felt = None
@@ -128,7 +132,7 @@ class Explore:
 class TakePosture:
     """Goes to a pose: equation (5)."""
 
-    label = ""
+    label = why = ""
     gains = None
     thresholds = None
     felt = None

@@ -6,6 +6,7 @@ A test fails while a page is behind the code.
 
 import ast
 import inspect
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
@@ -30,6 +31,9 @@ __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
 _HERE = Path(__file__).parent
 PAGES = (_HERE / "deployment.md", _HERE / "grasping.md", _HERE / "wire.md")
 _PART = re.compile(r"(<!-- generated: (?P<name>\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_COMMANDING = [
+    state for state in State if any(any(own) for own in directives(SessionSpec())[state].gains.values())
+]
 _NAME_PATTERN = r"^[A-Za-z0-9_\-]+$"
 
 
@@ -97,7 +101,7 @@ def _channels() -> str:
         (
             f"`{prefix}{row.pattern}`",
             f"[{row.message.__name__}](#{row.message.__name__.lower()})",
-            row.sender.value,
+            row.origin,
             ", ".join(role.value for role in row.receivers),
             row.period,
             "yes" if row.public else "",
@@ -166,7 +170,9 @@ def _states() -> str:
 def _directives() -> str:
     """Table II as the code has it."""
     head = ("state", "force CA", "CHA", "NCA", "proximity CA", "CHA", "NCA", "pose", "rad/s", "times out [s]")
-    return _table(head, (_directive(*row) for row in directives(SessionSpec()).items() if row[1].gains))
+    return _table(
+        head, (_directive(*row) for row in directives(SessionSpec()).items() if row[0] in _COMMANDING)
+    )
 
 
 def _directive(state: State, directive: Directive) -> tuple[str, ...]:
@@ -177,7 +183,7 @@ def _directive(state: State, directive: Directive) -> tuple[str, ...]:
     ]
     pose = directive.pose or ("as asked" if state is State.GO else "–")
     speed = f"{directive.speed_rad_s:g}" if pose != "–" else "–"
-    patience = f"{directive.patience_s:g}" if directive.patience_s else "–"
+    patience = f"{directive.patience_s:g}" if directive.patience_s < math.inf else "–"
     return (f"`{state.value}`", *forces, *nears, pose, speed, patience)
 
 

@@ -9,12 +9,14 @@ from enum import Enum
 
 from skinnet.errors import ProtocolError
 from skinnet.messages import (
+    Answer,
     Command,
     Config,
     ControllerState,
     Events,
     Joints,
     Message,
+    Request,
     SkinFrame,
     Stimulus,
     Stream,
@@ -41,7 +43,7 @@ class Channel:
         name: Name of the channel in code.
         pattern: Key below `skinnet/<robot>/`; `<field>` stands for one segment.
         message: Type of its messages.
-        sender: Role that sends.
+        sender: Role that sends; None for users, who ask through the watch endpoint.
         receivers: Roles that need every message.
         period: When a message is sent.
         public: Whether watchers get best-effort copies; the newest topology and state also answer queries.
@@ -50,10 +52,15 @@ class Channel:
     name: str
     pattern: str
     message: type[Message]
-    sender: Role
+    sender: Role | None
     receivers: tuple[Role, ...]
     period: str
     public: bool = True
+
+    @property
+    def origin(self) -> str:
+        """The sender in words."""
+        return OUTSIDE if self.sender is None else self.sender.value
 
 
 CHANNELS = (
@@ -68,13 +75,15 @@ CHANNELS = (
     Channel("regions", "skin/<network>/regions", Regions, Role.CELLS, (Role.CONTROLLER,), "boards"),
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
-    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "10 Hz, wall clock"),
+    Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
+    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request"),
+    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz"),
 )
 """Rows in the order of a touch on its way round."""
 
 ALIVE = "alive"
 OUTSIDE = "outside"
-"""Sender of what strangers bring into the loop: configuration of cells."""
+"""Sender of what strangers bring into the loop: configuration of cells, requests to the controller."""
 _KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
@@ -115,6 +124,10 @@ class Keys:
     def alive(self, role: Role | str, name: str) -> str:
         """Key of a liveliness token; "*" stands for any."""
         return f"{self.prefix}{ALIVE}/{role.value if isinstance(role, Role) else role}/{name}"
+
+    def claim(self, name: str, process: str) -> str:
+        """Key of the token by which a process claims the name `name`; "*" stands for any process."""
+        return f"{self.prefix}claim/{name}/{process}"
 
     def parse(self, key: str) -> tuple[Channel, tuple[str, ...]]:
         """Channel and field values of `key`.

@@ -2,9 +2,12 @@
 
     SkinnetError
     ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
+    ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
+    ├── UnreachableError    nobody answers at the endpoint to connect to
+    ├── NameTakenError      a process of this name is in the loop already
     ├── UpstreamLostError   a process that this one needs is gone
     └── ProcessFailedError  a process of the run ended with an error
 
@@ -13,11 +16,14 @@ A bug of ours is an AssertionError or an ordinary Python exception, never one of
 
 __all__ = [
     "DeploymentError",
+    "MemoryFileError",
     "ModelError",
+    "NameTakenError",
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
     "SkinnetError",
+    "UnreachableError",
     "UpstreamLostError",
 ]
 
@@ -30,6 +36,10 @@ class DeploymentError(SkinnetError):
     """A deployment does not hold; the text names file, key, value, what is allowed, what to do."""
 
 
+class MemoryFileError(SkinnetError):
+    """What a memory file holds, or what should be kept in one, does not hold; the text says which and why."""
+
+
 class ModelError(SkinnetError):
     """An MJCF model does not compile, or does not have what a deployment names."""
 
@@ -40,6 +50,14 @@ class ProtocolError(SkinnetError):
 
 class PortInUseError(SkinnetError):
     """The endpoint to listen on is already taken."""
+
+
+class UnreachableError(SkinnetError):
+    """Nobody answers at the endpoint to connect to, or not as was asked."""
+
+
+class NameTakenError(SkinnetError):
+    """A process of this name is in the loop already: two would answer for one."""
 
 
 class UpstreamLostError(SkinnetError):

@@ -8,13 +8,14 @@ also wait for the wall clock and, past their deadline, for nobody.
 
 import logging
 import time
+import uuid
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
 from skinnet.channels import ALIVE, OUTSIDE, Keys
 from skinnet.clock import WallPace
-from skinnet.errors import ProtocolError, UpstreamLostError
+from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
 from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.upstream import Upstream
@@ -70,8 +71,8 @@ class Node(Protocol):
     def step(self, put: Put) -> None:
         """Computes the next period and sends what it brings."""
 
-    def news(self) -> tuple[str, bytes] | None:
-        """Now and then, key and payload of something for watchers, which is not part of the run."""
+    def news(self) -> Iterable[tuple[str, bytes]]:
+        """Keys and payloads of what is for watchers since the last period, and not part of the run."""
 
     def result(self) -> Part:
         """What the summary needs of this process, when the loop is over."""
@@ -172,6 +173,20 @@ class _Loop:
         log.warning("%s; going on without it", text)
 
 
+def _claim(name: str, transport: Transport, keys: Keys) -> None:
+    """Makes sure that no other process speaks in the name of this one.
+
+    First the token, then the look: of several that come at once at most one goes on, and perhaps none.
+    """
+    own = keys.claim(name, uuid.uuid4().hex)
+    transport.announce(own)
+    if transport.present(keys.claim(name, "*")) - {own}:
+        raise NameTakenError(
+            f"{name}: there is a process of this name in the loop already; only one may speak in it, "
+            f"so this one leaves (end the other first)"
+        )
+
+
 async def run_loop(
     node: Node,
     transport: Transport,
@@ -186,8 +201,10 @@ async def run_loop(
     After each period, `on_period` is called with the simulated time [ns] at which it ended.
 
     Raises:
+        NameTakenError: there is a process of this name; it is not disturbed.
         UpstreamLostError: a source that is not tolerated to be lost is gone or silent.
     """
+    _claim(node.name, transport, keys)
     transport.subscribe(node.subscriptions, sorted(node.senders | {OUTSIDE}))
     transport.watch_alive(keys.alive("*", "*"))
     transport.announce(keys.alive(node.role, node.name))
@@ -205,5 +222,5 @@ async def run_loop(
         transport.flush()
         if on_period is not None:
             on_period(due_ns)
-        if (news := node.news()) is not None:
-            transport.tell(*news)
+        for key, payload in node.news():
+            transport.tell(key, payload)

@@ -23,6 +23,7 @@ __all__ = [
     "SCHEMA",
     "STIMULUS_NAMES",
     "STREAM_ROW",
+    "Answer",
     "Command",
     "Config",
     "ControllerState",
@@ -31,6 +32,7 @@ __all__ = [
     "Joints",
     "Message",
     "Modality",
+    "Request",
     "SkinFrame",
     "Stimulus",
     "Stream",
@@ -214,8 +216,28 @@ class Topology(Message, frozen=True, kw_only=True, tag="topology"):
     bridged: list[list[int]] = msgspec.field(default_factory=list)
 
 
+class Request(Message, frozen=True, kw_only=True, tag="request"):
+    """What a user asks the controller for; the key says what, `argument` says how.
+
+    Users do not send it: they query the key at the watch endpoint, and get the `Answer` of the same `id`.
+    """
+
+    id: int
+    argument: str = ""
+
+
+class Answer(Message, frozen=True, kw_only=True, tag="answer"):
+    """What became of request `id` at the tick `t_ns`: the state after it; if it was refused, `why`."""
+
+    id: int
+    t_ns: int
+    accepted: bool
+    state: str
+    why: str = ""
+
+
 class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"):
-    """What the controller does, for watchers: not part of the loop."""
+    """What the controller does, for watchers: sent when its stage changes, and now and then between."""
 
     t_ns: int
     stage: str

@@ -41,14 +41,18 @@ log = logging.getLogger(__name__)
 class NodeModule(Protocol):
     """A package that can be a process: `python -m <package>`."""
 
-    def build(self, deployment: Deployment, name: str, base: Path) -> Node:
-        """The node `name` of `deployment`, compiled and ready; `base` is the deployment's folder."""
+    def build(self, deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
+        """The node `name` of `deployment`, compiled and ready.
+
+        `base` is the deployment's folder, `out` that of the run: where a node may leave files of its own.
+        Without one it leaves none.
+        """
 
 
-def build_node(module: str, deployment: Deployment, name: str, base: Path) -> Node:
+def build_node(module: str, deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
     """Imports `<module>.process` and builds its node."""
     process: NodeModule = importlib.import_module(f"{module}.process")
-    return process.build(deployment, name, base)
+    return process.build(deployment, name, base, out)
 
 
 def _arguments(module: str) -> argparse.Namespace:
@@ -57,7 +61,9 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument("--base", type=Path, required=True, help="folder that relative paths start from")
     parser.add_argument("--name", required=True, help="name of this process in the deployment")
     parser.add_argument("--cpu", type=int, help="core to run on")
-    parser.add_argument("--parts", type=Path, required=True, help="folder for the result")
+    parser.add_argument(
+        "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
+    )
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint: be the hub")
     end.add_argument("--connect", help="Zenoh endpoint of the hub")
@@ -118,7 +124,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     keys = Keys(deployment.robot)
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
     try:
-        node = build_node(module, deployment, args.name, args.base)
+        node = build_node(module, deployment, args.name, args.base, args.parts.parent)
         usage = UsageTrace(lambda: (transport.received_bytes, transport.sent_bytes))
         gc.freeze()
         gc.set_threshold(_GC_THRESHOLD)

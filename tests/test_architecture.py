@@ -53,6 +53,7 @@ def test_the_contracts_of_imports_hold() -> None:
         ("mujoco", ("skinnet/body/", "controller/nursing/kinematics.py")),
         ("typer", ("skinnet/cli/",)),
         ("numba", ("skinnet/compiled.py",)),
+        ("sqlite3", ("skinnet/memory/",)),
     ],
 )
 def test_a_library_stays_behind_its_seam(library: str, allowed: tuple[str, ...]) -> None:

@@ -81,6 +81,23 @@ def test_a_file_that_is_not_there() -> None:
     assert (done.returncode, done.stderr) == (2, "skinnet: nowhere.toml: there is no such file\n")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("nonsense", "go"), "nonsense: no Zenoh endpoint, or nobody answers there"),
+        (("unixsock-stream//nowhere", "go", "--timeout", "0.01"), "unixsock-stream//nowhere: no Zenoh"),
+        (("nonsense", "go/**"), "WHAT 'go/**': names have letters, digits, - and _ only"),
+        (("nonsense", ""), "WHAT ''"),
+        (("nonsense", "go", "--robot", "*"), "--robot '*'"),
+    ],
+)
+def test_requests_that_cannot_be_made(arguments: tuple[str, ...], said: str) -> None:
+    done = skinnet("request", *arguments)
+    assert done.returncode == 2, done.stdout + done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"skinnet: {said}")
+
+
 @pytest.mark.parametrize("seeds", ["3", "5-2", "a-b", "-"])
 def test_ranges_of_seeds(seeds: str) -> None:
     done = skinnet("run", str(TOUCH), "--seeds", seeds)

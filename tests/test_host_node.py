@@ -206,9 +206,8 @@ def test_the_topology_is_told_once_when_the_network_is_formed() -> None:
     assert len(found) == 2
     assert host.facts["formed_ns"] == {topology.patch: topology.t_ns for topology in found}
     assert host.facts["unreached"] == 0
-    news = [host.node.news(), host.node.news()]
-    assert {entry[1] for entry in news if entry} == {encode(topology) for topology in found}
-    assert host.node.news() is None
+    assert {payload for _, payload in host.node.news()} == {encode(topology) for topology in found}
+    assert not host.node.news()
 
 
 def streamed(host: Host, patch: str = "arm") -> list[tuple[int, int]]:

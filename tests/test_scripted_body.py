@@ -132,7 +132,7 @@ def test_crossings_of_scripted_touches_are_exact():
 
 def test_the_node_is_the_same_and_scripted_by_its_table(tmp_path):
     physical, script = (
-        build(deployment_of(raw, "arm"), "body", ARM.parent)
+        build(deployment_of(raw, "arm"), "body", ARM.parent, None)
         for raw in (tomllib.loads(ARM.read_text()), tomllib.loads(ARM.read_text()) | {"script": {}})
     )
     assert type(physical) is type(script)

@@ -418,7 +418,7 @@ def test_table_two_and_what_a_deployment_changes() -> None:
     assert (pull.gains[Area.OTHER].proximity_threshold, pull.gains[Area.OTHER].proximity_gain) == (0.01, 0.01)
     assert table[State.APPROACH].gains[Area.CONTACT].proximity_gain == 0.4
     assert table[State.CONTACT].gains[Area.CONTACT].proximity_gain == 0.0
-    assert not table[State.IDLE].gains
+    assert not any(any(gains) for gains in table[State.IDLE].gains.values())
     changed = {"load": {"speed_rad_s": 0.02, "areas": {"contact": {"force_gain": 0.5}}}}
     own = directives(small(controller={"session": {"states": changed}}).controller.session)
     assert own[State.LOAD].speed_rad_s == 0.02

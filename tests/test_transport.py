@@ -1,6 +1,7 @@
 """One contract for every transport: what is put arrives once, in the order of its sender, where it should."""
 
 import asyncio
+import queue
 import socket
 import tempfile
 import threading
@@ -10,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from skinnet.channels import Keys
-from skinnet.errors import PortInUseError, SkinnetError
-from skinnet.transport.base import Delivery, Transport
+from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
+from skinnet.transport.base import Delivery, Query, Transport
+from skinnet.transport.client import Reply, ask
 from skinnet.transport.mailbox import TaskMailbox, ThreadMailbox
 from skinnet.transport.memory import MemoryHub
 from skinnet.transport.zenoh import ZenohTransport
@@ -207,6 +209,35 @@ async def test_liveliness_tells_who_was_there_who_comes_and_who_goes(star: Star)
     assert await hear(hub, 1) == [Delivery(KEYS.alive("cells", "a"), None)]
 
 
+async def test_who_is_there_can_be_asked_and_is_told(star: Star) -> None:
+    """By the hub and by its members, of tokens that were there, that come, and that go."""
+    hub, a = await star.gather("hub", "a")
+    changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
+    tokens = {name: KEYS.claim("one", name) for name in ("hub", "a", "b")}
+    hub.announce(tokens["hub"])
+    a.announce(tokens["a"])
+    await star.agree("claimed")
+    for member in (hub, a):
+        assert member.present(KEYS.claim("one", "*")) == {tokens["hub"], tokens["a"]}
+        assert member.present(tokens["a"]) == {tokens["a"]}
+        assert member.present(KEYS.claim("other", "*")) == frozenset()
+    hub.on_alive(KEYS.claim("one", "*"), lambda key, there: changes.put((key, there)))
+    assert {changes.get(timeout=LONG_S) for _ in range(2)} == {(tokens["hub"], True), (tokens["a"], True)}
+    star.join("b").announce(tokens["b"])
+    assert changes.get(timeout=LONG_S) == (tokens["b"], True)
+    star.leave("b")
+    assert changes.get(timeout=LONG_S) == (tokens["b"], False)
+    assert hub.present(KEYS.claim("one", "*")) == {tokens["hub"], tokens["a"]}
+
+
+async def test_more_tokens_than_zenohs_own_handler_takes(star: Star) -> None:
+    hub, a = await star.gather("hub", "a")
+    for number in range(300):
+        hub.announce(KEYS.claim("one", str(number)))
+    await star.agree("claimed")
+    assert len(a.present(KEYS.claim("one", "*"))) == 300
+
+
 async def test_last_words_arrive(star: Star) -> None:
     hub, a = await star.gather("hub", "a")
     a.put(key("last"), b"words")
@@ -297,9 +328,82 @@ def test_no_thread_loses_a_message_or_a_wake_up(enough: int) -> None:
         assert [d.payload for d in heard if d.key == name] == [str(i).encode() for i in range(n)]
 
 
+async def test_what_another_thread_posts_wakes_the_reader() -> None:
+    """A task that waits without an alarm, in a loop where nothing else happens."""
+    mailbox = TaskMailbox()
+    n = 200
+
+    def post() -> None:
+        for i in range(n):
+            mailbox.post(Delivery("k", str(i).encode()))
+
+    heard = []
+    assert await mailbox.receive(0.0) == []  # now it knows its loop
+    thread = threading.Thread(target=post)
+    thread.start()
+    while len(heard) < n:
+        heard += await mailbox.receive(None)
+    thread.join()
+    assert heard == [Delivery("k", str(i).encode()) for i in range(n)]
+
+
 def test_an_endpoint_that_is_none_is_named() -> None:
     with pytest.raises(SkinnetError, match="cannot listen on nonsense"):
         ZenohTransport(KEYS, "hub", listen="nonsense")
+    with pytest.raises(UnreachableError, match="nonsense: no Zenoh endpoint"):
+        ask("nonsense", "a", b"", LONG_S)
+
+
+def test_an_endpoint_where_nobody_is(endpoint: str) -> None:
+    with pytest.raises(UnreachableError, match=f"{endpoint}: .*nobody answers"):
+        ask(endpoint, "a", b"", 0.01)
+
+
+def test_questions_are_answered_when_the_answer_is_known(endpoint: str) -> None:
+    """Out of their order, by another thread than asked, with payloads, errors, or by others."""
+    hub = ZenohTransport(KEYS, "hub", listen=endpoint)
+    asked: dict[bytes, Query] = {}
+    all_there = threading.Semaphore(0)
+    go = KEYS.of("request", "go")
+
+    def keep(query: Query) -> None:
+        asked[query.payload] = query
+        all_there.release()
+
+    questions = {
+        b"1": f"{go}?argument=home",
+        b"2": "skinnet/*/controller/request/go",
+        b"3": go,
+        b"": go,
+        b"4": "skinnet/**",
+    }
+    try:
+        hub.take_queries(KEYS.of("request", "*"), keep)
+        with ThreadPoolExecutor(len(questions)) as pool:
+            replies = {
+                payload: pool.submit(ask, endpoint, key, payload, LONG_S)
+                for payload, key in questions.items()
+            }
+            for _ in questions:
+                assert all_there.acquire(timeout=LONG_S)
+            assert {payload: query.key for payload, query in asked.items()} == {
+                payload: key.partition("?")[0] for payload, key in questions.items()
+            }
+            assert asked[b"1"].parameters == {"argument": "home"}
+            assert asked[b"2"].parameters == {}
+            for payload in (b"3", b"1", b"2"):
+                asked[payload].reply(go, b"answer " + payload)
+                assert replies[payload].result(LONG_S) == [Reply(go, b"answer " + payload, "")]
+            asked[b""].refuse("not today")
+            assert replies[b""].result(LONG_S) == [Reply("", b"", "not today")]
+            asked[b"4"].drop()
+            assert replies[b"4"].result(LONG_S) == []
+        asked.clear()
+        assert ask(endpoint, go, b"late", 0.05) == [Reply("", b"", "no answer within 0.05 s")]
+        asked[b"late"].reply(go, b"nobody hears it")
+        assert ask(endpoint, KEYS.of("state"), b"", LONG_S) == []
+    finally:
+        hub.close()
 
 
 def test_a_taken_port_is_named() -> None:

@@ -1,10 +1,14 @@
 """The conservative loop: nobody computes a period before all that belongs to it is there, in any order."""
 
 import asyncio
+import contextlib
 import logging
 import random
+import tempfile
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 from typing import Any
 
 import numpy as np
@@ -18,12 +22,13 @@ from controller.process import ControllerNode
 from skinnet.channels import OUTSIDE, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
-from skinnet.errors import ProtocolError, UpstreamLostError
+from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
 from skinnet.loop import Node, Put, run_loop
 from skinnet.messages import Command, Joints, SkinFrame, Stimulus, decode, encode
 from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.transport.memory import MemoryHub
+from skinnet.transport.zenoh import ZenohTransport
 from skinnet.upstream import Upstream
 
 KEYS = Keys("bot")
@@ -137,8 +142,8 @@ class Talker:
             frame = SkinFrame(patch=self.name, t_ns=t_ns, covered_ns=self.t_ns + PERIOD_NS, events=0)
             put(KEYS.of("frame", self.name), encode(frame))
 
-    def news(self) -> tuple[str, bytes] | None:
-        return KEYS.of("state"), self.name.encode()
+    def news(self) -> list[tuple[str, bytes]]:
+        return [(KEYS.of("state"), self.name.encode()), (KEYS.of("answer"), b"and more")]
 
     def result(self) -> Part:
         return Part(self.name, self.role)
@@ -214,9 +219,61 @@ async def test_the_loop_begins_when_everybody_is_there() -> None:
 async def test_watchers_hear_the_news() -> None:
     hub = MemoryHub()
     told: list[bytes] = []
-    hub.connect("watcher").tap(KEYS.of("state"), lambda _key, payload: told.append(payload))
+    hub.connect("watcher").tap(KEYS.prefix + "**", lambda _key, payload: told.append(payload))
     await run_loop(Talker("a"), hub.connect("a"), KEYS, deadline_s=20.0)
-    assert told == [b"a"] * 5
+    assert told == [b"a", b"and more"] * 5
+
+
+async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody() -> None:
+    hub = MemoryHub()
+    said: Counter[str] = Counter()
+    hub.connect("watcher").overhear(f"{KEYS.prefix}**", lambda key, _payload: said.update([key]))
+    first, twin, other = Talker("a", ("b",)), Talker("a", ("b",)), Talker("b", ("a",))
+    running = asyncio.create_task(run_loop(first, hub.connect("a"), KEYS, deadline_s=20.0))
+    await asyncio.sleep(0)
+    for _ in range(3):
+        transport = hub.connect("a")
+        with pytest.raises(NameTakenError, match=r"^a: there is a process of this name"):
+            await run_loop(twin, transport, KEYS, deadline_s=20.0)
+        transport.close()
+    await run_loop(other, hub.connect("b"), KEYS, deadline_s=20.0)
+    assert await running == {"a", "b"}
+    assert twin.log == twin.heard == []
+    assert len(first.log) == len(other.log) == 5
+    assert said == {KEYS.of("frame", "a"): 5, KEYS.of("frame", "b"): 5}
+    assert not first.counters
+    assert not other.counters
+
+
+async def test_a_name_is_free_again_when_its_process_has_left() -> None:
+    hub = MemoryHub()
+    for _ in range(3):
+        transport = hub.connect("a")
+        await run_loop(Talker("a"), transport, KEYS, deadline_s=20.0)
+        transport.close()
+
+
+def test_of_several_that_come_at_once_at_most_one_goes_on() -> None:
+    """Over Zenoh, where each has a connection of its own and none can be first by luck of a lock."""
+    with tempfile.TemporaryDirectory(prefix="skin") as folder, ThreadPoolExecutor(3) as pool:
+        endpoint = f"unixsock-stream/{folder}/hub"
+        hub = ZenohTransport(KEYS, "hub", listen=endpoint)
+        for _ in range(10):
+            transports = [ZenohTransport(KEYS, "a", connect=endpoint) for _ in range(3)]
+            together = Barrier(len(transports))
+
+            def live(transport: Transport, together: Barrier = together) -> int:
+                node = Talker("a")
+                together.wait()
+                with contextlib.suppress(NameTakenError):
+                    asyncio.run(run_loop(node, transport, KEYS, deadline_s=20.0))
+                return len(node.log)
+
+            lived = sorted(pool.map(live, transports))
+            assert lived in ([0, 0, 0], [0, 0, 5])
+            for transport in transports:
+                transport.close()
+        hub.close()
 
 
 async def test_a_lost_upstream_that_is_tolerated() -> None:
@@ -426,7 +483,8 @@ class RestingBody:
         if t_ns % self._spec.body.joints_ns == 0:
             put(KEYS.of("joints"), encode(Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=[0.1, 0.2])))
 
-    def news(self) -> None: ...
+    def news(self) -> tuple[()]:
+        return ()
 
     def result(self) -> Part:
         return Part(self.name, self.role)

@@ -3,14 +3,16 @@
 Table II is garbled by its scan; rows and cells that it does not have are assumptions, marked below.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from typing import NamedTuple
 
 from controller.grasping.state_machine import State
-from skinnet.deployment.session import SessionSpec, StateSpec
+from skinnet.deployment.session import SessionSpec
 
-__all__ = ["Area", "Directive", "Gains", "directives"]
+__all__ = ["Area", "Directive", "Gains", "directives", "parameters", "without_pre_contact"]
 
 
 class Area(Enum):
@@ -26,8 +28,7 @@ class Area(Enum):
     """NCA: all that is in no other area."""
 
 
-@dataclass(frozen=True)
-class Gains:
+class Gains(NamedTuple):
     """Thresholds and gains of the cells of an area; a gain of zero inhibits."""
 
     force_threshold: float = 0.0
@@ -41,13 +42,13 @@ class Directive:
     """What is in force while a state lasts."""
 
     gains: Mapping[Area, Gains] = field(default_factory=dict)
-    """By area; an area that is not there is inhibited."""
+    """By area."""
     pose: str | None = None
     """Name of the key pose that the robot goes to; None: it stays where it is pushed to."""
     speed_rad_s: float = 0.4
     accuracy_rad: float = 0.01
-    patience_s: float | None = None
-    """After so long the state times out; None: never."""
+    patience_s: float = math.inf
+    """After so long the state times out."""
 
 
 def _all(gains: Gains) -> dict[Area, Gains]:
@@ -64,6 +65,7 @@ _EVADE_SLOWLY = Gains(proximity_threshold=0.01, proximity_gain=0.2)
 _EVADE_BARELY = Gains(proximity_threshold=0.01, proximity_gain=0.01)
 _YIELD = Gains(force_threshold=0.10, force_gain=0.80)
 
+_NUMBERS = ("speed_rad_s", "accuracy_rad", "patience_s")
 _TABLE_II = {
     State.GUIDE_FORCE: Directive(_all(Gains(force_threshold=0.05, force_gain=1.0))),
     State.GUIDE_PROXIMITY: Directive(_all(_EVADE)),
@@ -82,45 +84,58 @@ _TABLE_II = {
 the pose and speed of release, which the scan cut off: open, as slowly as the contact was made."""
 
 
-def directives(spec: SessionSpec) -> dict[State, Directive]:
-    """Directives of all states: Table II with what the deployment says instead."""
-    table = {state: _TABLE_II.get(state, Directive()) for state in State}
-    for name, own in spec.states.items():
-        state = State(name)
-        table[state] = _changed(table[state], own)
-    table[State.SET_DOWN] = replace(table[State.SET_DOWN], patience_s=spec.set_down_s)
-    return table if spec.pre_contact else _blind(table)
+def directives(spec: SessionSpec, remembered: Mapping[str, float] | None = None) -> dict[State, Directive]:
+    """Directives of all states: Table II, over it what is remembered, over that what the deployment says.
+
+    Args:
+        spec: What the deployment says.
+        remembered: Numbers by name as `parameters` gives them; others are not of a directive.
+    """
+    numbers = parameters(_TABLE_II)
+    numbers |= {name: value for name, value in (remembered or {}).items() if name in numbers}
+    numbers |= _said(spec)
+    return {state: _made(state, numbers) for state in State}
 
 
-def _changed(directive: Directive, own: StateSpec) -> Directive:
-    gains = dict(directive.gains)
-    for name, area in own.areas.items():
-        before = gains.get(Area(name), Gains())
-        gains[Area(name)] = Gains(
-            force_threshold=_given(area.force_threshold, before.force_threshold),
-            force_gain=_given(area.force_gain, before.force_gain),
-            proximity_threshold=_given(area.proximity_threshold, before.proximity_threshold),
-            proximity_gain=_given(area.proximity_gain, before.proximity_gain),
-        )
-    return Directive(
-        gains=gains,
-        pose=directive.pose,
-        speed_rad_s=_given(own.speed_rad_s, directive.speed_rad_s),
-        accuracy_rad=_given(own.accuracy_rad, directive.accuracy_rad),
-        patience_s=directive.patience_s if own.patience_s is None else own.patience_s,
-    )
+def parameters(table: Mapping[State, Directive]) -> dict[str, float]:
+    """All numbers of directives by name: `load.speed_rad_s`, `load.contact.force_gain`."""
+    numbers: dict[str, float] = {}
+    for state, directive in table.items():
+        numbers |= {f"{state.value}.{name}": getattr(directive, name) for name in _NUMBERS}
+        for area in Area:
+            gains = directive.gains.get(area, Gains())
+            for name in Gains._fields:
+                numbers[f"{state.value}.{area.value}.{name}"] = getattr(gains, name)
+    return {name: value for name, value in numbers.items() if math.isfinite(value)}
 
 
-def _given(own: float | None, otherwise: float) -> float:
-    return otherwise if own is None else own
+def _said(spec: SessionSpec) -> dict[str, float]:
+    """The numbers that a deployment gives."""
+    said = {f"{State.SET_DOWN.value}.patience_s": spec.set_down_s}
+    for state, own in spec.states.items():
+        given = {name: getattr(own, name) for name in _NUMBERS}
+        for area, gains in own.areas.items():
+            given |= {f"{area}.{name}": getattr(gains, name) for name in Gains._fields}
+        said |= {f"{state}.{name}": value for name, value in given.items() if value is not None}
+    return said
 
 
-def _blind(table: dict[State, Directive]) -> dict[State, Directive]:
-    """Without proximity sensors."""
+def _made(state: State, numbers: Mapping[str, float]) -> Directive:
+    default = _TABLE_II.get(state, Directive())
+
+    def number(name: str, otherwise: float) -> float:
+        return numbers.get(f"{state.value}.{name}", otherwise)
+
+    gains = {area: Gains(*(number(f"{area.value}.{name}", 0.0) for name in Gains._fields)) for area in Area}
+    return Directive(gains, default.pose, *(number(name, getattr(default, name)) for name in _NUMBERS))
+
+
+def without_pre_contact(table: Mapping[State, Directive]) -> dict[State, Directive]:
+    """The same without proximity sensors."""
     return {
         state: replace(
             directive,
-            gains={area: replace(gains, proximity_gain=0.0) for area, gains in directive.gains.items()},
+            gains={area: gains._replace(proximity_gain=0.0) for area, gains in directive.gains.items()},
         )
         for state, directive in table.items()
     }

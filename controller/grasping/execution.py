@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.grasping.directives import Area, Directive
+from controller.grasping.directives import Area, Directive, Gains
 from controller.grasping.state_machine import Event
 from controller.knowledge import Knowledge
 from controller.touch.fusion import TactilePicture
 from controller.touch.posture import PoseTarget, Posture
 from controller.touch.reactions import TactileReaction
-from skinnet.messages import Modality
+from skinnet.messages import FOREVER_NS, Modality
 
 __all__ = ["Execution"]
 
@@ -38,7 +38,7 @@ class Execution:
         self._reaction = TactileReaction(n_cells)
         self._posture = Posture()
         self._target: PoseTarget | None = None
-        self._timeout_ns: int | None = None
+        self._timeout_ns: float = FOREVER_NS
         self._nearest_rad, self._nearest_ns = np.inf, 0
         self.felt: NDArray[np.float64] | None = None
         self.touched = False
@@ -50,27 +50,26 @@ class Execution:
 
     def obey(self, t_ns: int, directive: Directive, target: PoseTarget | None, *, reacts: bool) -> None:
         """Takes a new directive: areas are tuned, and the posture goes to `target`, or rests."""
-        cells = self._knowledge.areas
         self._reaction.inhibit()
         if reacts:
-            for area in (Area.OTHER, *(area for area in Area if area is not Area.OTHER)):
-                of_area = None if area is Area.OTHER else cells.get(area.value)
-                gains = directive.gains.get(area)
-                if gains is None or (area is not Area.OTHER and of_area is None):
-                    continue
-                for modality, threshold, gain in (
-                    (Modality.FORCE, gains.force_threshold, gains.force_gain),
-                    (Modality.PROXIMITY, gains.proximity_threshold, gains.proximity_gain),
-                ):
-                    self._reaction.tune(modality, threshold=threshold, gain=gain, cells=of_area)
+            self._tune(None, directive.gains.get(Area.OTHER, Gains()))
+            for label, area_cells in self._knowledge.areas.items():
+                self._tune(area_cells, directive.gains.get(Area(label), Gains()))
         self._target = target
         if target is None:
             self._posture.release()
         else:
             self._posture.go(target)
-        patience_s = directive.patience_s
-        self._timeout_ns = None if patience_s is None else t_ns + round(patience_s * 1e9)
+        self._timeout_ns = t_ns + min(directive.patience_s * 1e9, FOREVER_NS)
         self._nearest_rad, self._nearest_ns = np.inf, t_ns
+
+    def _tune(self, cells: NDArray[np.int64] | None, gains: Gains) -> None:
+        """Tunes the cells (n,) of an area, or all."""
+        for modality, threshold, gain in (
+            (Modality.FORCE, gains.force_threshold, gains.force_gain),
+            (Modality.PROXIMITY, gains.proximity_threshold, gains.proximity_gain),
+        ):
+            self._reaction.tune(modality, threshold=threshold, gain=gain, cells=cells)
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
@@ -80,7 +79,7 @@ class Execution:
         events = set() if reached is None else {Event.POSE_REACHED}
         if self._stalled(t_ns, position_rad):
             events.add(Event.STALLED)
-        if self._timeout_ns is not None and t_ns >= self._timeout_ns:
+        if t_ns >= self._timeout_ns:
             events.add(Event.TIMED_OUT)
         self.felt, self.touched = None, False
         if self._reaction.gains.any() and len(self._knowledge.map):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.grasping.directives import Area, directives
+from controller.grasping.directives import Area, directives, parameters, without_pre_contact
 from controller.grasping.execution import Execution
 from controller.grasping.memory import LongTermMemory
 from controller.grasping.operator import Operator
@@ -79,7 +79,9 @@ class Session:
         self._knowledge, self._memory = knowledge, memory
         self._map_config, self._n_dofs, self._n_cells = map_config, n_dofs, n_cells
         self._reacts = control.reactions.enabled
-        self._directives = directives(control.session)
+        table = directives(control.session, knowledge.parameters)
+        memory.remember_parameters(parameters(table))
+        self._directives = table if control.session.pre_contact else without_pre_contact(table)
         stale_ns = round(control.safety.stale_ms * 1e6)
         self._execution = Execution(knowledge, n_cells, stale_ns, control.session.stall_ns)
         self._operator = Operator(control.session.operator, control.session.patience_ns, t_ns)
@@ -102,6 +104,11 @@ class Session:
     def label(self) -> str:
         """The present state."""
         return self.state.value
+
+    @property
+    def why(self) -> str:
+        """The event that led to the present state."""
+        return self.log[-1].event if self.log else ""
 
     @property
     def progress(self) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from controller.nursing.own_model import own_model
 from controller.nursing.program import NursingCommand, NursingProgram
 from controller.nursing.skin_input import BoardInput, sheets_of
+from controller.requests import Reply, Requests
 from controller.touch.safety import SafetyClamp, SafetyLimits
 from skinnet.body.model import load_model
 from skinnet.channels import Keys, Role
@@ -22,7 +23,7 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.loop import Put
-from skinnet.messages import FOREVER_NS, Command, ControllerState, Joints, decode, encode
+from skinnet.messages import FOREVER_NS, Command, ControllerState, Joints, Request, decode, encode
 from skinnet.part import Part
 from skinnet.sheet_messages import Regions
 from skinnet.skin.sheet import place_sheets
@@ -50,7 +51,11 @@ class NursingNode:
         assert deployment.nursing is not None
         self.name = name
         keys = Keys(deployment.robot)
-        self.subscriptions: tuple[str, ...] = (keys.of("joints"), keys.of("regions", "*"))
+        self.subscriptions: tuple[str, ...] = (
+            keys.of("joints"),
+            keys.of("regions", "*"),
+            keys.of("request", "*"),
+        )
         self._body = Upstream("body", "body", covered_ns=-1)
         self._boards = Upstream(BOARDS, BOARDS)
         self.upstreams: Mapping[str, Upstream] = {"body": self._body, BOARDS: self._boards}
@@ -84,7 +89,9 @@ class NursingNode:
         self._peak_kpa = 0.0
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._said = NursingCommand(np.zeros(len(spec.joints)), self._program.state, None, "")
+        self._requests = Requests(keys, self.counters)
         self._state_s = -1e9
+        self._told = ""
         self._log = hashlib.sha256()
 
     def start(self, put: Put) -> None:
@@ -105,7 +112,7 @@ class NursingNode:
         return self._t_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in joint feedback, or what the boards have to say."""
+        """Takes in joint feedback, what the boards have to say, or what a user asks for."""
         match channel:
             case "joints":
                 joints = decode(payload, Joints)
@@ -118,6 +125,8 @@ class NursingNode:
                 regions = decode(payload, Regions)
                 self._skin.add(regions)
                 self._boards.close(regions.covered_ns)
+            case "request":
+                self._requests.add(fields[0], decode(payload, Request))
             case _:
                 raise ProtocolError(f"the nursing program does not read {channel}")
 
@@ -128,6 +137,7 @@ class NursingNode:
         """One tick."""
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
+        self._requests.handle(t_ns, self._refuse)
         felt = self._skin.take(t_ns)
         if felt is not None:
             self._peak_kpa = max(self._peak_kpa, *(region.peak_kpa for region in felt.regions), 0.0)
@@ -153,19 +163,20 @@ class NursingNode:
         self._log.update(position.tobytes())
         self._log.update(payload)
 
-    def news(self) -> tuple[str, bytes] | None:
-        """What goes on; by the wall clock, and never part of the log."""
-        now_s = time.monotonic()
-        if now_s - self._state_s < _STATE_EVERY_S and not self._finished:
-            return None
-        self._state_s = now_s
-        state = ControllerState(
-            t_ns=self._t_ns,
-            stage=self._said.state.value,
-            progress=self._program.progress,
-            text=self._said.reason,
-        )
-        return self._state_key, encode(state)
+    def _refuse(self, _t_ns: int, _what: str, _argument: str) -> Reply:
+        return Reply(False, self._said.state.value, "the nursing program takes no requests")
+
+    def news(self) -> list[tuple[str, bytes]]:
+        """Refusals of requests; and what goes on, when it changes and by the wall clock. Never in the log."""
+        news = self._requests.news()
+        now_s, stage = time.monotonic(), self._said.state.value
+        if stage != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
+            self._told, self._state_s = stage, now_s
+            state = ControllerState(
+                t_ns=self._t_ns, stage=stage, progress=self._program.progress, text=self._said.reason
+            )
+            news.append((self._state_key, encode(state)))
+        return news
 
     def result(self) -> Part:
         """What the program found, and the course of every contact."""

@@ -101,6 +101,18 @@ class SensoryMotorMap:
         distance = np.linalg.norm(self.poses_rad - position_rad, axis=1)
         return self._weights[int(np.argmin(distance))]
 
+    def explored_at(self, position_rad: NDArray[np.float64], within_rad: float) -> NDArray[np.float64] | None:
+        """Map (S, D) explored in a pose, up to `within_rad` in every joint; None if none was.
+
+        Of several, that of the nearest pose, and the newest of equals.
+        """
+        found, least_rad = None, within_rad
+        for pose_rad, weights in zip(self._poses_rad, self._weights, strict=True):
+            distance_rad = float(np.abs(pose_rad - position_rad).max())
+            if distance_rad <= least_rad:
+                found, least_rad = weights, distance_rad
+        return found
+
 
 @dataclass(frozen=True)
 class Agreement:

@@ -8,7 +8,7 @@ __all__ = ["TimedStage"]
 class TimedStage:
     """A stage of the controller's program that ends with its time, and learns nothing."""
 
-    label = ""
+    label = why = ""
     wants_stream = False
 
     def __init__(self, duration_s: float, start_ns: int) -> None:

@@ -162,8 +162,9 @@ class BodyNode:
         """Configurations sent to the patches of `host` since its last frame."""
         return sum(self._configs.pop(patch, 0) for patch in self._patches[host])
 
-    def news(self) -> None:
+    def news(self) -> tuple[()]:
         """All that the body has to say is part of the run."""
+        return ()
 
     def result(self) -> Part:
         """Ground truth and joint trace, for figures that compare."""
@@ -183,7 +184,7 @@ class BodyNode:
         return Part(self.name, self.role, facts, arrays)
 
 
-def build(deployment: Deployment, name: str, base: Path) -> BodyNode:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> BodyNode:
     """The body of `deployment`: scripted if it has a script."""
     body = Body(deployment, base) if deployment.script is None else ScriptedBody(deployment, base)
     body.stimulus()  # compiles what it calls before others wait for it, and changes nothing

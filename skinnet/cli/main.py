@@ -8,10 +8,19 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, network, run
+from skinnet.cli import bench, memory, network, run
 from skinnet.cli.plan import EXAMPLES, plan
+from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
+from skinnet.cli.request import request
 from skinnet.cli.stress import stress
-from skinnet.errors import DeploymentError, ModelError, PortInUseError, SkinnetError
+from skinnet.errors import (
+    DeploymentError,
+    MemoryFileError,
+    ModelError,
+    PortInUseError,
+    SkinnetError,
+    UnreachableError,
+)
 
 __all__ = ["app", "main"]
 
@@ -29,6 +38,8 @@ app.command(epilog=run.EXAMPLES)(run.run)
 app.command()(run.check)
 app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
+app.add_typer(memory.app, name="memory")
+app.command(epilog=REQUEST_EXAMPLES)(request)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 
@@ -54,7 +65,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, ModelError, PortInUseError) as error:
+    except (DeploymentError, MemoryFileError, ModelError, PortInUseError, UnreachableError) as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

@@ -200,6 +200,10 @@ def _check_nursing(deployment: Deployment) -> None:
     nursing, payload = deployment.nursing, deployment.payload
     if nursing is None:
         return
+    if deployment.memory.read is not None:
+        raise DeploymentError(
+            f"memory.read = {deployment.memory.read!r}: nursing starts without knowledge; leave it"
+        )
     for joint in nursing.joints:
         if joint not in deployment.body.joints:
             raise DeploymentError(f"nursing.joints: {joint!r} is not among body.joints")

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from skinnet.deployment.faults import FaultRule
+from skinnet.deployment.memory import MemorySpec
 from skinnet.deployment.nursing import NursingSpec
 from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.plan import PlanSpec
@@ -441,6 +442,7 @@ class Deployment(Table, frozen=True, kw_only=True):
     nursing: NursingSpec | None = None
     """Whole-body contact manipulation as the controller's program, in the place of stages."""
     controller: ControllerSpec
+    memory: MemorySpec = field(default_factory=MemorySpec)
     stress: StressSpec = field(default_factory=StressSpec)
     """What `skinnet stress` sweeps; runs ignore it."""
 

@@ -57,7 +57,7 @@ def _channels(deployment: Deployment) -> Table:
         table.add_row(
             row.pattern,
             row.message.__name__,
-            row.sender.value,
+            row.origin,
             to,
             row.period,
             "yes" if row.public else "",

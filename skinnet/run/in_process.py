@@ -19,9 +19,16 @@ __all__ = ["run_in_process"]
 
 
 async def run_in_process(
-    deployment: Deployment, base: Path, progress: Progress, watch: Watch | None = None
+    deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None = None
 ) -> Outcome:
     """Runs `deployment` in this process.
+
+    Args:
+        deployment: What to run.
+        base: Folder that relative paths in it start from.
+        out: Run folder.
+        progress: Where to show how it goes.
+        watch: Window for outsiders.
 
     Raises:
         SkinnetError: what a node could not go on with.
@@ -32,7 +39,7 @@ async def run_in_process(
     progress.follow(launcher, keys)
     if watch is not None:
         watch.open(launcher)
-    nodes = [build_node(p.module, deployment, p.name, base) for p in processes(deployment)]
+    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment)]
     try:
         async with asyncio.TaskGroup() as group:
             for node in nodes:
@@ -47,6 +54,9 @@ async def run_in_process(
                 )
     except* SkinnetError as errors:
         raise errors.exceptions[0] from None
+    finally:
+        if watch is not None:
+            watch.leave()
     parts = [part_of(node) for node in nodes]
     facts = parts[0].facts
     report = ProcessReport("all", "in_process", os.getpid(), facts["cpu_s"], facts["peak_mb"], 0)

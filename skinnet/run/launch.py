@@ -12,7 +12,8 @@ from skinnet.body.simulation import Body
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment, load, resolved_json
 from skinnet.deployment.checks import check
-from skinnet.errors import DeploymentError
+from skinnet.deployment.recall import recall
+from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
 from skinnet.network.faults import check_targets
 from skinnet.run.in_process import run_in_process
@@ -48,7 +49,7 @@ class Order:
 
 
 def prepare(order: Order, seed: int | None = None) -> Deployment:
-    """Loads a deployment and checks it against itself and its model.
+    """Loads a deployment and checks it against itself, its model and what its robot remembers.
 
     Raises:
         DeploymentError: names file, key, value, what is allowed.
@@ -61,9 +62,12 @@ def prepare(order: Order, seed: int | None = None) -> Deployment:
         place_sheets(deployment.surfaces, deployment.sheets)
         if deployment.power is not None:
             join(placed, bridges_of(deployment.bridges, placed)).feeds(deployment.power.feeds)
-        Body(deployment, order.file.parent)
+        body = Body(deployment, order.file.parent)
+        recall(deployment, order.file.parent, body.model.range_rad)
     except DeploymentError as error:
         raise DeploymentError(f"{order.file}: {error}") from None
+    except MemoryFileError as error:
+        raise DeploymentError(f"{order.file}: memory.read: {error}") from None
     return deployment
 
 
@@ -108,7 +112,7 @@ async def _run(
     order: Order, deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
 ) -> Outcome:
     if order.in_process:
-        return await run_in_process(deployment, base, progress, watch)
+        return await run_in_process(deployment, base, out, progress, watch)
     return await run_processes(deployment, base, out, progress, watch)
 
 

@@ -88,7 +88,7 @@ async def run_processes(
             try:
                 faults = await _wait(children, progress)
             finally:
-                await _leave(follower)
+                await _leave(follower, watch)
         finally:
             await _stop(children)
     return _outcome(children, faults, out)
@@ -145,7 +145,9 @@ async def _appearance(socket: Path) -> None:
         await asyncio.sleep(_LOOK_EVERY_S)
 
 
-async def _leave(follower: "asyncio.Task[ZenohTransport]") -> None:
+async def _leave(follower: "asyncio.Task[ZenohTransport]", watch: Watch | None) -> None:
+    if watch is not None:
+        watch.leave()
     with contextlib.suppress(asyncio.CancelledError, SkinnetError):
         if not follower.done():
             follower.cancel()

@@ -2,17 +2,20 @@
 
 Whoever joins here gets best-effort copies of the public channels and can never hold up the run: the
 loop's sessions do not know them. Copies are made only of what somebody subscribes to. The newest topology
-of each patch answers queries. Configuration of cells may come in; it takes effect as soon as it arrives.
+of each patch and the newest state of the controller answer queries. Configuration of cells may come in; it
+takes effect as soon as it arrives. So may requests to the controller, as queries that its answer answers.
 """
 
 import socket
+import threading
 from collections.abc import Callable
 
 import msgspec
 
-from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys
+from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys, Role
 from skinnet.errors import PortInUseError, ProtocolError
 from skinnet.messages import Config, decode, encode
+from skinnet.run.requests import Clerk, RequestDesk
 from skinnet.transport.base import Transport
 from skinnet.transport.zenoh import ZenohTransport
 
@@ -55,25 +58,36 @@ class Watch:
         self.endpoint, self._outer = _open(keys, listen)
         self.copied = 0
         self.configs = 0
-        self._newest: dict[str, bytes] = {}
+        self._topologies: dict[str, bytes] = {}
+        self._state: dict[str, bytes] = {}
+        self._inner: Transport | None = None
+        self._entrance = threading.Lock()
+        self._desk = RequestDesk(keys, self._hand_in)
+        self._clerk = Clerk(self._desk)
+        self._outer.take_queries(keys.of("request", "*"), self._clerk.ask)
 
     @property
     def counters(self) -> dict[str, int]:
-        """What was copied to outsiders, and the configurations they brought in; nothing if nobody came."""
-        counts = {"copied": self.copied, "configs": self.configs}
+        """What was copied to outsiders, and what they brought in; nothing if nobody came."""
+        counts = {"copied": self.copied, "configs": self.configs} | self._desk.counters
         return {name: count for name, count in counts.items() if count}
 
     def open(self, inner: Transport) -> None:
         """Begins to copy what goes through the loop."""
         self._inner = inner
+        keys = self._keys
         for row in CHANNELS:
+            expression = self._expression(row)
             if row.name == "config":
-                self._outer.tap(self._expression(row), self._bring_in)
-            elif row.public:
-                self._outer.on_interest(self._expression(row), _Copier(inner, self, self._expression(row)))
-        inner.tap(self._keys.of("topology", "*"), self._newest.__setitem__)
-        inner.tap(self._keys.of("state"), self.copy)
-        self._outer.serve(self._keys.of("topology", "*"), lambda: dict(self._newest))
+                self._outer.tap(expression, self._bring_in)
+            elif row.public and row.receivers:
+                self._outer.on_interest(expression, _Copier(inner, self, expression))
+        inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
+        inner.tap(keys.of("state"), self._on_state)
+        inner.tap(keys.of("answer"), self._on_answer)
+        inner.on_alive(keys.alive(Role.CONTROLLER, "*"), self._on_controller)
+        self._outer.serve(keys.of("topology", "*"), self._topologies.copy)
+        self._outer.serve(keys.of("state"), self._state.copy)
 
     def _expression(self, row: Channel) -> str:
         return self._keys.of(row.name, *["*"] * row.pattern.count("<"))
@@ -88,14 +102,40 @@ class Watch:
         try:
             config = msgspec.structs.replace(decode(payload, Config), t_ns=0)
         except ProtocolError:
-            self._inner.put(key, payload)  # the host counts it and says who sent it
+            self._hand_in(key, payload)  # the host counts it and says who sent it
         else:
             self.configs += 1
-            self._inner.put(key, encode(config))
-        self._inner.flush()
+            self._hand_in(key, encode(config))
+
+    def _hand_in(self, key: str, payload: bytes) -> None:
+        """Puts into the loop, from any thread, what a stranger brings; in vain if the loop is over."""
+        with self._entrance:
+            if self._inner is not None:
+                self._inner.put(key, payload)
+                self._inner.flush()
+
+    def _on_state(self, key: str, payload: bytes) -> None:
+        self._state[key] = payload
+        self._clerk.begin()
+        self.copy(key, payload)
+
+    def _on_answer(self, key: str, payload: bytes) -> None:
+        self._clerk.answer(payload)
+        self.copy(key, payload)
+
+    def _on_controller(self, _key: str, there: bool) -> None:
+        if not there:
+            self._clerk.end("the controller is gone")
+
+    def leave(self) -> None:
+        """The loop is over: nothing comes in any more."""
+        with self._entrance:
+            self._inner = None
+        self._clerk.end("the run is over")
 
     def close(self) -> None:
         """Nobody can watch any more."""
+        self._clerk.close()
         self._outer.close()
 
 

@@ -5,10 +5,10 @@ together and in their order. Between senders there is no order, and nothing abov
 the loop, it may tell things to whoever watches; nobody waits for those.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, Protocol
 
-__all__ = ["Delivery", "OnMessage", "Transport", "matches"]
+__all__ = ["Delivery", "OnMessage", "Query", "Transport", "Undo", "matches"]
 
 OnMessage = Callable[[str, bytes], None]
 """Called with key and payload, possibly in another thread: be quick."""
@@ -31,8 +31,14 @@ class Transport(Protocol):
     def watch_alive(self, expression: str) -> None:
         """Delivers liveliness: an empty payload for each token there is or comes, None when it goes."""
 
+    def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
+        """Calls `on_change` with each token there is or comes (True), and when it goes (False)."""
+
     def announce(self, key: str) -> None:
-        """Declares the liveliness token `key`; call it when all subscriptions are made."""
+        """Declares the liveliness token `key`; that of `Keys.alive` when all subscriptions are made."""
+
+    def present(self, expression: str) -> frozenset[str]:
+        """The liveliness tokens that are there now, this member's as well; waits for the hub to tell."""
 
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to those of this period."""
@@ -57,6 +63,34 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Sends what is waiting and leaves; the token goes."""
+
+
+class Query(Protocol):
+    """What somebody asked, and the way back; answer it once, at any time and in any thread.
+
+    Attributes:
+        key: Key expression that was asked for.
+        parameters: Parameters of the selector by name.
+        payload: What was sent along; empty if nothing.
+    """
+
+    @property
+    def key(self) -> str: ...  # noqa: D102 -- see above
+
+    @property
+    def parameters(self) -> Mapping[str, str]: ...  # noqa: D102
+
+    @property
+    def payload(self) -> bytes: ...  # noqa: D102
+
+    def reply(self, key: str, payload: bytes) -> None:
+        """Answers with `payload` on `key`, which `self.key` matches."""
+
+    def refuse(self, why: str) -> None:
+        """Answers with an error, in words."""
+
+    def drop(self) -> None:
+        """Leaves the answer to others."""
 
 
 def matches(expression: str, key: str) -> bool:

@@ -12,10 +12,19 @@ from skinnet.transport.base import Delivery
 __all__ = ["TaskMailbox", "ThreadMailbox"]
 
 
+def _here() -> tuple[int, asyncio.AbstractEventLoop] | None:
+    """This thread and its event loop, if one runs."""
+    try:
+        return threading.get_ident(), asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
 class TaskMailbox:
-    """A mailbox between tasks of one event loop."""
+    """A mailbox between tasks of one event loop. What another thread posts comes by way of the loop."""
 
     def __init__(self) -> None:
+        self._reader = _here()
         self._waiting: list[Delivery] = []
         self._enough = 1
         self._urgent = False
@@ -23,6 +32,12 @@ class TaskMailbox:
 
     def post(self, delivery: Delivery) -> None:
         """Adds a delivery."""
+        if self._reader is not None and self._reader[0] != threading.get_ident():
+            self._reader[1].call_soon_threadsafe(self._post, delivery)
+        else:
+            self._post(delivery)
+
+    def _post(self, delivery: Delivery) -> None:
         self._waiting.append(delivery)
         self._urgent |= delivery.payload is None
         if self._urgent or len(self._waiting) >= self._enough:
@@ -30,6 +45,7 @@ class TaskMailbox:
 
     async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
         """See `Transport.receive`."""
+        self._reader = self._reader or _here()
         self._enough = enough
         if len(self._waiting) < enough and not self._urgent:
             self._wake.clear()

@@ -1,6 +1,7 @@
 """The in-memory twin: all processes of a run in one, with the same bytes on the same keys."""
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterable
 
 from skinnet.transport.base import Delivery, OnMessage, Transport, matches
@@ -38,55 +39,64 @@ class MemoryHub:
         """All liveliness tokens there are."""
         return [token for member in self._members for token in member.tokens]
 
-    def deliver_alive(self, key: str, payload: bytes | None) -> None:
-        """Posts the coming (b"") or going (None) of a token."""
+    def tell_alive(self, key: str, there: bool) -> None:
+        """Tells of the coming or going of a token."""
         for member in self._members:
-            if any(matches(expression, key) for expression in member.watched):
-                member.mailbox.post(Delivery(key, payload))
+            for expression, on_change in member.watched:
+                if matches(expression, key):
+                    on_change(key, there)
 
     def leave(self, member: "_MemoryTransport") -> None:
         """Takes a member out and lets its tokens go."""
         if member in self._members:
             self._members.remove(member)
             for token in member.tokens:
-                self.deliver_alive(token, None)
+                self.tell_alive(token, False)
 
 
 class _Board:
-    """Who hears what; found once for every sender and key."""
+    """Who hears what; found once for every sender and key. Strangers have threads of their own."""
 
     def __init__(self) -> None:
+        self._changing = threading.Lock()
         self._ears: list[_Ear] = []
         self._found: dict[tuple[str, str], list[OnMessage]] = {}
 
     def add(self, ear: _Ear) -> Callable[[], None]:
-        self._ears.append(ear)
-        self._found.clear()
+        with self._changing:
+            self._ears.append(ear)
+            self._found.clear()
 
         def undo() -> None:
-            with contextlib.suppress(ValueError):  # undone before
-                self._ears.remove(ear)
-            self._found.clear()
+            with self._changing:
+                with contextlib.suppress(ValueError):  # undone before
+                    self._ears.remove(ear)
+                self._found.clear()
 
         return undo
 
     def deliver(self, sender: str, key: str, payload: bytes) -> None:
         receivers = self._found.get((sender, key))
         if receivers is None:
+            receivers = self._find(sender, key)
+        for on_message in receivers:
+            on_message(key, payload)
+
+    def _find(self, sender: str, key: str) -> list[OnMessage]:
+        with self._changing:
             receivers = self._found[sender, key] = [
                 ear.on_message
                 for ear in self._ears
                 if (ear.senders is None or sender in ear.senders)
                 and any(matches(expression, key) for expression in ear.expressions)
             ]
-        for on_message in receivers:
-            on_message(key, payload)
+        return receivers
 
 
 class _MemoryTransport:
     def __init__(self, hub: MemoryHub, name: str, loop: _Board, beside: _Board) -> None:
         self.mailbox = TaskMailbox()
-        self.watched: list[str] = []
+        self.watched: list[tuple[str, Callable[[str, bool], None]]] = []
         self.tokens: list[str] = []
         self._hub, self._name, self._loop, self._beside = hub, name, loop, beside
         self._undo: list[Callable[[], None]] = []
@@ -103,14 +113,20 @@ class _MemoryTransport:
         return self._undo[-1]
 
     def watch_alive(self, expression: str) -> None:
-        self.watched.append(expression)
-        for token in self._hub.tokens():
-            if matches(expression, token):
-                self.mailbox.post(Delivery(token, b""))
+        post = self.mailbox.post
+        self.on_alive(expression, lambda key, there: post(Delivery(key, b"" if there else None)))
+
+    def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
+        self.watched.append((expression, on_change))
+        for token in sorted(self.present(expression)):
+            on_change(token, True)
 
     def announce(self, key: str) -> None:
         self.tokens.append(key)
-        self._hub.deliver_alive(key, b"")
+        self._hub.tell_alive(key, True)
+
+    def present(self, expression: str) -> frozenset[str]:
+        return frozenset(token for token in self._hub.tokens() if matches(expression, token))
 
     def put(self, key: str, payload: bytes) -> None:
         self._loop.deliver(self._name, key, payload)

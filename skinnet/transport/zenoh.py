@@ -7,44 +7,41 @@ seconds, so the wait before closing is set beyond any deadline of ours.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
 puts in one period leave as one envelope for each kind of receivers, under
-`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive. An envelope carries the
-time of its departure by the machine's monotonic clock, so that its receiver knows how long it was under way.
+`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive.
 """
 
+import contextlib
 import json
 import logging
-import time
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from typing import Any
 
-import msgspec
 import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
 from skinnet.channels import Keys
-from skinnet.errors import PortInUseError, SkinnetError
-from skinnet.transport.base import Delivery, OnMessage, matches
+from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
+from skinnet.transport.base import Delivery, OnMessage, Query
+from skinnet.transport.envelope import TRANSIT_BINS, Arrivals, Messages, seal
 from skinnet.transport.mailbox import ThreadMailbox
 
-__all__ = ["ZenohTransport"]
+__all__ = ["ZenohTransport", "collect", "open_session"]
 
 _LEASE_MS = 2_000
 _WAIT_BEFORE_CLOSE_US = 120_000_000
 _CONNECT_TIMEOUT_MS = 60_000
-_KNOWN_KEYS = 100_000
-_TRANSIT_BINS = 100_001
-"""Microseconds up to 0.1 s."""
+_PRESENT_S = 10.0
+"""So long the hub may take to say who is there."""
 
 log = logging.getLogger(__name__)
 
-_Messages = list[tuple[str, bytes]]
-_seal = msgspec.msgpack.Encoder().encode
-_open = msgspec.msgpack.Decoder(tuple[int, _Messages]).decode
 
-
-def _open_session(listen: str | None, connect: str | None) -> Any:
+def open_session(
+    listen: str | None, connect: str | None, connect_timeout_ms: int = _CONNECT_TIMEOUT_MS
+) -> Any:
     """A Zenoh session that listens as a hub or connects as a client, and never scouts."""
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
@@ -53,7 +50,7 @@ def _open_session(listen: str | None, connect: str | None) -> Any:
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": _WAIT_BEFORE_CLOSE_US,
-        "connect/timeout_ms": _CONNECT_TIMEOUT_MS,
+        "connect/timeout_ms": connect_timeout_ms,
         "connect/exit_on_failure": True,
     }
     if listen:
@@ -70,48 +67,48 @@ def _open_session(listen: str | None, connect: str | None) -> Any:
             raise PortInUseError(
                 f"--listen {listen}: that port is already taken; choose another, or leave --listen out"
             ) from error
-        verb = f"listen on {listen}" if listen else f"connect to {connect}"
-        reason = str(error).splitlines()[0][:200]
-        raise SkinnetError(f"Zenoh cannot {verb}: {reason}") from error
+        if listen:
+            reason = str(error).splitlines()[0][:200]
+            raise SkinnetError(f"Zenoh cannot listen on {listen}: {reason}") from error
+        raise UnreachableError(
+            f"{connect}: no Zenoh endpoint, or nobody answers there; write it as in tcp/127.0.0.1:7447"
+        ) from error
 
 
-class _Arrivals:
-    """The envelopes of one subscription: opens them, hands on what is wanted, counts.
+def collect(start: Callable[[Any], None]) -> list[Any]:
+    """All replies to a query that `start` sends with the handler that it is given, when there are no more.
 
-    Zenoh has a thread for each subscription, so each has counts of its own.
+    Zenoh's own handler stops at 256 replies until they are read, and cannot be waited for.
     """
+    replies: list[Any] = []
+    complete = threading.Event()
+    start(zenoh.handlers.Callback(replies.append, complete.set))
+    complete.wait()
+    return replies
 
-    def __init__(self, expressions: tuple[str, ...], on_messages: Callable[[list[Delivery]], None]) -> None:
-        self._expressions = expressions
-        self._on_messages = on_messages
-        self._wanted: dict[str, bool] = {}
-        self.malformed = 0
-        self.n_bytes = 0
-        self.by_transit_us: dict[int, int] = {}
 
-    def take(self, _key: str, envelope: bytes) -> None:
-        try:
-            t_sent_ns, messages = _open(envelope)
-        except msgspec.DecodeError:
-            self.malformed += 1
-            return
-        transit_us = min(max(time.monotonic_ns() - t_sent_ns, 0) // 1000, _TRANSIT_BINS - 1)
-        self.by_transit_us[transit_us] = self.by_transit_us.get(transit_us, 0) + 1
-        self.n_bytes += len(envelope)
-        wanted = self._wanted
-        deliveries = [
-            Delivery(key, payload)
-            for key, payload in messages
-            if (self._is_wanted(key) if (known := wanted.get(key)) is None else known)
-        ]
-        if deliveries:
-            self._on_messages(deliveries)
+class _HeldQuery:
+    """A query of Zenoh's that waits for its answer."""
 
-    def _is_wanted(self, key: str) -> bool:
-        wanted = any(matches(expression, key) for expression in self._expressions)
-        if len(self._wanted) < _KNOWN_KEYS:
-            self._wanted[key] = wanted
-        return wanted
+    def __init__(self, query: Any) -> None:
+        self._query = query
+        self.key = str(query.key_expr)
+        self.parameters = dict(query.parameters)
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+
+    def reply(self, key: str, payload: bytes) -> None:
+        """Answers, if whoever asked is still there."""
+        with contextlib.suppress(zenoh.ZError), self._query as query:
+            query.reply(key, payload)
+
+    def refuse(self, why: str) -> None:
+        """Answers with an error, if whoever asked is still there."""
+        with contextlib.suppress(zenoh.ZError), self._query as query:
+            query.reply_err(why)
+
+    def drop(self) -> None:
+        """Leaves the answer to others."""
+        self._query.drop()
 
 
 class ZenohTransport:
@@ -125,20 +122,21 @@ class ZenohTransport:
 
     Raises:
         PortInUseError: the endpoint to listen on is taken.
-        SkinnetError: the endpoint is no Zenoh endpoint, or nobody answers there.
+        UnreachableError: nobody answers at the endpoint of the hub.
+        SkinnetError: the endpoint to listen on is no Zenoh endpoint.
     """
 
     def __init__(
         self, keys: Keys, name: str, *, listen: str | None = None, connect: str | None = None
     ) -> None:
-        self._session = _open_session(listen, connect)
+        self._session = open_session(listen, connect)
         self._keys = keys
         self._loop_prefix = f"{keys.prefix}loop/"
         self._own_prefix = f"{self._loop_prefix}{name}/"
         self._mailbox = ThreadMailbox()
         self._entities: list[Any] = []
-        self._outbox: dict[str, _Messages] = {}
-        self._arrivals: list[_Arrivals] = []
+        self._outbox: dict[str, Messages] = {}
+        self._arrivals: list[Arrivals] = []
         self.receive = self._mailbox.receive
         self.sent_bytes = 0
 
@@ -158,7 +156,7 @@ class ZenohTransport:
 
         It makes sense between processes of one machine.
         """
-        histogram = np.zeros(_TRANSIT_BINS, dtype=np.int64)
+        histogram = np.zeros(TRANSIT_BINS, dtype=np.int64)
         for arrivals in self._arrivals:
             for transit_us, count in arrivals.by_transit_us.copy().items():
                 histogram[transit_us] += count
@@ -169,7 +167,7 @@ class ZenohTransport:
         chosen = tuple(expressions)
         lanes = sorted({self._keys.lane(expression) for expression in chosen})
         for sender, lane in product(senders, lanes):
-            self._unpack(f"{sender}/{lane}", _Arrivals(chosen, self._mailbox.post_all))
+            self._unpack(f"{sender}/{lane}", Arrivals(chosen, self._mailbox.post_all))
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Takes the messages that match out of everybody's envelopes."""
@@ -179,9 +177,9 @@ class ZenohTransport:
                 if payload is not None:
                     on_message(key, payload)
 
-        return self._unpack(f"*/{self._keys.lane(expression)}", _Arrivals((expression,), on_messages))
+        return self._unpack(f"*/{self._keys.lane(expression)}", Arrivals((expression,), on_messages))
 
-    def _unpack(self, envelopes: str, arrivals: "_Arrivals") -> Callable[[], None]:
+    def _unpack(self, envelopes: str, arrivals: Arrivals) -> Callable[[], None]:
         self._arrivals.append(arrivals)
         return self.tap(self._loop_prefix + envelopes, arrivals.take)
 
@@ -199,17 +197,26 @@ class ZenohTransport:
     def watch_alive(self, expression: str) -> None:
         """Delivers the coming and going of liveliness tokens, with those that are there already."""
         post = self._mailbox.post
+        self.on_alive(expression, lambda key, there: post(Delivery(key, b"" if there else None)))
 
-        def on_change(sample: Any) -> None:
-            there = sample.kind == zenoh.SampleKind.PUT
-            post(Delivery(str(sample.key_expr), b"" if there else None))
+    def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
+        """Calls `on_change` in a thread of Zenoh's."""
+
+        def on_sample(sample: Any) -> None:
+            on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
         liveliness = self._session.liveliness()
-        self._entities.append(liveliness.declare_subscriber(expression, on_change, history=True))
+        self._entities.append(liveliness.declare_subscriber(expression, on_sample, history=True))
 
     def announce(self, key: str) -> None:
         """Declares the liveliness token `key`."""
         self._entities.append(self._session.liveliness().declare_token(key))
+
+    def present(self, expression: str) -> frozenset[str]:
+        """The liveliness tokens that are there now."""
+        get = self._session.liveliness().get
+        replies = collect(lambda handler: get(expression, handler, timeout=_PRESENT_S))
+        return frozenset(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to the envelope of this period for its receivers."""
@@ -218,7 +225,7 @@ class ZenohTransport:
     def flush(self) -> None:
         """Sends the envelopes, past Zenoh's own batching: whoever gets them is waiting for them."""
         for lane, messages in self._outbox.items():
-            envelope = _seal((time.monotonic_ns(), messages))
+            envelope = seal(messages)
             self.sent_bytes += len(envelope)
             self._session.put(
                 self._own_prefix + lane,
@@ -248,6 +255,14 @@ class ZenohTransport:
                         query.reply(key, payload)
 
         self._entities.append(self._session.declare_queryable(expression, on_query))
+
+    def take_queries(self, expression: str, on_query: Callable[[Query], None]) -> None:
+        """Calls `on_query` in a thread of Zenoh's; whoever asked waits until it is answered."""
+
+        def on_asked(query: Any) -> None:
+            on_query(_HeldQuery(query))
+
+        self._entities.append(self._session.declare_queryable(expression, on_asked))
 
     def close(self) -> None:
         """Sends what is waiting and leaves, even if a peer is stuck and does not take the farewell."""

@@ -1,0 +1,44 @@
+"""The course of a run as the controller saw it: for figures and plots, never used for control."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Trace"]
+
+
+class Trace:
+    """What came in and was commanded in every tick, and what was felt in the ticks of stages that react."""
+
+    def __init__(self) -> None:
+        self._t_ns: list[int] = []
+        self._velocity: list[NDArray[np.float32]] = []
+        self._taken: list[tuple[int, int]] = []
+        self._felt_ns: list[int] = []
+        self._felt: list[NDArray[np.float16]] = []
+
+    def add(
+        self,
+        t_ns: int,
+        velocity: NDArray[np.float64],
+        felt: NDArray[np.float64] | None,
+        taken: tuple[int, int],
+    ) -> None:
+        """Adds a tick: velocities (D,), readings (S, 4) if it reacted, events and full readings taken in."""
+        self._t_ns.append(t_ns)
+        self._taken.append(taken)
+        self._velocity.append(velocity.astype(np.float32))
+        if felt is not None:
+            self._felt_ns.append(t_ns)
+            self._felt.append(felt.astype(np.float16))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The trace by name."""
+        return {
+            "t_ns": np.array(self._t_ns, dtype=np.int64),
+            "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
+            "taken": np.array(self._taken, dtype=np.int64).reshape(-1, 2),  # events, full readings
+            "touch_t_ns": np.array(self._felt_ns, dtype=np.int64),
+            "touch": np.array(self._felt, dtype=np.float16),
+        }

@@ -1,0 +1,168 @@
+"""`skinnet memory`: what a robot remembers, shown, exported and imported."""
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from skinnet.body.model import load_model
+from skinnet.cli.console import console
+from skinnet.deployment import load
+from skinnet.deployment.checks import check
+from skinnet.deployment.recall import read_json, require_fit
+from skinnet.errors import DeploymentError, MemoryFileError
+from skinnet.files import write_bytes
+from skinnet.memory.exchange import to_json
+from skinnet.memory.record import Memory
+from skinnet.memory.store import read_memory, write_memory
+
+__all__ = ["app"]
+
+_SHOW = """
+Examples:
+
+  skinnet memory show runs/teach/memory.sqlite
+"""
+_EXPORT = """
+Examples:
+
+  skinnet memory export runs/teach/memory.sqlite
+
+  skinnet memory export runs/teach/memory.sqlite --out taught.json
+"""
+_IMPORT = """
+Examples:
+
+  skinnet memory import taught.json taught.sqlite
+
+  skinnet memory import taught.json taught.sqlite --deployment deployments/hrp2_touch.toml --force
+"""
+
+app = typer.Typer(
+    no_args_is_help=True, help="What a robot remembers.", epilog=_SHOW + _EXPORT.replace("Examples:\n", "")
+)
+
+Stored = Annotated[Path, typer.Argument(metavar="FILE", help="Memory file, SQLite.")]
+
+
+@app.callback()
+def _group() -> None:
+    """What a robot remembers."""
+
+
+@app.command(name="show", epilog=_SHOW)
+def _show(memory_file: Stored) -> None:
+    """Prints whose memory it is, its structure, key poses, touch areas and parameters."""
+    memory = read_memory(memory_file)
+    terminal = console()
+    for table in (_table(memory), _poses(memory), _areas(memory), _parameters(memory)):
+        if table.row_count:
+            terminal.print(table)
+
+
+@app.command(name="export", epilog=_EXPORT)
+def _export(
+    memory_file: Stored,
+    out: Annotated[str, typer.Option(metavar="JSON|-", help="File to write; - for standard output.")] = "-",
+) -> None:
+    """Writes all that is remembered as JSON, exact to the last bit."""
+    content = to_json(read_memory(memory_file))
+    if out == "-":
+        sys.stdout.write(content.decode())
+    else:
+        write_bytes(Path(out), content)
+
+
+@app.command(name="import", epilog=_IMPORT)
+def _import(
+    source: Annotated[Path, typer.Argument(metavar="JSON", help="What `export` wrote.")],
+    memory_file: Annotated[Path, typer.Argument(metavar="FILE", help="Memory file to write.")],
+    deployment: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TOML", help="Refuses what does not fit its robot and the limits of its joints."
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replaces FILE if it exists.")] = False,
+) -> None:
+    """Makes a memory file from JSON; nothing is written unless all of it holds."""
+    memory = read_json(source)
+    if deployment is not None:
+        try:
+            _require_fit(memory, deployment)
+        except MemoryFileError as error:
+            raise MemoryFileError(f"{source}: {error}") from None
+    if memory_file.exists() and not force:
+        raise MemoryFileError(f"{memory_file}: exists already; give --force to replace it")
+    write_memory(memory_file, memory)
+
+
+def _require_fit(memory: Memory, file: Path) -> None:
+    deployment = load(file)
+    try:
+        check(deployment)
+        finger = deployment.teacher
+        body = load_model(deployment.body, file.parent, finger.tip_radius_m, finger.temperature_c)
+    except DeploymentError as error:
+        raise DeploymentError(f"{file}: {error}") from None
+    require_fit(memory, deployment, body.range_rad)
+
+
+def _table(memory: Memory) -> Table:
+    """The robot and what it knows of its structure."""
+    robot = memory.robot
+    table = Table(title=f"memory of {robot.name}", show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    table.add_row(f"{len(robot.joints)} joints", escape(", ".join(robot.joints)))
+    sizes = ", ".join(f"{patch} {cells}" for patch, cells in robot.patches.items())
+    table.add_row(f"{robot.n_cells} cells", sizes)
+    if memory.activity is None:
+        table.add_row("structure", "not explored")
+    else:
+        moved = np.count_nonzero(memory.activity.any(axis=1))
+        entries = np.count_nonzero(memory.activity)
+        table.add_row("structure", f"{moved} cells move, {entries} of {memory.activity.size} entries active")
+        if len(memory.unmeasured):
+            table.add_row("not measured", _by_patch(memory, memory.unmeasured))
+    return table
+
+
+def _poses(memory: Memory) -> Table:
+    """Where every joint is in every key pose."""
+    table = Table(title="key poses [rad]")
+    table.add_column("joint", style="bold")
+    for name in memory.poses:
+        table.add_column(name, justify="right")
+    if memory.poses:
+        poses = memory.poses.values()
+        for joint, *positions in zip(memory.robot.joints, *(p.position_rad for p in poses), strict=True):
+            table.add_row(escape(joint), *(f"{position:.3f}" for position in positions))
+        table.add_section()
+        table.add_row("map", *("no" if pose.weights is None else "yes" for pose in poses))
+    return table
+
+
+def _areas(memory: Memory) -> Table:
+    table = Table("area", "cells", "of each patch", title="touch areas")
+    for label, cells in memory.areas.items():
+        table.add_row(label, str(len(cells)), _by_patch(memory, cells))
+    return table
+
+
+def _parameters(memory: Memory) -> Table:
+    table = Table("parameter", "value", title="parameters")
+    for name, value in memory.parameters.items():
+        table.add_row(name, f"{value:g}")
+    return table
+
+
+def _by_patch(memory: Memory, cells: np.typing.NDArray[np.int64]) -> str:
+    places = memory.robot.cells()
+    counts = Counter(places[cell][0] for cell in cells)
+    return ", ".join(f"{patch} {count}" for patch, count in counts.items())

@@ -1,0 +1,61 @@
+"""`skinnet request`: asks the controller of a run that goes on, and says what it answered."""
+
+import re
+from typing import Annotated
+
+import typer
+
+from skinnet.channels import Keys
+from skinnet.errors import DeploymentError, ProtocolError, SkinnetError, UnreachableError
+from skinnet.messages import Answer, decode
+from skinnet.transport.client import ask
+
+__all__ = ["EXAMPLES", "request"]
+
+_NAME = re.compile(r"[A-Za-z0-9_\-]+")
+
+EXAMPLES = """
+Examples:
+
+  skinnet request tcp/127.0.0.1:7447 guide force
+
+  skinnet request tcp/127.0.0.1:7447 cancel
+"""
+
+
+def request(
+    endpoint: Annotated[str, typer.Argument(metavar="ENDPOINT", help="Where the run can be watched.")],
+    what: Annotated[str, typer.Argument(metavar="WHAT", help="What is asked for, e.g. cancel.")],
+    argument: Annotated[str, typer.Argument(metavar="ARGUMENT", help="One word for it, e.g. force.")] = "",
+    robot: Annotated[
+        str | None, typer.Option(help="Name of the robot; whichever is there unless given.")
+    ] = None,
+    timeout: Annotated[
+        float, typer.Option(min=0.001, max=3600.0, metavar="SECONDS", help="How long to wait for an answer.")
+    ] = 10.0,
+) -> None:
+    """Asks the controller of a run for something; exit code 0 if it was accepted, 1 if not."""
+    for name, hint in ((what, "WHAT"), (robot or "any", "--robot")):
+        if not _NAME.fullmatch(name):
+            raise DeploymentError(f"{hint} {name!r}: names have letters, digits, - and _ only")
+    replies = ask(endpoint, Keys(robot or "*").of("request", what), argument.encode(), timeout)
+    if not replies:
+        who = f"no robot {robot}" if robot else "nobody"
+        raise UnreachableError(f"{endpoint}: {who} takes requests there; a run prints its endpoint")
+    accepted = True
+    for reply in replies:
+        if reply.error:
+            raise SkinnetError(reply.error)
+        accepted &= _report(reply.key, reply.payload)
+    raise typer.Exit(0 if accepted else 1)
+
+
+def _report(key: str, payload: bytes) -> bool:
+    """Prints an answer; returns whether the request was accepted."""
+    try:
+        answer = decode(payload, Answer)
+    except ProtocolError as error:
+        raise SkinnetError(f"{key}: {error}; is another version of skinnet running there?") from None
+    state = f"state {answer.state} at {answer.t_ns * 1e-9:.3f} s"
+    typer.echo(f"accepted; {state}" if answer.accepted else f"refused: {answer.why}; {state}")
+    return answer.accepted

@@ -1,0 +1,260 @@
+"""Memory files: opened by one writer at a time, changed by whole transactions, read with all checks.
+
+A file is an SQLite database with a rollback journal. A kill at any moment leaves what was there before or
+after the transaction under way: who opens the file next, to write or to read, takes back what was begun.
+"""
+
+import contextlib
+import dataclasses
+import sqlite3
+import textwrap
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.errors import MemoryFileError
+from skinnet.files import write_bytes
+from skinnet.memory import tables
+from skinnet.memory.record import KeyPose, Memory, Robot
+
+__all__ = ["APPLICATION_ID", "VERSION", "MemoryStore", "read_memory", "write_memory"]
+
+APPLICATION_ID = 0x736B696E
+"""'skin': tells memory files from the databases of other programs."""
+VERSION = 1
+"""Of the schema, `user_version` in the file."""
+_PATIENCE_S = 0.5
+"""A reader holds the file for some milliseconds; whoever has it for longer is a writer."""
+_SIBLINGS = ("-journal", "-wal", "-shm")
+_REASONS = {
+    "SQLITE_NOTADB": "is no SQLite file; a memory is written by a run or by `skinnet memory import`",
+    "SQLITE_BUSY": "is in use by another process; wait for the end of its run",
+    "SQLITE_CANTOPEN": "cannot be opened; check its permissions and those of its folder",
+    "SQLITE_READONLY": "cannot be written; check its permissions",
+}
+
+
+class MemoryStore:
+    """The memory of a running robot; nobody else reads or writes the file while it is open.
+
+    Each change is durable when the method returns, and either whole or not there. A change that is refused
+    leaves the file and `memory` as they were.
+    """
+
+    def __init__(self, path: Path, db: sqlite3.Connection, memory: Memory) -> None:
+        """Use `create` or `open`."""
+        self._path = path
+        self._db = db
+        self._memory = memory
+
+    @classmethod
+    def create(cls, path: Path, robot: Robot, known: Memory | None = None) -> Self:
+        """A new file, in the place of an older one, that holds what is `known` from the beginning.
+
+        Raises:
+            MemoryFileError: another process uses the older file.
+        """
+        write_memory(path, Memory(robot) if known is None else known)
+        return cls.open(path, robot)
+
+    @classmethod
+    def open(cls, path: Path, robot: Robot) -> Self:
+        """The file that `path` holds, for writing.
+
+        Raises:
+            MemoryFileError: there is no such file, or it is no memory, of another version or robot, damaged,
+                or in use; one line says which.
+        """
+        with contextlib.ExitStack() as undo:
+            db = undo.enter_context(contextlib.closing(_connect(path)))
+            with _explained(path):
+                db.execute("PRAGMA locking_mode = EXCLUSIVE")
+                db.execute("PRAGMA foreign_keys = ON")
+                db.execute("PRAGMA synchronous = EXTRA")
+                db.execute("BEGIN EXCLUSIVE")
+                memory = _read(db)
+                db.execute("COMMIT")  # in this mode, it keeps the lock
+                memory.robot.require_same(robot)
+            undo.pop_all()
+        return cls(path, db, memory)
+
+    @property
+    def memory(self) -> Memory:
+        """What the file holds."""
+        return self._memory
+
+    def remember_structure(
+        self, activity: NDArray[np.bool_], unmeasured: NDArray[np.int64] | None = None
+    ) -> None:
+        """Keeps an activity matrix (S, D), and the cells (n,) of which it says nothing."""
+        unmeasured = np.zeros(0, dtype=np.int64) if unmeasured is None else unmeasured
+        memory = dataclasses.replace(self._memory, activity=activity, unmeasured=unmeasured)
+        with self._transaction(memory):
+            tables.put_activity(self._db, memory)
+
+    def remember_pose(self, name: str, pose: KeyPose) -> None:
+        """Keeps a key pose, in the place of one of that name."""
+        memory = dataclasses.replace(self._memory, poses=self._memory.poses | {name: pose})
+        with self._transaction(memory):
+            tables.put_pose(self._db, memory.robot, name, memory.poses[name])
+
+    def remember_area(self, label: str, cells: NDArray[np.int64]) -> None:
+        """Keeps a touch area of cells (n,) in ascending order, in the place of one of that label."""
+        memory = dataclasses.replace(self._memory, areas=self._memory.areas | {label: cells})
+        with self._transaction(memory):
+            tables.put_area(self._db, memory.robot, label, memory.areas[label])
+
+    def remember_parameters(self, parameters: Mapping[str, float]) -> None:
+        """Keeps parameters, in the place of those of the same names; others stay."""
+        memory = dataclasses.replace(self._memory, parameters=self._memory.parameters | dict(parameters))
+        with self._transaction(memory):
+            tables.put_parameters(self._db, memory.parameters)
+
+    def replace(self, memory: Memory) -> None:
+        """Keeps `memory`, which is of the same robot, in the place of everything."""
+        memory.robot.require_same(self._memory.robot)
+        with self._transaction(memory):
+            tables.put_content(self._db, memory)
+
+    def close(self) -> None:
+        """Gives the file back."""
+        self._db.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @contextlib.contextmanager
+    def _transaction(self, memory: Memory) -> Iterator[None]:
+        """All that is done within, and the seal of `memory`, or nothing."""
+        with _explained(self._path):
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                tables.seal(self._db, memory)
+                self._db.execute("COMMIT")
+            except BaseException:
+                if self._db.in_transaction:
+                    self._db.execute("ROLLBACK")
+                raise
+        self._memory = memory
+
+
+def read_memory(path: Path) -> Memory:
+    """What a file holds.
+
+    Raises:
+        MemoryFileError: as for `MemoryStore.open`.
+    """
+    with contextlib.closing(_connect(path)) as db, _explained(path):
+        db.execute("BEGIN")
+        return _read(db)
+
+
+def write_memory(path: Path, memory: Memory) -> None:
+    """Writes a file as a whole: a kill leaves the one before, if there was one, or the new one.
+
+    Raises:
+        MemoryFileError: the file before is in use.
+    """
+    with contextlib.closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
+        db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        db.execute(f"PRAGMA user_version = {VERSION}")
+        db.executescript(tables.SCHEMA)
+        tables.put_all(db, memory)
+        content = db.serialize()
+    file = path.resolve()
+    with _retired(file):
+        write_bytes(file, content)
+
+
+@contextlib.contextmanager
+def _retired(path: Path) -> Iterator[None]:
+    """Holds an older file, if it is a database, while another takes its place.
+
+    What SQLite has put beside it belongs to it: the new file must not be taken back to the old one's state.
+    """
+    if not path.exists():
+        yield
+        return
+    with contextlib.closing(_connect(path)) as db:
+        try:
+            db.execute("BEGIN EXCLUSIVE")
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # no database: nobody can have it open as one
+            if _name(error) == "SQLITE_BUSY":
+                raise MemoryFileError(f"{path}: {_REASONS['SQLITE_BUSY']}") from None
+        for suffix in _SIBLINGS:
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
+        yield
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    if not path.is_file():
+        raise MemoryFileError(f"{path}: {'is no file' if path.exists() else 'there is no such file'}")
+    uri = f"{path.resolve().as_uri()}?mode=rw"
+    with _explained(path):
+        return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_PATIENCE_S)
+
+
+def _read(db: sqlite3.Connection) -> Memory:
+    """What a database holds, after all checks."""
+    db.execute("PRAGMA trusted_schema = OFF")
+    (application,) = db.execute("PRAGMA application_id").fetchone()
+    if application != APPLICATION_ID:
+        raise MemoryFileError("is a database of another program, no memory of a robot")
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if version != VERSION:
+        what = (
+            "newer; update skinnet"
+            if version > VERSION
+            else "older; export it with the skinnet that wrote it"
+        )
+        raise MemoryFileError(
+            f"has version {version} of the schema, and this skinnet reads {VERSION}: it is {what}"
+        )
+    try:
+        problems = db.execute("PRAGMA integrity_check (1)").fetchone()
+        if problems != ("ok",):
+            raise MemoryFileError(str(problems[0]))
+        if tables.statements(db) != _own_statements():
+            raise MemoryFileError("its tables are not those of this version")
+        return tables.read(db)
+    except (MemoryFileError, ValueError, TypeError, OverflowError) as error:
+        # rows that no version of this program writes
+        raise MemoryFileError(f"is damaged: {_line(error)}") from None
+
+
+def _own_statements() -> list[str]:
+    with contextlib.closing(sqlite3.connect(":memory:")) as db:
+        db.executescript(tables.SCHEMA)
+        return tables.statements(db)
+
+
+@contextlib.contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Says of every failure which file, and what it means."""
+    try:
+        yield
+    except MemoryFileError as error:
+        raise MemoryFileError(f"{path}: {error}") from None
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's own words may quote broken text
+        reason = _REASONS.get(_name(error), f"is damaged or cannot be used: {_line(error)}")
+        raise MemoryFileError(f"{path}: {reason}") from None
+
+
+def _line(error: Exception) -> str:
+    """What an error says, in one line of bearable length; SQLite may quote whole tables."""
+    return textwrap.shorten(str(error), 200, placeholder=" …")
+
+
+def _name(error: Exception) -> str:
+    """Of SQLite's error code, without what extends it."""
+    return "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])

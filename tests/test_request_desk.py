@@ -1,0 +1,340 @@
+"""The desk between users and controller: whoever asks is answered once and in time, and few wait."""
+
+import queue
+import tempfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from typer.testing import CliRunner
+
+from skinnet.channels import OUTSIDE, Keys, Role
+from skinnet.cli.main import app
+from skinnet.errors import UnreachableError
+from skinnet.messages import Answer, ControllerState, Request, decode, encode
+from skinnet.run.requests import MOST_OPEN, PATIENCE_S, Clerk, RequestDesk
+from skinnet.run.watch import Watch
+from skinnet.transport.base import Delivery, Transport
+from skinnet.transport.client import Reply, ask
+from skinnet.transport.memory import MemoryHub
+
+KEYS = Keys("bot")
+LONG_S = 30.0
+"""Nobody ever waits as long, unless something is lost."""
+
+
+class Asked:
+    """A query, and all that was said to whoever asked."""
+
+    def __init__(
+        self, what: str = "go", payload: bytes = b"", parameters: Mapping[str, str] | None = None
+    ) -> None:
+        self.key = KEYS.of("request", what)
+        self.payload, self.parameters = payload, parameters or {}
+        self.said: list[Answer | str] = []
+        self.came: queue.SimpleQueue[Answer | str] = queue.SimpleQueue()
+
+    def reply(self, key: str, payload: bytes) -> None:
+        assert key.startswith(KEYS.of("request", ""))
+        self._hear(decode(payload, Answer))
+
+    def refuse(self, why: str) -> None:
+        self._hear(why)
+
+    def drop(self) -> None:
+        self._hear("")
+
+    def _hear(self, word: Answer | str) -> None:
+        self.said.append(word)
+        self.came.put(word)
+
+
+class Loop:
+    """Where the desk hands requests in."""
+
+    def __init__(self) -> None:
+        self.requests: list[tuple[str, Request]] = []
+
+    def __call__(self, key: str, payload: bytes) -> None:
+        row, (what,) = KEYS.parse(key)
+        assert row.name == "request"
+        self.requests.append((what, decode(payload, Request)))
+
+
+def answer_to(number: int) -> bytes:
+    return encode(Answer(id=number, t_ns=5, accepted=True, state="up"))
+
+
+@pytest.fixture
+def loop() -> Loop:
+    return Loop()
+
+
+@pytest.fixture
+def desk(loop: Loop) -> RequestDesk:
+    desk = RequestDesk(KEYS, loop)
+    desk.begin()
+    return desk
+
+
+@pytest.mark.parametrize(
+    ("query", "argument"),
+    [
+        (Asked(), ""),
+        (Asked(payload=b"force"), "force"),
+        (Asked(payload="größer".encode()), "größer"),
+        (Asked(parameters={"argument": "force"}), "force"),
+        (Asked(parameters={"argument": "force", "_time": "now"}), "force"),
+        (Asked(payload=bytes(256)), "\0" * 256),
+    ],
+)
+def test_a_query_becomes_a_request_and_its_answer_returns(
+    desk: RequestDesk, loop: Loop, query: Asked, argument: str
+) -> None:
+    desk.ask(query, 0.0)
+    ((what, request),) = loop.requests
+    assert (what, request.argument) == ("go", argument)
+    assert query.said == []
+    desk.answer(answer_to(request.id + 1))  # nobody's
+    desk.answer(b"\xc1")
+    assert query.said == []
+    for _ in range(2):
+        desk.answer(answer_to(request.id))
+    assert query.said == [Answer(id=request.id, t_ns=5, accepted=True, state="up")]
+    assert desk.counters == {"requests": 1}
+
+
+@pytest.mark.parametrize(
+    ("query", "why"),
+    [
+        (Asked("go!"), "'go!' is no name"),
+        (Asked("x" * 65), "is no name"),
+        (Asked(payload=b"\xff\xfe"), "go: the argument is no UTF-8 text"),
+        (Asked(payload=bytes(257)), "257 bytes; at most 256"),
+        (Asked(parameters={"argument": "ü" * 129}), "258 bytes; at most 256"),
+        (Asked(parameters={"arg": "force"}), "unknown parameter 'arg'; there is only argument"),
+        (Asked(payload=b"force", parameters={"argument": "off"}), "payload or as parameter, not as both"),
+    ],
+)
+def test_a_question_that_makes_no_sense_is_refused_at_once(
+    desk: RequestDesk, loop: Loop, query: Asked, why: str
+) -> None:
+    desk.ask(query, 0.0)
+    assert loop.requests == []
+    (said,) = query.said
+    assert isinstance(said, str)
+    assert why in said
+    assert "\n" not in said
+    assert desk.counters == {"refused_requests": 1}
+
+
+@pytest.mark.parametrize("what", ["*", "**", "g*"])
+def test_who_asks_for_everything_there_is_has_asked_for_nothing(
+    desk: RequestDesk, loop: Loop, what: str
+) -> None:
+    query = Asked(what)
+    desk.ask(query, 0.0)
+    assert query.said == [""]
+    assert not loop.requests
+    assert not desk.counters
+
+
+def test_without_a_controller_nobody_waits(loop: Loop) -> None:
+    desk = RequestDesk(KEYS, loop)
+    early, during, late = Asked(), Asked(), Asked()
+    desk.ask(early, 0.0)
+    assert early.said == ["the controller is not running yet; ask again when the run has begun"]
+    desk.begin()
+    desk.ask(during, 1.0)
+    desk.end("the controller is gone", 2.0)
+    assert during.said == []  # its last words may be on their way
+    due_s = desk.due_s()
+    assert due_s is not None
+    assert 2.0 < due_s < 3.0
+    desk.begin()  # so may be an old state
+    desk.ask(late, 2.1)
+    desk.expire(due_s)
+    assert late.said == ["the controller is gone"]
+    assert during.said == ["no answer: the controller is gone"]
+    assert len(loop.requests) == 1
+
+
+def test_a_flood_is_refused_and_counted(desk: RequestDesk, loop: Loop) -> None:
+    flood = [Asked() for _ in range(1000)]
+    for query in flood:
+        desk.ask(query, 0.0)
+    assert len(loop.requests) == MOST_OPEN
+    refused = [query for query in flood if query.said]
+    assert refused == flood[MOST_OPEN:]
+    assert {why for query in refused for why in query.said} == {
+        f"{MOST_OPEN} requests wait for their answers already; ask again later"
+    }
+    for _, request in loop.requests:
+        desk.answer(answer_to(request.id))
+    assert all(len(query.said) == 1 for query in flood)
+    desk.ask(again := Asked(), 1.0)
+    assert again.said == []
+    assert desk.counters == {"requests": MOST_OPEN + 1, "refused_requests": 1000 - MOST_OPEN}
+
+
+class AnyOrder(RuleBasedStateMachine):
+    """Queries, answers and time in any order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loop = Loop()
+        self.desk = RequestDesk(KEYS, self.loop)
+        self.desk.begin()
+        self.now_s = 0.0
+        self.asked: dict[int, tuple[Asked, float]] = {}
+        self.all: list[Asked] = []
+
+    @rule(sense=st.booleans())
+    def ask(self, sense: bool) -> None:
+        query = Asked("go" if sense else "go!")
+        before = len(self.loop.requests)
+        self.desk.ask(query, self.now_s)
+        self.all.append(query)
+        if len(self.loop.requests) > before:
+            self.asked[self.loop.requests[-1][1].id] = query, self.now_s
+        else:
+            assert len(query.said) == 1
+
+    @precondition(lambda self: self.asked)
+    @rule(data=st.data())
+    def answer(self, data: st.DataObject) -> None:
+        number = data.draw(st.sampled_from(sorted(self.asked)))
+        open_before = not self.asked[number][0].said
+        self.desk.answer(answer_to(number))
+        assert isinstance(self.asked[number][0].said[0], Answer) or not open_before
+
+    @rule(later_s=st.floats(0.0, 3.0))
+    def wait(self, later_s: float) -> None:
+        self.now_s += later_s
+        self.desk.expire(self.now_s)
+
+    @invariant()
+    def nobody_is_answered_twice_or_waits_too_long(self) -> None:
+        assert all(len(query.said) <= 1 for query in self.all)
+        waiting = [since_s for query, since_s in self.asked.values() if not query.said]
+        assert len(waiting) <= MOST_OPEN
+        assert all(since_s + PATIENCE_S > self.now_s for since_s in waiting)
+        due_s = self.desk.due_s()
+        assert due_s == (min(waiting) + PATIENCE_S if waiting else None)
+
+    def teardown(self) -> None:
+        self.desk.end("the run is over", self.now_s, grace_s=0.0)
+        assert all(len(query.said) == 1 for query in self.all)
+
+
+TestAnyOrder = AnyOrder.TestCase
+
+
+@pytest.fixture
+def clerk(loop: Loop) -> Iterator[Clerk]:
+    clerk = Clerk(RequestDesk(KEYS, loop))
+    yield clerk
+    clerk.close()
+
+
+def test_the_clerk_answers_gives_up_and_sends_away(
+    clerk: Clerk, loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clerk.begin()
+    clerk.ask(asked := Asked())
+    clerk.answer(answer_to(1))
+    assert asked.came.get(timeout=30.0) == Answer(id=1, t_ns=5, accepted=True, state="up")
+    monkeypatch.setattr("skinnet.run.requests.PATIENCE_S", 0.01)
+    clerk.ask(in_vain := Asked())
+    assert "no answer: nothing came within 0.01 s" in str(in_vain.came.get(timeout=30.0))
+    monkeypatch.setattr("skinnet.run.requests.PATIENCE_S", 1e6)
+    clerk.ask(last := Asked())
+    clerk.close()
+    assert last.said == ["no answer: the run is over"]
+    assert [request.id for _, request in loop.requests] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_the_command_line_says_what_was_answered(accepted: bool) -> None:
+    hub = MemoryHub()
+    controller = hub.connect("controller")
+
+    def obey(key: str, payload: bytes) -> None:
+        asked = decode(payload, Request)
+        why = "" if accepted else f"no floor {asked.argument}"
+        answer = Answer(id=asked.id, t_ns=1_500_000_000, accepted=accepted, state="lift.up", why=why)
+        controller.tell(KEYS.of("answer"), encode(answer))
+
+    controller.overhear(KEYS.of("request", "go"), obey)
+    with tempfile.TemporaryDirectory(prefix="skin") as folder:
+        endpoint = f"unixsock-stream/{folder}/watch"
+        watch = Watch(KEYS, endpoint)
+        watch.open(hub.connect(OUTSIDE))
+        controller.tell(KEYS.of("state"), encode(ControllerState(t_ns=0, stage="lift.up", progress=0.0)))
+        done = CliRunner().invoke(app, ["request", endpoint, "go", "2"])
+        watch.close()
+    said = (
+        "accepted; state lift.up at 1.500 s" if accepted else "refused: no floor 2; state lift.up at 1.500 s"
+    )
+    assert (done.exit_code, done.output) == (int(not accepted), f"{said}\n")
+
+
+async def hear(transport: Transport, n: int) -> list[Delivery]:
+    """Deliveries until there are `n`."""
+    heard: list[Delivery] = []
+    while len(heard) < n:
+        batch = await transport.receive(LONG_S, n - len(heard))
+        assert batch, f"only {heard}"
+        heard += batch
+    return heard
+
+
+async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
+    """From a Zenoh client to the controller and back: before it runs, when it does, when it is gone."""
+    hub = MemoryHub()
+    controller = hub.connect("controller")
+    controller.subscribe([KEYS.of("request", "*")], [OUTSIDE])
+    state = encode(ControllerState(t_ns=0, stage="up", progress=0.0))
+    with tempfile.TemporaryDirectory(prefix="skin") as folder, ThreadPoolExecutor(2) as pool:
+        endpoint = f"unixsock-stream/{folder}/watch"
+        watch = Watch(KEYS, endpoint)
+
+        def query(what: str, argument: str = "") -> Future[list[Reply]]:
+            return pool.submit(ask, endpoint, f"skinnet/*/controller/{what}", argument.encode(), LONG_S)
+
+        def error(why: str) -> list[Reply]:
+            return [Reply("", b"", why)]
+
+        not_yet = "the controller is not running yet; ask again when the run has begun"
+        assert query("request/go").result() == error(not_yet)
+        watch.open(hub.connect(OUTSIDE))
+        controller.announce(KEYS.alive(Role.CONTROLLER, "controller"))
+        assert query("request/go").result() == error(not_yet)
+        assert query("state").result() == []
+        controller.tell(KEYS.of("state"), state)
+        assert query("state").result() == [Reply(KEYS.of("state"), state, "")]
+
+        going, lost = query("request/go", "2"), query("request/stop")
+        heard = {key: decode(payload, Request) for key, payload in await hear(controller, 2) if payload}
+        go = heard[KEYS.of("request", "go")]
+        assert go.argument == "2"
+        controller.tell(KEYS.of("answer"), answer_to(go.id))
+        assert going.result() == [Reply(KEYS.of("request", "go"), answer_to(go.id), "")]
+
+        controller.close()
+        assert lost.result() == error("no answer: the controller is gone")
+        assert query("request/go").result() == error("the controller is gone")
+        watch.leave()
+        assert query("request/go").result() == error("the run is over")
+        assert await controller.receive(0.0) == []
+        watch.close()
+        with pytest.raises(UnreachableError):
+            ask(endpoint, KEYS.of("request", "go"), b"", 0.01)
+    assert watch.counters == {
+        "copied": 2,
+        "requests": 2,
+        "refused_requests": 4,
+        "unanswered_requests": 1,
+    }
