@@ -14,10 +14,10 @@ from typing import TypeVar
 
 import numba
 
-__all__ = ["compiled", "inlined"]
+__all__ = ["borrowing", "compiled", "inlined"]
 
 F = TypeVar("F", bound=Callable[..., object])
-_MARKS = (b"@compiled", b"@inlined")
+_MARKS = (b"@borrowing", b"@compiled", b"@inlined")
 _PACKAGES = ("skinnet", "cells", "controller")
 
 
@@ -50,6 +50,16 @@ if not numba.config.CACHE_DIR:
 def compiled(function: F) -> F:
     """Compiles `function` on first use and keeps the machine code for the next process."""
     result: F = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+    return result
+
+
+def borrowing(function: F) -> F:
+    """Like `compiled`, for what makes no arrays: it borrows those it is given, and counts no references.
+
+    Counting them, atomically, takes longer than the work on a few points of skin. Numba refuses to compile a
+    function that makes an array all the same. Its switch is not public yet.
+    """
+    result: F = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)(function)
     return result
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.model import BodyModel, resting_targets_rad
-from skinnet.compiled import compiled
+from skinnet.compiled import borrowing
 from skinnet.deployment.schema import ServoSpec
 
 __all__ = ["Actuation", "acceptable"]
@@ -79,7 +79,7 @@ def acceptable(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) -> bool:
     return velocity_rad_s.shape == (n_dofs,) and bool(np.all(np.abs(velocity_rad_s) <= limit_rad_s))
 
 
-@compiled
+@borrowing
 def _advance(
     target_rad: Floats,
     velocity_rad_s: Floats,

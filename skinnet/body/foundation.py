@@ -51,6 +51,8 @@ class Foundation:
             force_n=np.zeros((n, self.surface.n_elements)),
             touch_c=np.full(n, np.nan),
             on_body_n=np.zeros(n_bodies),
+            by_patch_n=np.zeros((len(self.surface.patch_body), n_bodies)),
+            peak_n=np.zeros(1),
             slid_n_m=np.zeros(n_bodies),
             shear_m=np.zeros((n, n_samples, 2)),
             loaded=np.zeros(n, dtype=np.bool_),

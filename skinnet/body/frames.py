@@ -7,14 +7,14 @@ array handed to a function that is not inlined costs two atomic reference counts
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import compiled
+from skinnet.compiled import borrowing
 
 __all__ = ["rotated", "rotated_back"]
 
 Floats = NDArray[np.float64]
 
 
-@compiled
+@borrowing
 def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Vector (x, y, z) turned by the rotation in row `index` of `matrices` (·, 9)."""
     return (
@@ -24,7 +24,7 @@ def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple
     )
 
 
-@compiled
+@borrowing
 def rotated_back(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Vector (x, y, z) turned by the inverse of the rotation in row `index` of `matrices` (·, 9)."""
     return (

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import compiled
+from skinnet.compiled import borrowing
 
 __all__ = [
     "BOX",
@@ -30,7 +30,7 @@ _PARALLEL = 1e-300
 """A direction component below this never reaches the faces across it."""
 
 
-@compiled
+@borrowing
 def _span(a: float, b: float, c: float) -> tuple[float, float]:
     """Interval of t in which a t² + 2 b t + c ≤ 0; empty is (inf, -inf)."""
     if a < 1e-18:  # the ray runs along the axis: inside everywhere or nowhere
@@ -42,7 +42,7 @@ def _span(a: float, b: float, c: float) -> tuple[float, float]:
     return (-b - root) / a, (-b + root) / a
 
 
-@compiled
+@borrowing
 def _slab(x: float, u: float, half: float) -> tuple[float, float]:
     """Interval of t in which |x + t u| ≤ half; empty is (inf, -inf)."""
     if abs(u) < _PARALLEL:
@@ -51,13 +51,13 @@ def _slab(x: float, u: float, half: float) -> tuple[float, float]:
     return min(first, second), max(first, second)
 
 
-@compiled
+@borrowing
 def _enter(first: float, last: float) -> float:
     """Entry distance of a ray that is inside the solid from `first` to `last`."""
     return max(first, 0.0) if first <= last and last >= 0.0 else math.inf
 
 
-@compiled
+@borrowing
 def _plane(z: float, w: float) -> float:
     """Half-space z ≤ 0: planes are endless here, as in MuJoCo's contacts."""
     if z <= 0.0:
@@ -65,13 +65,13 @@ def _plane(z: float, w: float) -> float:
     return -z / w if w < 0.0 else math.inf
 
 
-@compiled
+@borrowing
 def _sphere(x: float, y: float, z: float, u: float, v: float, w: float, radius: float) -> float:
     first, last = _span(u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - radius * radius)
     return _enter(first, last)
 
 
-@compiled
+@borrowing
 def _cylinder(
     x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float
 ) -> float:
@@ -80,7 +80,7 @@ def _cylinder(
     return _enter(max(side_first, end_first), min(side_last, end_last))
 
 
-@compiled
+@borrowing
 def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float) -> float:
     """A capsule is the union of a cylinder and two balls, so its entry is the first of theirs."""
     body = _cylinder(x, y, z, u, v, w, radius, half)
@@ -89,7 +89,7 @@ def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius:
     return min(body, top, bottom)
 
 
-@compiled
+@borrowing
 def _ellipsoid(
     x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float
 ) -> float:
@@ -97,7 +97,7 @@ def _ellipsoid(
     return _sphere(x / a, y / b, z / c, u / a, v / b, w / c, 1.0)
 
 
-@compiled
+@borrowing
 def _box(x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float) -> float:
     first_x, last_x = _slab(x, u, a)
     first_y, last_y = _slab(y, v, b)
@@ -105,7 +105,7 @@ def _box(x: float, y: float, z: float, u: float, v: float, w: float, a: float, b
     return _enter(max(first_x, first_y, first_z), min(last_x, last_y, last_z))
 
 
-@compiled
+@borrowing
 def _mesh(
     x: float,
     y: float,
@@ -141,7 +141,7 @@ def _mesh(
     return 0.0 if behind else nearest
 
 
-@compiled
+@borrowing
 def entry_m(
     kind: int,
     a: float,

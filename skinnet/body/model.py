@@ -1,6 +1,7 @@
-"""Loads any MJCF as the body of a robot: servos for its joints, a finger and a payload beside it."""
+"""Loads any MJCF as the body of a robot: servos for its joints, a finger and objects beside it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,15 +9,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.things import OBJECT, STAND, Presented, add_stand, solids_of
+from skinnet.body.yielding import delay_rigid_contact, yielding_of
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.schema import BodySpec
 from skinnet.errors import DeploymentError, ModelError
+from skinnet.skin.placement import PlacedPatch
 
 __all__ = ["FINGER", "PAYLOAD", "BodyModel", "body_spec", "load_model", "require_body", "resting_targets_rad"]
 
 FINGER = "teacher_finger"
 PAYLOAD = "payload"
+_BESIDE = (FINGER, PAYLOAD, STAND, OBJECT)
+"""Bodies that are no part of the robot."""
 _ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _MODELS = Path(__file__).parent / "models"
 _SWAY_STIFFENING = 10.0
@@ -68,8 +74,9 @@ def body_spec(
     finger_radius_m: float,
     finger_tint: tuple[float, ...] = _SKIN_TONE,
     payload: PayloadSpec | None = None,
+    presented: Presented | None = None,
 ) -> mujoco.MjSpec:
-    """Editable MJCF of `body` with servos, finger and payload, not yet compiled.
+    """Editable MJCF of `body` with servos, finger, payload and stand, not yet compiled.
 
     Args:
         body: What the deployment says of the body.
@@ -77,10 +84,12 @@ def body_spec(
         finger_radius_m: Radius of the finger's tip [m].
         finger_tint: Colour of the finger.
         payload: What the robot holds, if anything.
+        presented: What stands in front of it, if anything.
 
     Raises:
         ModelError: MuJoCo cannot read the file, or it lacks a joint or has it of another kind.
-        DeploymentError: there is no such model, a joint is named twice, or the payload's axis is zero.
+        DeploymentError: there is no such model, a joint is named twice, the payload's axis is zero, or the
+            stand's plate has no length.
     """
     path = _model_path(body.model, base_dir)
     try:
@@ -103,6 +112,8 @@ def body_spec(
     _add_finger(spec, finger_radius_m, finger_tint)
     if payload is not None:
         _add_payload(spec, payload, body.foam.friction)
+    if presented is not None:
+        add_stand(spec, presented)
     spec.option.timestep = body.physics_ns / NS_PER_S
     # Stiff servos on light links need the velocity terms implicit; a step that fails must not reset itself.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -116,20 +127,27 @@ def load_model(
     finger_radius_m: float,
     finger_c: float,
     payload: PayloadSpec | None = None,
+    presented: Presented | None = None,
+    patches: Sequence[PlacedPatch] = (),
 ) -> BodyModel:
-    """Compiles the model of `body`.
+    """Compiles the model of `body`, with a finger of temperature `finger_c` [°C]; else as `body_spec`.
+
+    Under the skin of `patches`, links meet what is presented where it has given way.
 
     Raises:
         ModelError: the model does not compile or lacks what the deployment names.
         DeploymentError: what the deployment says of the model contradicts itself or the model's limits.
     """
-    spec = body_spec(body, base_dir, finger_radius_m, payload=payload)
+    spec = body_spec(body, base_dir, finger_radius_m, payload=payload, presented=presented)
     path = _model_path(body.model, base_dir)
-    try:
-        mj = spec.compile()
-    except ValueError as error:
-        raise ModelError(f"{path}: {_one_line(error)}") from error
+    mj = _compile(spec, path)
     require_body(mj, body.reference, "body.reference", path)
+    if presented is not None and presented.thing is not None:
+        for patch in patches:
+            require_body(mj, patch.body, f"patches.{patch.name}.body", path)
+        give_m = yielding_of(presented.thing.stiffness_pa_per_m, body.foam).give_m
+        delay_rigid_contact(spec, mj, patches, list(solids_of(presented.thing)), give_m)
+        mj = _compile(spec, path)
     joint = np.array([mj.joint(name).id for name in body.joints], dtype=np.int64)
     sway = np.array([mj.joint(name).id for name in body.sway.joints], dtype=np.int64)
     limited = mj.jnt_limited[joint].astype(bool)[:, None]
@@ -147,6 +165,13 @@ def load_model(
         home_qpos=_home_qpos(mj, body, path),
         temperature_c=_temperatures_c(mj, body, path, finger_c),
     )
+
+
+def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(f"{path}: {_one_line(error)}") from error
 
 
 def resting_targets_rad(data: mujoco.MjData, actuator: Indices) -> Floats:
@@ -167,7 +192,8 @@ def require_body(mj: mujoco.MjModel, name: str, key: str, source: Path | str) ->
     """
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
-        known = ", ".join(mj.body(i).name for i in range(1, mj.nbody) if mj.body(i).name != FINGER)
+        bodies = [mj.body(i).name for i in range(1, mj.nbody)]
+        known = ", ".join(body for body in bodies if body not in _BESIDE)
         raise ModelError(f'{key} = "{name}": {source} has no such body; it has {known}')
     return int(index)
 

@@ -17,7 +17,7 @@ from skinnet.clock import NS_PER_S
 from skinnet.deployment.payload import PayloadSpec
 from skinnet.errors import DeploymentError
 
-__all__ = ["Closing", "Payload", "payload_share"]
+__all__ = ["Closing", "Payload"]
 
 Floats = NDArray[np.float64]
 _CLOSED = 0.005
@@ -27,11 +27,6 @@ _QUIET_S = 0.2
 _PATIENCE_S = 10.0
 _EASED = 0.9
 """Share of its speed that a step leaves to the payload while the world lets go: overdamped (assumed)."""
-
-
-def payload_share(spec: PayloadSpec, foam_pa_per_m: float) -> float:
-    """Part of the overlap of foam and payload that the foam takes: two springs in a row."""
-    return 1.0 / (1.0 + foam_pa_per_m / spec.sheet_stiffness_pa_per_m)
 
 
 class Payload:

@@ -6,14 +6,14 @@ from numpy.typing import NDArray
 from skinnet.body.frames import rotated
 from skinnet.body.scene import Motion, Scene, within
 from skinnet.body.surface import Surface
-from skinnet.compiled import compiled
+from skinnet.compiled import borrowing
 
 __all__ = ["axis", "lifted", "near_patch", "velocity"]
 
 Floats = NDArray[np.float64]
 
 
-@compiled
+@borrowing
 def near_patch(
     surface: Surface, scene: Scene, motion: Motion, p: int, margin_m: float, near: NDArray[np.int64]
 ) -> int:
@@ -31,7 +31,7 @@ def near_patch(
     return count
 
 
-@compiled
+@borrowing
 def lifted(surface: Surface, motion: Motion, i: int, height_m: float) -> tuple[float, float, float]:
     """Point `height_m` above the middle of cell `i` on the rigid surface, world [m]."""
     b = surface.body[i]
@@ -42,14 +42,14 @@ def lifted(surface: Surface, motion: Motion, i: int, height_m: float) -> tuple[f
     return motion.xpos[b, 0] + x, motion.xpos[b, 1] + y, motion.xpos[b, 2] + z
 
 
-@compiled
+@borrowing
 def axis(surface: Surface, motion: Motion, i: int, column: int) -> tuple[float, float, float]:
     """Axis x, y or z (0, 1, 2) of cell `i`, world."""
     cell = surface.R_body_cell
     return rotated(motion.xmat, surface.body[i], cell[i, 0, column], cell[i, 1, column], cell[i, 2, column])
 
 
-@compiled
+@borrowing
 def velocity(motion: Motion, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Velocity [m/s] of the point (x, y, z) of body `b`, world."""
     twist, root = motion.cvel, motion.root[b]

@@ -11,7 +11,8 @@ from skinnet.body import geometry
 from skinnet.body.frames import rotated_back
 from skinnet.body.geometry import entry_m
 from skinnet.body.surface import Surface
-from skinnet.compiled import compiled
+from skinnet.body.yielding import Yielding
+from skinnet.compiled import borrowing
 from skinnet.errors import ModelError
 
 __all__ = ["Motion", "Scene", "into_solid", "motion_of", "ray_m", "scene_of", "within"]
@@ -30,6 +31,9 @@ _SHAPES = (
 )
 
 
+_RIGID = Yielding(1.0)
+
+
 class Scene(NamedTuple):
     """Solids: the geoms of the model that take part in contacts (visual ones cannot be felt).
 
@@ -42,8 +46,9 @@ class Scene(NamedTuple):
         first: (k,) first triangle of each mesh.
         last: (k,) one past its last.
         triangles_m: (t, 3, 3) corners of the triangles of all meshes, frames of the geoms [m].
-        share: (k,) part of its depth in the skin by which the skin's foam is pressed; the rest is its own,
-            if it is elastic. 1 for rigid solids.
+        share: (k,) as in `Yielding`; 1 for rigid solids.
+        give_m: (k,) as in `Yielding`; 0 for rigid solids [m].
+        deepest_m: The largest of these [m].
         felt: (p, k) may a patch feel the solid? Not on its own body or the one it is jointed to.
     """
 
@@ -56,6 +61,8 @@ class Scene(NamedTuple):
     last: Indices
     triangles_m: Floats
     share: Floats
+    give_m: Floats
+    deepest_m: float
     felt: NDArray[np.bool_]
 
 
@@ -97,13 +104,13 @@ def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
     )
 
 
-def scene_of(mj: mujoco.MjModel, surface: Surface, share: Mapping[int, float] | None = None) -> Scene:
+def scene_of(mj: mujoco.MjModel, surface: Surface, yielding: Mapping[int, Yielding] | None = None) -> Scene:
     """Collects the solids of `mj`.
 
     Args:
         mj: The model.
         surface: The skin.
-        share: As in `Scene`, of bodies that are elastic, by id.
+        yielding: How bodies that are elastic give way, by id; all others are rigid.
 
     Raises:
         ModelError: a contact geom is a height field or a signed distance field.
@@ -125,6 +132,7 @@ def scene_of(mj: mujoco.MjModel, surface: Surface, share: Mapping[int, float] | 
             last[k] = sum(len(mesh) for mesh in triangles)
             first[k] = last[k] - len(triangles[-1])
     owner = mj.geom_bodyid[geom].astype(np.int64)
+    gives = [(yielding or {}).get(int(body), _RIGID) for body in owner]
     return Scene(
         geom=geom,
         kind=mj.geom_type[geom].astype(np.int64),
@@ -134,7 +142,9 @@ def scene_of(mj: mujoco.MjModel, surface: Surface, share: Mapping[int, float] | 
         first=first,
         last=last,
         triangles_m=np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)),
-        share=np.array([(share or {}).get(int(b), 1.0) for b in owner]),
+        share=np.array([each.share for each in gives], dtype=np.float64),
+        give_m=np.array([each.give_m for each in gives], dtype=np.float64),
+        deepest_m=max((each.give_m for each in gives), default=0.0),
         felt=np.array(
             [[_can_feel(mj, int(a), int(b)) for b in owner] for a in surface.patch_body], dtype=np.bool_
         ).reshape(-1, len(geom)),
@@ -166,7 +176,7 @@ def _can_feel(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
     return up != other_group and other_up != group
 
 
-@compiled
+@borrowing
 def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, radius_m: float) -> bool:
     """Whether solid `k` may reach into the ball of `radius_m` around (x, y, z) [m]; False is certain."""
     g = scene.geom[k]
@@ -189,7 +199,7 @@ def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, r
     return True
 
 
-@compiled
+@borrowing
 def ray_m(
     scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
@@ -214,7 +224,7 @@ def ray_m(
     )
 
 
-@compiled
+@borrowing
 def into_solid(
     scene: Scene, motion: Motion, k: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:

@@ -15,7 +15,7 @@ from skinnet.body.scripted_presses import press, presses_of, presses_until
 from skinnet.body.stimulus import felt_acceleration
 from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
-from skinnet.body.truth import reaction_truth
+from skinnet.body.truth import ForceTrace, reaction_truth
 from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.compiled import compiled
@@ -44,6 +44,7 @@ class ScriptedBody:
         presses: The script.
         refused: Number of commands that were refused.
         crossings: Ground truth of forces and distances at which some stage of the program begins to react.
+        forces: Ground truth of the largest forces on force cells.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -65,6 +66,7 @@ class ScriptedBody:
         sizes = {patch.name: patch.n_cells for patch in patches}
         self.presses = presses_of(deployment.script, deployment.seed, sizes)
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
+        self.forces = ForceTrace(spec.stimulus_ns)
         self.data = mujoco.MjData(self.model.mj)
         self.data.qpos[:] = self.model.home_qpos
         self._motion = motion_of(self.model.mj, self.data)
@@ -98,7 +100,8 @@ class ScriptedBody:
         return accepted
 
     def begin_stage(self, name: str) -> None:
-        """The script goes by the time of the run, not by stages."""
+        """The script goes by the time of the run, not by stages; what is felt counts for its stage."""
+        self.forces.begin_stage(name)
 
     def advance(self, until_ns: int) -> None:
         """Moves the joints until `until_ns`, within their limits; frames lie on the way, one by one."""
@@ -122,13 +125,14 @@ class ScriptedBody:
         return self._position_rad.copy()
 
     def truth(self) -> GroundTruth:
-        """Crossings and refused commands as facts; the presses that began, as an array."""
+        """Crossings, refused commands and forces; the presses that began."""
         facts = {
             "touches": [],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.refused,
+            "peak_cell_n": self.forces.by_stage_n,
         }
-        return GroundTruth(facts, {"presses": presses_until(self.presses, self.t_ns)})
+        return GroundTruth(facts, {"presses": presses_until(self.presses, self.t_ns)} | self.forces.arrays())
 
     def _move(self) -> None:
         """Joints are where their command has brought them by now; one that reaches its limit stops there."""
@@ -144,7 +148,9 @@ class ScriptedBody:
         self._accelerate()
         stimulus = self._stimulus
         active = press(self.presses, self.t_ns, self._resting_c, stimulus) > 0
-        self.crossings.see_forces(self.t_ns, self._frame_ns, stimulus[:, :FORCE_CHANNELS], active)
+        force_n = stimulus[:, :FORCE_CHANNELS]
+        self.crossings.see_forces(self.t_ns, self._frame_ns, force_n, active)
+        self.forces.see(self.t_ns, float(force_n.max()) if active else 0.0)
         self.crossings.see_stimulus(self.t_ns, stimulus)
 
     def _accelerate(self) -> None:

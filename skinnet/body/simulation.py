@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
 from skinnet.body.foundation import Foundation, foam_of
+from skinnet.body.grasp_truth import GraspTruth
 from skinnet.body.model import PAYLOAD, load_model, resting_targets_rad
-from skinnet.body.payload import Closing, Payload, payload_share
+from skinnet.body.payload import Closing, Payload
 from skinnet.body.scene import motion_of, scene_of
 from skinnet.body.sheet_foundation import SheetFoundation
 from skinnet.body.sheet_surface import sheet_surface
+from skinnet.body.stand import Stand
 from skinnet.body.stimulus import StimulusSampler
 from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
 from skinnet.body.teacher import Teacher
-from skinnet.body.truth import TouchTruth, reaction_truth
+from skinnet.body.things import OBJECT, presented_by
+from skinnet.body.truth import ForceTrace, TouchTruth, reaction_truth
 from skinnet.body.world import GroundTruth
+from skinnet.body.yielding import Yielding, share_of, yielding_of
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ModelError
@@ -51,6 +55,9 @@ class Body:
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
         payload: The object in the robot's arms, if there is one.
+        stand: The stand in front of the robot, if there is one.
+        grasp: What really becomes of the object on it.
+        forces: Ground truth of the largest forces on force cells.
         crossings: Ground truth of forces and distances at which some stage of the program begins to react.
     """
 
@@ -63,10 +70,17 @@ class Body:
         """
         spec, teacher = deployment.body, deployment.teacher
         self.t_ns = 0
-        self.model = load_model(
-            spec, base_dir, teacher.tip_radius_m, teacher.temperature_c, deployment.payload
-        )
+        self._presented = presented_by(deployment)
         self.patches = [place(patch, deployment.cells) for patch in deployment.patches]
+        self.model = load_model(
+            spec,
+            base_dir,
+            teacher.tip_radius_m,
+            teacher.temperature_c,
+            deployment.payload,
+            self._presented,
+            self.patches,
+        )
         self.surface = skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}
@@ -90,8 +104,17 @@ class Body:
         reach_m = _SEEN_BEYOND_REACH * deployment.cells.proximity.reach_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
+        self.forces = ForceTrace(spec.joints_ns)
         self._evaluated = False
         self._stimulus: NDArray[np.float64] | None = None
+        self.stand: Stand | None = None
+        self.grasp: GraspTruth | None = None
+        if self._presented is not None:
+            self.stand = Stand(self.data, self._presented.stand)
+            pressed = self._foundation.pressed
+            self.grasp = GraspTruth(self.data, self._presented, self.stand, pressed, spec.joints_ns)
+            self._press()
+            self.grasp.require_clear()
         self.payload: Payload | None = None
         if deployment.payload is not None:
             self.payload = Payload(
@@ -126,6 +149,10 @@ class Body:
     def begin_stage(self, name: str) -> None:
         """The controller's program is in stage `name` from now on."""
         self.teacher.begin_stage(name, self.t_ns)
+        self.forces.begin_stage(name)
+        if self.stand is not None and self.grasp is not None:
+            self.stand.begin_stage(name, self.t_ns)
+            self.grasp.begin_stage(name)
         if self.payload is not None:
             self.payload.begin_stage(name, self.t_ns)
 
@@ -164,15 +191,22 @@ class Body:
         return positions
 
     def truth(self) -> GroundTruth:
-        """Touches of the teacher, crossings, commands that were refused, the payload's way."""
+        """Touches of the teacher, crossings, commands that were refused, forces, the way of objects."""
+        self._evaluate()
         facts = {
             "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.actuation.refused,
+            "peak_cell_n": self.forces.by_stage_n,
         }
-        if self.payload is None:
-            return GroundTruth(facts, {})
-        return GroundTruth(facts | {"payload": self.payload.facts()}, self.payload.arrays())
+        arrays = self.forces.arrays()
+        if self.payload is not None:
+            facts["payload"] = self.payload.facts()
+            arrays |= self.payload.arrays()
+        if self.grasp is not None:
+            facts |= self.grasp.facts()
+            arrays |= self.grasp.arrays()
+        return GroundTruth(facts, arrays)
 
     def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
         by_depth = self._touches[touch.touch].depth_m is not None
@@ -189,12 +223,16 @@ class Body:
     def _skin(self, surface: Surface, deployment: Deployment) -> dict[str, Any]:
         """What a foundation of `surface` is made of."""
         mj, foam, payload = self.model.mj, foam_of(deployment.body.foam), deployment.payload
-        share = {}
+        yielding = {}
         if payload is not None:
-            share[int(mj.body(PAYLOAD).id)] = payload_share(payload, foam.stiffness_pa_per_m)
+            share = share_of(payload.sheet_stiffness_pa_per_m, deployment.body.foam)
+            yielding[int(mj.body(PAYLOAD).id)] = Yielding(share)
+        if self._presented is not None and self._presented.thing is not None:
+            own_pa_per_m = self._presented.thing.stiffness_pa_per_m
+            yielding[int(mj.body(OBJECT).id)] = yielding_of(own_pa_per_m, deployment.body.foam)
         return {
             "surface": surface,
-            "scene": scene_of(mj, surface, share),
+            "scene": scene_of(mj, surface, yielding),
             "foam": foam,
             "motion": motion_of(mj, self.data),
             "temperature_c": self.model.temperature_c,
@@ -238,7 +276,10 @@ class Body:
         self._press()
         force_n, touching = self._foundation.pressed.force_n, self._foundation.touching > 0
         self.crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
+        self.forces.see(self.t_ns, float(self._foundation.pressed.peak_n[0]))
         self._accelerate()
+        if self.grasp is not None:
+            self.grasp.observe(self.t_ns, self._step_s)
         self._evaluated = True
 
     def _integrate(self) -> None:
@@ -251,5 +292,7 @@ class Body:
         self.t_ns = next_ns
         if self.payload is not None:
             self.payload.observe(next_ns)
+        if self.stand is not None:
+            self.stand.step(next_ns, self._step_s)
         self._evaluated = False
         self._stimulus = None

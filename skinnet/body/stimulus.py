@@ -12,7 +12,7 @@ from skinnet.body.points import axis, lifted, near_patch, velocity
 from skinnet.body.scene import Motion, Scene, ray_m, within
 from skinnet.body.surface import Surface
 from skinnet.body.winkler import Pressed
-from skinnet.compiled import compiled
+from skinnet.compiled import borrowing
 from skinnet.messages import STIMULUS_NAMES
 
 __all__ = ["StimulusSampler", "felt_acceleration"]
@@ -64,7 +64,7 @@ class StimulusSampler:
         return stimulus
 
 
-@compiled
+@borrowing
 def _sample(
     surface: Surface,
     scene: Scene,
@@ -91,7 +91,7 @@ def _sample(
             stimulus[i, 7] = temperature_c[surface.body[i]] if math.isnan(touch_c) else touch_c
 
 
-@compiled
+@borrowing
 def _distance_m(
     surface: Surface,
     scene: Scene,
@@ -115,7 +115,7 @@ def _distance_m(
     return nearest_m if nearest_m <= reach_m else math.inf
 
 
-@compiled
+@borrowing
 def felt_acceleration(
     surface: Surface, motion: Motion, cacc: Floats, i: int, x: float, y: float, z: float, stimulus: Floats
 ) -> None:
@@ -126,7 +126,7 @@ def felt_acceleration(
         stimulus[i, 4 + column] = ax * u + ay * v + az * w
 
 
-@compiled
+@borrowing
 def _acceleration(
     motion: Motion, cacc: Floats, b: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:

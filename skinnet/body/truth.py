@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES, Modality
 __all__ = [
     "Crossing",
     "CrossingTruth",
+    "ForceTrace",
     "TouchTruth",
     "distance_thresholds_m",
     "force_thresholds_n",
@@ -110,6 +111,43 @@ class CrossingTruth:
             self.crossings.append(
                 Crossing(start_ns + round(share * step_ns), cell, modality, channel, index + 1)
             )
+
+
+class ForceTrace:
+    """The largest force on any force cell: over time, and in each stage of the controller's program.
+
+    Attributes:
+        by_stage_n: The largest in each stage that has felt any, by name [N].
+    """
+
+    def __init__(self, every_ns: int) -> None:
+        """Nothing has been felt yet; `every_ns` is the period of the trace [ns]."""
+        self.by_stage_n: dict[str, float] = {}
+        self._every_ns, self._stage = every_ns, ""
+        self._peak_n = 0.0
+        self._t_ns: list[int] = []
+        self._trace_n: list[float] = []
+
+    def begin_stage(self, name: str) -> None:
+        """The controller's program is in stage `name` from now on."""
+        self._stage = name
+
+    def see(self, t_ns: int, peak_n: float) -> None:
+        """`peak_n` is the largest force now [N], one physics step after the last call."""
+        if peak_n > 0.0:
+            self._peak_n = max(self._peak_n, peak_n)
+            self.by_stage_n[self._stage] = max(self.by_stage_n.get(self._stage, 0.0), peak_n)
+        if t_ns % self._every_ns == 0:
+            self._t_ns.append(t_ns)
+            self._trace_n.append(self._peak_n)
+            self._peak_n = 0.0
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The largest force [N] in the period that ends at each time."""
+        return {
+            "cell_t_ns": np.array(self._t_ns, dtype=np.int64),
+            "cell_peak_n": np.array(self._trace_n, dtype=np.float32),
+        }
 
 
 def reaction_truth(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingTruth:

@@ -5,10 +5,11 @@ its foam at s points. Where a solid reaches below the face of the foam by the de
 
     p = max(0, k d + c ḋ),    d ≤ thickness,
 
-with k and c times the share of a solid that is elastic itself: two springs in a row. Friction is the foam's
-shear: it springs and damps sideways with half of k and c (the ratio of shear to normal stiffness of a foam
-with Poisson's ratio 0, assumed) and slides at μ p. The forces act on both bodies, equal and opposite, at the
-same point. MuJoCo's own contact takes over at the rigid surface, when the foam is fully compressed.
+with k and c times the share of a solid that is elastic itself: two springs in a row. Its face gives way by
+the rest, and d may exceed the thickness by as much. Friction is the foam's shear: it springs and damps
+sideways with half of k and c (the ratio of shear to normal stiffness of a foam with Poisson's ratio 0,
+assumed) and slides at μ p. The forces act on both bodies, equal and opposite, at the same point. MuJoCo's own
+contact takes over when the foam is fully compressed, for what is rigid at the rigid surface.
 """
 
 import math
@@ -22,7 +23,7 @@ from skinnet.body.geometry import entry_m
 from skinnet.body.points import axis, lifted, near_patch, velocity
 from skinnet.body.scene import Motion, Scene, into_solid, within
 from skinnet.body.surface import Surface
-from skinnet.compiled import compiled
+from skinnet.compiled import borrowing
 
 __all__ = ["Foam", "Pressed", "Scratch", "press"]
 
@@ -57,6 +58,8 @@ class Pressed(NamedTuple):
         force_n: (n, e) normal force on each force cell [N].
         touch_c: (n,) mean temperature of what touches a cell [°C]; NaN where nothing does.
         on_body_n: (nbody,) normal force that all cells together exert on a body, as a sum of magnitudes [N].
+        by_patch_n: (p, nbody) the same of the cells of each patch [N].
+        peak_n: (1,) the largest force on any force cell [N].
         slid_n_m: (nbody,) how far each body slid over the skin in this step, times the normal force [N m]; μ
             times this is the work of sliding friction.
         shear_m: (n, s, 2) sideways strain of the foam at each point, plane of the cell [m].
@@ -66,6 +69,8 @@ class Pressed(NamedTuple):
     force_n: Floats
     touch_c: Floats
     on_body_n: Floats
+    by_patch_n: Floats
+    peak_n: Floats
     slid_n_m: Floats
     shear_m: Floats
     loaded: NDArray[np.bool_]
@@ -80,7 +85,7 @@ class Scratch(NamedTuple):
     nearest_m: Floats
 
 
-@compiled
+@borrowing
 def press(
     surface: Surface,
     scene: Scene,
@@ -109,8 +114,11 @@ def press(
         Number of cells that something touches.
     """
     pressed.on_body_n[:] = 0.0
+    pressed.by_patch_n[:] = 0.0
+    pressed.peak_n[0] = 0.0
     pressed.slid_n_m[:] = 0.0
-    half_m = 0.5 * (foam.thickness_m + _BELOW_M)
+    below_m = _BELOW_M + scene.deepest_m
+    half_m = 0.5 * (foam.thickness_m + below_m)
     corner_m = 0.0  # of the sample points, from the middle of the cell
     for s in range(len(surface.sample_m)):
         corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
@@ -121,20 +129,31 @@ def press(
         for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
             n_close = 0
             if n_near > 0:
-                x, y, z = lifted(surface, motion, i, half_m - _BELOW_M)
+                x, y, z = lifted(surface, motion, i, half_m - below_m)
                 for j in range(n_near):
                     if within(scene, motion, scratch.near[j], x, y, z, ball_m):
                         scratch.close[n_close] = scratch.near[j]
                         n_close += 1
             if n_close > 0 or pressed.loaded[i]:
                 _press_cell(
-                    surface, scene, motion, foam, temperature_c, step_s, pressed, wrench, i, scratch, n_close
+                    surface,
+                    scene,
+                    motion,
+                    foam,
+                    temperature_c,
+                    step_s,
+                    pressed,
+                    wrench,
+                    p,
+                    i,
+                    scratch,
+                    n_close,
                 )
                 touching += pressed.loaded[i]
     return touching
 
 
-@compiled
+@borrowing
 def _push(
     xipos: Floats, wrench: Floats, b: int, x: float, y: float, z: float, fx: float, fy: float, fz: float
 ) -> None:
@@ -148,13 +167,16 @@ def _push(
     wrench[b, 5] += rx * fy - ry * fx
 
 
-@compiled
+@borrowing
 def _probe(
     surface: Surface, scene: Scene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
 ) -> None:
-    """Where solid `k` is nearer to the points of cell `i` than `nearest_m`, it becomes the `hit` there."""
-    g, axes = scene.geom[k], motion.geom_xmat
-    x, y, z = lifted(surface, motion, i, -_BELOW_M)
+    """Where solid `k` is nearer to the points of cell `i` than `nearest_m`, it becomes the `hit` there.
+
+    Heights count from `_BELOW_M` below the rigid surface; a solid that gives way may lie deeper.
+    """
+    g, axes, give_m = scene.geom[k], motion.geom_xmat, scene.give_m[k]
+    x, y, z = lifted(surface, motion, i, -_BELOW_M - give_m)
     ox, oy, oz = into_solid(scene, motion, k, x, y, z)
     u, v, w = axis(surface, motion, i, 0)
     xx, xy, xz = rotated_back(axes, g, u, v, w)
@@ -168,11 +190,11 @@ def _probe(
         a, b = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + b * yx, oy + a * xy + b * yy, oz + a * xz + b * yz
         distance_m = entry_m(kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz)
-        if distance_m < nearest_m[s]:
-            hit[s], nearest_m[s] = k, distance_m
+        if distance_m - give_m < nearest_m[s]:
+            hit[s], nearest_m[s] = k, distance_m - give_m
 
 
-@compiled
+@borrowing
 def _press_cell(
     surface: Surface,
     scene: Scene,
@@ -182,11 +204,12 @@ def _press_cell(
     step_s: float,
     pressed: Pressed,
     wrench: Floats,
+    p: int,
     i: int,
     scratch: Scratch,
     n_close: int,
 ) -> None:
-    """Presses the points of cell `i` against the solids close to it."""
+    """Presses the points of cell `i`, of patch `p`, against the solids close to it."""
     hit, nearest_m = scratch.hit, scratch.nearest_m
     hit[:], nearest_m[:] = -1, _BELOW_M + foam.thickness_m
     for j in range(n_close):
@@ -206,9 +229,10 @@ def _press_cell(
             continue
         a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
-        other, share = scene.body[hit[s]], scene.share[hit[s]]
-        lift_m = max(nearest_m[s], _BELOW_M)
+        other, share, give_m = scene.body[hit[s]], scene.share[hit[s]], scene.give_m[hit[s]]
+        lift_m = max(nearest_m[s], _BELOW_M - give_m)
         depth_m = _BELOW_M + foam.thickness_m - lift_m
+        lift_m += min((1.0 - share) * depth_m, give_m)
         x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
         vx, vy, vz = velocity(motion, other, x, y, z)
         wx, wy, wz = velocity(motion, own, x, y, z)
@@ -234,14 +258,17 @@ def _press_cell(
         _push(motion.xipos, wrench, own, x, y, z, -fx, -fy, -fz)
         pressed.force_n[i, s // per_element] += normal_n
         pressed.on_body_n[other] += normal_n
+        pressed.by_patch_n[p, other] += normal_n
         pressed.slid_n_m[other] += normal_n * slid_m
         warmth_c += temperature_c[other]
         contacts += 1
+    for e in range(surface.n_elements):
+        pressed.peak_n[0] = max(pressed.peak_n[0], pressed.force_n[i, e])
     pressed.loaded[i] = contacts > 0
     pressed.touch_c[i] = warmth_c / contacts if contacts > 0 else math.nan
 
 
-@compiled
+@borrowing
 def _shear(
     foam: Foam,
     area: float,
@@ -262,8 +289,11 @@ def _shear(
     damping = _SHEAR * foam.damping_pa_s_per_m * area
     strain_x, strain_y = strain_m[i, s, 0] + slip_x * step_s, strain_m[i, s, 1] + slip_y * step_s
     fx, fy = -stiffness * strain_x - damping * slip_x, -stiffness * strain_y - damping * slip_y
-    limit_n, force_n, slid_m = foam.friction * normal_n, math.hypot(fx, fy), 0.0
-    if force_n > limit_n:
+    limit_n, slid_m = foam.friction * normal_n, 0.0
+    if (
+        abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n
+    ):  # the first is quick and mostly settles it
+        force_n = math.hypot(fx, fy)
         fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
         held = foam.friction * normal_n / stiffness
         stretch = math.hypot(strain_x, strain_y)

@@ -8,6 +8,7 @@ from typing import get_args
 from skinnet.deployment.fault_checks import check_faults
 from skinnet.deployment.schema import CellSpec, ControllerSpec, Deployment
 from skinnet.deployment.session import StateName
+from skinnet.deployment.things import NO_OBJECT
 from skinnet.errors import DeploymentError
 
 __all__ = ["check"]
@@ -26,6 +27,7 @@ def check(deployment: Deployment) -> None:
     _check_program(deployment)
     _check_touches(deployment)
     _check_nursing(deployment)
+    _check_stand(deployment)
     check_faults(deployment)
     if deployment.script is not None:
         deployment.script.check({patch.name: patch.n_cells for patch in deployment.patches})
@@ -224,3 +226,23 @@ def _check_nursing(deployment: Deployment) -> None:
             f"nursing.hold_s = {nursing.hold_s:g}: the payload is let go {released_s:g} s after it began;"
             " hold for longer"
         )
+
+
+def _check_stand(deployment: Deployment) -> None:
+    stand = deployment.stand
+    if stand is None:
+        if deployment.object != NO_OBJECT:
+            raise DeploymentError(f'object = "{deployment.object}": nothing presents it; give [stand]')
+        return
+    for key, other in (("script", deployment.script), ("payload", deployment.payload)):
+        if other is not None:
+            raise DeploymentError(f"stand, {key}: do not go together; leave one of them")
+    if stand.below_m > 0.0 and stand.present_stage is None:
+        raise DeploymentError(
+            f"stand.below_m = {stand.below_m:g}: it would stay there; name the stage in which it rises "
+            "(stand.present_stage)"
+        )
+    for key, name in (("present_stage", stand.present_stage), ("lower_stage", stand.lower_stage)):
+        if name is not None and name.partition(".")[0] not in deployment.controller.stages:
+            known = ", ".join(deployment.controller.stages)
+            raise DeploymentError(f"stand.{key} = {name!r}: unknown stage; there are {known}")

@@ -20,6 +20,7 @@ from skinnet.deployment.power import PowerSpec
 from skinnet.deployment.script import ScriptSpec
 from skinnet.deployment.session import SessionSpec
 from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, SheetSpec, SurfaceSpec
+from skinnet.deployment.stand import StandSpec
 from skinnet.deployment.stress import StressSpec
 from skinnet.deployment.table import (
     Levels,
@@ -33,6 +34,7 @@ from skinnet.deployment.table import (
     ns_of_ms,
     parse_port,
 )
+from skinnet.deployment.things import NO_OBJECT, ObjectName
 
 __all__ = [
     "BOARDS",
@@ -439,6 +441,10 @@ class Deployment(Table, frozen=True, kw_only=True):
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
     payload: PayloadSpec | None = None
     """An object between the robot's arms."""
+    object: ObjectName = NO_OBJECT
+    """What the stand presents to be grasped; docs/assumptions.md describes each."""
+    stand: StandSpec | None = None
+    """A stand in front of the robot."""
     nursing: NursingSpec | None = None
     """Whole-body contact manipulation as the controller's program, in the place of stages."""
     controller: ControllerSpec

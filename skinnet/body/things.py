@@ -1,0 +1,186 @@
+"""The stand in front of the robot and the object on it, as parts of the model."""
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skinnet.deployment.schema import Deployment
+from skinnet.deployment.stand import StandSpec
+from skinnet.deployment.things import NO_OBJECT, THINGS, Shape, Solid, Thing
+from skinnet.errors import DeploymentError
+from skinnet.seeding import key_of, uniform
+
+__all__ = ["OBJECT", "STAND", "Presented", "add_stand", "presented_by", "solids_of"]
+
+OBJECT = "object"
+STAND = "object_stand"
+"""Names of the bodies, and of their joints."""
+_EVERYTHING = 2**31 - 1
+"""Contact bits: object and stand touch whatever takes part in contacts at all."""
+_EMPTY_M = (0.30, 0.30, 0.30)
+"""Without an object the stand is where it would be for one of this size (assumed)."""
+_PLATE_M = 0.02
+_BEYOND_M = 0.02
+"""The plate ends so far behind the object."""
+_COLUMN_M = 0.03
+"""Radius."""
+_STAND_KG = 1e4
+"""So heavy that nothing moves it between two steps; its way is prescribed."""
+_STEEL_TINT = (0.46, 0.48, 0.52, 1.0)
+_CONTACT_S = 0.005
+"""Time constant of rigid contacts with it: five steps, so that what is light does not sink in (assumed)."""
+_SHAPES = {
+    Shape.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    Shape.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    Shape.ELLIPSOID: mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+}
+
+
+class Presented(NamedTuple):
+    """A stand, what is on it, and where the seed has put it.
+
+    Attributes:
+        stand: The stand.
+        name: Name of the object.
+        thing: The object; None if there is none.
+        at_m: Its middle while the stand is up, world [m].
+        yaw_rad: How far it is turned.
+    """
+
+    stand: StandSpec
+    name: str
+    thing: Thing | None
+    at_m: tuple[float, float, float]
+    yaw_rad: float
+
+    @property
+    def size_m(self) -> tuple[float, float, float]:
+        """Depth, width and height of what is presented [m]."""
+        return _EMPTY_M if self.thing is None else self.thing.size_m
+
+    @property
+    def top_m(self) -> float:
+        """Height of the plate's top while the stand is up [m]."""
+        return self.at_m[2] - 0.5 * self.size_m[2]
+
+
+def presented_by(deployment: Deployment) -> Presented | None:
+    """What a deployment presents to the robot; the disturbances are drawn from its seed."""
+    stand = deployment.stand
+    if stand is None:
+        return None
+    name = deployment.object
+    thing = None if name == NO_OBJECT else THINGS[name]
+    x, y, yaw = (_draw(deployment.seed, what) for what in ("x", "y", "yaw"))
+    depth_m = (_EMPTY_M if thing is None else thing.size_m)[0]
+    return Presented(
+        stand=stand,
+        name=name,
+        thing=thing,
+        at_m=(
+            stand.near_x_m + 0.5 * depth_m + stand.offset_m * x,
+            stand.offset_m * y,
+            stand.grasp_z_m,
+        ),
+        yaw_rad=math.radians(stand.yaw_deg) * yaw,
+    )
+
+
+def add_stand(spec: mujoco.MjSpec, presented: Presented) -> None:
+    """Adds stand and object, where they are at the start of a run.
+
+    Raises:
+        DeploymentError: the plate would have no length.
+    """
+    x_m, y_m, _ = presented.at_m
+    top_m = presented.top_m - presented.stand.below_m
+    body = spec.worldbody.add_body(name=STAND, pos=[x_m, y_m, top_m], gravcomp=1.0)
+    body.add_joint(name=STAND, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+    _add_plate(body, presented)
+    # The column goes down through the floor, as if into it.
+    spec.add_exclude(bodyname1="world", bodyname2=STAND)
+    if presented.thing is not None:
+        _add_thing(spec, body, presented, presented.thing, top_m)
+
+
+def solids_of(thing: Thing) -> dict[str, Solid]:
+    """Solids of an object with its base, by the names of their geoms."""
+    solids = thing.solids if thing.base is None else (*thing.solids, thing.base)
+    return {f"{OBJECT}_{i}": solid for i, solid in enumerate(solids)}
+
+
+def _draw(seed: int, what: str) -> float:
+    """Uniform in (-1, 1)."""
+    return 2.0 * uniform(key_of(seed, "stand", what), np.uint64(0)) - 1.0
+
+
+def _add_plate(body: mujoco.MjsBody, presented: Presented) -> None:
+    """The frame of the stand: below the middle of the object, on the plate's top."""
+    stand, x_m = presented.stand, presented.at_m[0]
+    near_m, far_m = stand.plate_near_x_m - x_m, 0.5 * presented.size_m[0] + _BEYOND_M
+    if near_m >= far_m:
+        raise DeploymentError(
+            f"stand.plate_near_x_m = {stand.plate_near_x_m:g}: the plate would end before it begins, at "
+            f"{far_m + x_m:g}; less than that"
+        )
+    half_m, length_m = 0.5 * _PLATE_M, 0.5 * (presented.top_m - _PLATE_M)
+    body.add_geom(
+        name=f"{STAND}_plate",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * (far_m - near_m), 0.5 * stand.plate_width_m, half_m],
+        pos=[0.5 * (near_m + far_m), 0.0, -half_m],
+        mass=_STAND_KG,
+        rgba=_STEEL_TINT,
+        contype=_EVERYTHING,
+        conaffinity=_EVERYTHING,
+    )
+    body.add_geom(
+        name=f"{STAND}_column",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[_COLUMN_M, length_m, 0.0],
+        pos=[0.0, 0.0, -_PLATE_M - length_m],
+        mass=0.0,
+        rgba=_STEEL_TINT,
+        contype=_EVERYTHING,
+        conaffinity=_EVERYTHING,
+    )
+
+
+def _add_thing(
+    spec: mujoco.MjSpec, stand: mujoco.MjsBody, presented: Presented, thing: Thing, top_m: float
+) -> None:
+    half_m, (x_m, y_m, _) = 0.5 * thing.size_m[2], presented.at_m
+    turned = [math.cos(0.5 * presented.yaw_rad), 0.0, 0.0, math.sin(0.5 * presented.yaw_rad)]
+    if presented.stand.stuck:
+        body = stand.add_body(name=OBJECT, pos=[0.0, 0.0, half_m], quat=turned)
+    else:
+        body = spec.worldbody.add_body(name=OBJECT, pos=[x_m, y_m, top_m + half_m], quat=turned)
+        body.add_freejoint(name=OBJECT)
+    volume_m3 = sum(solid.volume_m3 for solid in thing.solids)
+    for name, solid in solids_of(thing).items():
+        mass_kg = 0.0 if solid is thing.base else thing.mass_kg * solid.volume_m3 / volume_m3
+        _add_solid(body, name, solid, mass_kg, thing)
+
+
+def _add_solid(body: mujoco.MjsBody, name: str, solid: Solid, mass_kg: float, thing: Thing) -> None:
+    half_rad = 0.5 * math.radians(solid.yaw_deg)
+    radius_m, _, height_m = solid.half_m
+    geom = body.add_geom(
+        name=name,
+        type=_SHAPES[solid.shape],
+        size=[radius_m, height_m, 0.0] if solid.shape is Shape.CYLINDER else solid.half_m,
+        pos=solid.at_m,
+        quat=[math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)],
+        mass=mass_kg,
+        condim=3,
+        friction=[thing.friction, 0.005, 0.0001],
+        solref=[_CONTACT_S, 1.0],
+        priority=1,  # friction and softness are the object's, whatever it touches
+        rgba=[*thing.tint, 1.0],
+        contype=_EVERYTHING,
+        conaffinity=_EVERYTHING,
+    )
+    if thing.hollow:
+        geom.typeinertia = mujoco.mjtGeomInertia.mjINERTIA_SHELL
