@@ -24,7 +24,7 @@ from skinnet.messages import (
 )
 from skinnet.sheet_messages import Pressures, Regions
 
-__all__ = ["ALIVE", "CHANNELS", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
+__all__ = ["ALIVE", "CHANNELS", "DEPLOYMENT", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
 
 
 class Role(Enum):
@@ -82,6 +82,8 @@ CHANNELS = (
 """Rows in the order of a touch on its way round."""
 
 ALIVE = "alive"
+DEPLOYMENT = "skinnet/*/deployment"
+"""Asked at a watch endpoint, this tells what runs there, whatever the robot."""
 OUTSIDE = "outside"
 """Sender of what strangers bring into the loop: configuration of cells, requests to the controller."""
 _KNOWN_KEYS = 100_000
@@ -128,6 +130,11 @@ class Keys:
     def claim(self, name: str, process: str) -> str:
         """Key of the token by which a process claims the name `name`; "*" stands for any process."""
         return f"{self.prefix}claim/{name}/{process}"
+
+    @property
+    def deployment(self) -> str:
+        """Key at the watch endpoint that answers with what runs."""
+        return f"{self.prefix}deployment"
 
     def parse(self, key: str) -> tuple[Channel, tuple[str, ...]]:
         """Channel and field values of `key`.

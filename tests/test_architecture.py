@@ -48,7 +48,8 @@ def test_the_contracts_of_imports_hold() -> None:
 @pytest.mark.parametrize(
     ("library", "allowed"),
     [
-        ("zenoh", ("skinnet/transport/zenoh.py",)),
+        ("zenoh", ("skinnet/transport/zenoh.py", "skinnet/transport/open_session.py")),
+        ("rosbags", ("skinnet/ros2/",)),
         ("asyncio", ("skinnet/transport/mailbox.py", "skinnet/worker.py", "skinnet/run/")),
         ("mujoco", ("skinnet/body/", "controller/nursing/kinematics.py")),
         ("typer", ("skinnet/cli/",)),

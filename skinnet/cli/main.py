@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, memory, network, run
+from skinnet.cli import bench, bridge, memory, network, run
 from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
@@ -42,6 +42,7 @@ app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
+app.add_typer(bridge.app, name="bridge")
 
 
 def _version(value: bool) -> None:

@@ -15,6 +15,7 @@ from skinnet.deployment.checks import check
 from skinnet.deployment.recall import recall
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
+from skinnet.messages import Deployed
 from skinnet.network.faults import check_targets
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
@@ -85,6 +86,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         watch = _watch(order, deployment, progress)
         if watch is not None:
             stack.callback(watch.close)
+            watch.tell_deployment(Deployed(deployment=resolved_json(deployment).decode(), base=str(base)))
         stack.enter_context(progress)
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s

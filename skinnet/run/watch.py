@@ -14,7 +14,7 @@ import msgspec
 
 from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys, Role
 from skinnet.errors import PortInUseError, ProtocolError
-from skinnet.messages import Config, decode, encode
+from skinnet.messages import Config, Deployed, decode, encode
 from skinnet.run.requests import Clerk, RequestDesk
 from skinnet.transport.base import Transport
 from skinnet.transport.zenoh import ZenohTransport
@@ -71,6 +71,11 @@ class Watch:
         """What was copied to outsiders, and what they brought in; nothing if nobody came."""
         counts = {"copied": self.copied, "configs": self.configs} | self._desk.counters
         return {name: count for name, count in counts.items() if count}
+
+    def tell_deployment(self, deployed: Deployed) -> None:
+        """Answers whoever asks what runs here."""
+        answer = {self._keys.deployment: encode(deployed)}
+        self._outer.serve(self._keys.deployment, lambda: answer)
 
     def open(self, inner: Transport) -> None:
         """Begins to copy what goes through the loop."""

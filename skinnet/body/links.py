@@ -1,0 +1,106 @@
+"""Where the links of a body are at given joint positions: its kinematics, without dynamics or a finger.
+
+What no outsider knows is not in it: sway, bending of the servos and free objects are left out, and joints
+that nobody controls stay at home.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skinnet.body.model import load_model, require_body
+from skinnet.deployment.schema import Deployment
+
+__all__ = ["WORLD", "LinkPoses", "Links"]
+
+Floats = NDArray[np.float64]
+WORLD = "world"
+"""Name of the frame that everything is in."""
+
+
+class LinkPoses(NamedTuple):
+    """Poses of all links, in their order.
+
+    Attributes:
+        position_m: (n, 3) origins, world [m].
+        R_world_link: (n, 3, 3) rotations.
+        offset_m: (n, 3) origins in the frame of the parent [m].
+        quaternion: (n, 4) rotations in the frame of the parent, (w, x, y, z) with w ≥ 0.
+    """
+
+    position_m: Floats
+    R_world_link: Floats
+    offset_m: Floats
+    quaternion: Floats
+
+
+class Links:
+    """The links of a robot and what it stands on, parents before children.
+
+    Attributes:
+        names: Name of each link.
+        parent: Number of each link's parent, −1 for the world.
+        moves: (n,) whether a controlled joint moves the link against its parent.
+    """
+
+    def __init__(self, deployment: Deployment, base_dir: Path) -> None:
+        """Compiles the model of `deployment`.
+
+        Raises:
+            ModelError: the model does not compile or lacks what the deployment names.
+            DeploymentError: there is no such model.
+        """
+        teacher = deployment.teacher
+        self._model = load_model(deployment.body, base_dir, teacher.tip_radius_m, teacher.temperature_c)
+        mj = self._model.mj
+        self._data = mujoco.MjData(mj)
+        self._data.qpos[:] = self._model.home_qpos
+        moved = {int(body) for body in mj.jnt_bodyid[self._model.joint]}
+        named = {deployment.body.reference, *(patch.body for patch in deployment.patches)}
+        named |= {surface.body for surface in deployment.surfaces}
+        robot = moved | {require_body(mj, name, "body", deployment.body.model) for name in named}
+        self._body = [body for body in range(1, mj.nbody) if self._stands(body, robot)]
+        number = {body: i for i, body in enumerate(self._body)}
+        self.names = [mj.body(body).name or f"body{body}" for body in self._body]
+        self.parent = [number.get(int(mj.body_parentid[body]), -1) for body in self._body]
+        self.moves = np.array([body in moved for body in self._body])
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of controlled joints."""
+        return len(self._model.joint)
+
+    def poses(self, position_rad: ArrayLike) -> LinkPoses:
+        """Poses at the positions (D,) [rad] of the controlled joints."""
+        data = self._data
+        data.qpos[self._model.qpos] = np.asarray(position_rad, dtype=np.float64)
+        mujoco.mj_kinematics(self._model.mj, data)
+        position_m = data.xpos[self._body].copy()
+        rotation = data.xmat[self._body].reshape(-1, 3, 3).copy()
+        # the world stands behind the last link, where −1 finds it
+        above_m = np.vstack([position_m, np.zeros((1, 3))])[self.parent]
+        R_world_parent = np.concatenate([rotation, np.eye(3)[None]])[self.parent]
+        R_parent_world = R_world_parent.transpose(0, 2, 1)
+        offset_m = np.einsum("nij,nj->ni", R_parent_world, position_m - above_m)
+        return LinkPoses(position_m, rotation, offset_m, _quaternions(R_parent_world @ rotation))
+
+    def _stands(self, body: int, robot: set[int]) -> bool:
+        """Whether a body is part of the robot or fixed in the world: no object that moves by itself."""
+        mj = self._model.mj
+        root = int(mj.body_rootid[body])
+        tree = [b for b in range(1, mj.nbody) if mj.body_rootid[b] == root]
+        if robot.intersection(tree):
+            return True
+        return mj.body_mocapid[root] < 0 and not any(mj.body_jntnum[b] for b in tree)
+
+
+def _quaternions(rotation: Floats) -> Floats:
+    """Quaternions (n, 4) with w ≥ 0 of rotations (n, 3, 3)."""
+    found = np.empty((len(rotation), 4))
+    for quaternion, matrix in zip(found, rotation, strict=True):
+        mujoco.mju_mat2Quat(quaternion, matrix.ravel())
+    found[found[:, 0] < 0.0] *= -1.0
+    return found

@@ -1,0 +1,51 @@
+"""What travels beside each message of rmw_zenoh: sequence number, time, and who sends.
+
+33 bytes, little-endian: int64 sequence number from 1, int64 nanoseconds since the epoch, the length of the
+GID, its 16 bytes (docs/design.md, Publishers). The GID is XXH3-128 of the sender's liveliness token, the low
+half first (`Entity` in liveliness_utils.cpp).
+"""
+
+import struct
+from typing import NamedTuple
+
+import xxhash
+
+from skinnet.errors import ProtocolError
+
+__all__ = ["Attachment", "gid_of"]
+
+_GID_BYTES = 16
+_LAYOUT = struct.Struct(f"<qqB{_GID_BYTES}s")
+
+
+class Attachment(NamedTuple):
+    """One attachment: sequence number, wall time [ns since the epoch], GID of the sender."""
+
+    sequence: int
+    t_ns: int
+    gid: bytes
+
+    def pack(self) -> bytes:
+        """Its bytes."""
+        return _LAYOUT.pack(self.sequence, self.t_ns, _GID_BYTES, self.gid)
+
+    @classmethod
+    def unpack(cls, payload: bytes | None) -> "Attachment":
+        """What `payload` tells.
+
+        Raises:
+            ProtocolError: there is none, or it has another form.
+        """
+        if payload is None:
+            raise ProtocolError("no attachment; publishers of rmw_zenoh send one")
+        if len(payload) != _LAYOUT.size or payload[2 * 8] != _GID_BYTES:
+            raise ProtocolError(
+                f"an attachment of {len(payload)} bytes; rmw_zenoh since 0.2.4 sends {_LAYOUT.size}"
+            )
+        sequence, t_ns, _, gid = _LAYOUT.unpack(payload)
+        return cls(sequence, t_ns, gid)
+
+
+def gid_of(token: str) -> bytes:
+    """GID (16 bytes) of the entity that declares `token`."""
+    return xxhash.xxh3_128_digest(token.encode())[::-1]

@@ -1,0 +1,220 @@
+"""The bridge: a client of a run's watch endpoint on one side, a node of ROS 2 on the other.
+
+It follows by best effort: what the run tells is put aside as it comes, and at its own rate the bridge looks
+at the newest of everything and publishes what somebody subscribes to. The run never waits for it.
+"""
+
+import contextlib
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from skinnet.body.links import Links
+from skinnet.channels import DEPLOYMENT, Keys, channel
+from skinnet.clock import NS_PER_S, next_multiple
+from skinnet.deployment import Deployment
+from skinnet.deployment.load import build
+from skinnet.errors import ProtocolError, SkinnetError
+from skinnet.messages import Deployed, decode
+from skinnet.ros2 import types
+from skinnet.ros2.mirror import CHANNELS, Mirror
+from skinnet.ros2.node import RosNode, RosPublisher
+from skinnet.ros2.qos import Durability, Qos, Reliability
+from skinnet.transport.open_session import OpenSession
+
+__all__ = ["NODE", "Order", "bridge"]
+
+NODE = "skinnet_bridge"
+"""Name of the node, in the namespace of the robot."""
+_ASK_S = 5.0
+_WAITING = 100_000
+"""Messages of the run that may wait for the bridge; older ones give way."""
+_MARKERS_HZ, _DIAGNOSTICS_HZ = 10.0, 1.0
+_REASONS = 20
+"""So many different complaints are said aloud; the others are only counted."""
+
+_NEWEST = Qos(reliability=Reliability.BEST_EFFORT, depth=1)
+_SENSOR = Qos(reliability=Reliability.BEST_EFFORT, depth=5)
+_RELIABLE = Qos()
+_KEPT = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What was asked for on the command line.
+
+    Attributes:
+        endpoint: Watch endpoint of the run.
+        domain: ROS_DOMAIN_ID.
+        router: Zenoh router of the ROS 2 system.
+        listen: Be that router, at this endpoint.
+        rate_hz: How often joints, transforms and skin are published at most.
+        base: Folder that the model's path starts from, if not the one that the run names.
+    """
+
+    endpoint: str
+    domain: int = 0
+    router: str = "tcp/localhost:7447"
+    listen: str | None = None
+    rate_hz: float = 50.0
+    base: Path | None = None
+
+
+@dataclass
+class _Topic:
+    """What is published on a topic, and when."""
+
+    publisher: RosPublisher
+    period_ns: int
+    make: Callable[[], Any]
+    always: bool
+    """Also while simulated time stands still."""
+    due_ns: int = 0
+    t_ns: int = -1
+    """Simulated time of the last message."""
+
+
+def bridge(order: Order, say: Say) -> dict[str, int]:
+    """Bridges until the run is over; returns how many messages went out on each topic.
+
+    Raises:
+        SkinnetError: nobody answers at one of the ends, or what runs cannot be understood.
+    """
+    with contextlib.ExitStack() as stack:
+        watch = OpenSession("client", order.endpoint)
+        stack.callback(watch.close)
+        deployment, base = _what_runs(watch, order)
+        mirror = Mirror(deployment, Links(deployment, base))
+        ros = _ros_side(order)
+        stack.callback(ros.close)
+        node = RosNode(ros, order.domain, f"/{mirror.robot}", NODE)
+        where = f"ROS 2, domain {order.domain}, node /{mirror.robot}/{NODE}"
+        say(f"robot {deployment.robot} at {order.endpoint} -> {where}")
+        return _Bridge(order, mirror, node, watch, Keys(deployment.robot), say).run()
+
+
+def _what_runs(watch: OpenSession, order: Order) -> tuple[Deployment, Path]:
+    """The deployment that the run at the watch endpoint tells, and the folder that its paths start from."""
+    answers = watch.ask(DEPLOYMENT, _ASK_S)
+    if not answers:
+        raise SkinnetError(
+            f"{order.endpoint}: nobody there tells what runs; give an endpoint that a run prints"
+        )
+    try:
+        deployed = decode(next(iter(answers.values())), Deployed)
+        raw = msgspec.json.decode(deployed.deployment)
+    except (ProtocolError, msgspec.DecodeError) as error:
+        raise SkinnetError(f"{order.endpoint}: runs another version of skinnet: {error}") from error
+    return build(raw, order.endpoint), order.base or Path(deployed.base)
+
+
+def _ros_side(order: Order) -> OpenSession:
+    if order.listen is not None:
+        return OpenSession("router", order.listen)
+    try:
+        return OpenSession("client", order.router)
+    except SkinnetError as error:
+        hint = "start a router with ros2 run rmw_zenoh_cpp rmw_zenohd, or give --listen"
+        raise SkinnetError(f"{error}; {hint}") from error
+
+
+class _Bridge:
+    def __init__(
+        self, order: Order, mirror: Mirror, node: RosNode, watch: OpenSession, keys: Keys, say: Say
+    ) -> None:
+        self._order, self._mirror, self._node, self._watch, self._say = order, mirror, node, watch, say
+        self._inbox: deque[tuple[str, bytes]] = deque(maxlen=_WAITING)
+        self._complaints: Counter[str] = Counter()
+        self._heard_ns = time.monotonic_ns()
+        self._fixed = node.publisher("/tf_static", types.TRANSFORMS, _KEPT)
+        self._fixed.publish(mirror.fixed_links())
+        self._topics = self._declare(f"/{mirror.robot}", order.rate_hz)
+        for name in CHANNELS:
+            watch.subscribe(keys.of(name, *["*"] * channel(name).pattern.count("<")), self._put_aside)
+        for key, payload in watch.ask(keys.of("topology", "*"), _ASK_S).items():
+            self._put_aside(key, payload)
+
+    def _declare(self, robot: str, hz: float) -> list[_Topic]:
+        mirror = self._mirror
+        topics = [
+            self._topic("/clock", types.CLOCK, _NEWEST, hz, mirror.clock),
+            self._topic(f"{robot}/joint_states", types.JOINT_STATE, _RELIABLE, hz, mirror.joint_state),
+            self._topic("/tf", types.TRANSFORMS, _RELIABLE, hz, mirror.moving_links),
+        ]
+        if mirror.has_cells:
+            seldom_hz = min(hz, _MARKERS_HZ)
+            topics += [
+                self._topic(f"{robot}/skin", types.POINT_CLOUD, _SENSOR, hz, mirror.skin),
+                self._topic(f"{robot}/skin/markers", types.MARKERS, _RELIABLE, seldom_hz, mirror.markers),
+            ]
+        if mirror.has_sheets:
+            topics.append(
+                self._topic(f"{robot}/skin/regions", types.POINT_CLOUD, _SENSOR, hz, mirror.regions)
+            )
+        seldom_hz = min(hz, _DIAGNOSTICS_HZ)
+        topics.append(
+            self._topic("/diagnostics", types.DIAGNOSTICS, _RELIABLE, seldom_hz, self._diagnose, always=True)
+        )
+        return topics
+
+    def _topic(
+        self, name: str, type_name: str, qos: Qos, hz: float, make: Callable[[], Any], *, always: bool = False
+    ) -> _Topic:
+        self._say(f"  {name}  {type_name}, up to {hz:g} Hz")
+        return _Topic(self._node.publisher(name, type_name, qos), round(NS_PER_S / hz), make, always)
+
+    def _put_aside(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:
+        self._inbox.append((key, payload))
+
+    def run(self) -> dict[str, int]:
+        """Goes on until the run is over."""
+        tick_ns = round(NS_PER_S / self._order.rate_hz)
+        while self._watch.connected:
+            self._take_in()
+            now_ns = time.monotonic_ns()
+            for topic in self._topics:
+                self._publish(topic, now_ns)
+            now_ns = time.monotonic_ns()
+            time.sleep((next_multiple(now_ns, tick_ns) - now_ns) / NS_PER_S)
+        self._say(f"the run at {self._order.endpoint} is over")
+        publishers = [self._fixed, *(topic.publisher for topic in self._topics)]
+        return {publisher.entity.topic: publisher.sent for publisher in publishers}
+
+    def _publish(self, topic: _Topic, now_ns: int) -> None:
+        fresh = topic.always or self._mirror.t_ns > topic.t_ns
+        if fresh and now_ns >= topic.due_ns and topic.publisher.wanted:
+            topic.due_ns = next_multiple(now_ns, topic.period_ns)
+            topic.t_ns = self._mirror.t_ns
+            topic.publisher.publish(topic.make())
+
+    def _take_in(self) -> None:
+        """What the run has told since the last look."""
+        before_ns = self._mirror.t_ns
+        for _ in range(len(self._inbox)):
+            key, payload = self._inbox.popleft()
+            try:
+                self._mirror.take(key, payload)
+            except ProtocolError as error:
+                self._complain(str(error))
+        if self._mirror.t_ns > before_ns:
+            self._heard_ns = time.monotonic_ns()
+
+    def _complain(self, reason: str) -> None:
+        """Says a reason when it is new; counts it ever after."""
+        if reason in self._complaints or len(self._complaints) < _REASONS:
+            self._complaints[reason] += 1
+            if self._complaints[reason] == 1:
+                self._say(f"refused: {reason}")
+
+    def _diagnose(self) -> Any:
+        silent_s = (time.monotonic_ns() - self._heard_ns) / NS_PER_S
+        return self._mirror.diagnostics(
+            silent_s, {t.publisher.entity.topic: t.publisher.sent for t in self._topics}
+        )

@@ -1,0 +1,164 @@
+"""From what the run tells to standard ROS 2 messages; stamps are simulated time, frames `world` and links."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.links import WORLD, LinkPoses, Links
+from skinnet.clock import NS_PER_S
+from skinnet.ros2.places import Places
+from skinnet.ros2.readings import PROXIMITY, TEMPERATURE, Readings
+from skinnet.ros2.types import CLOCK, DIAGNOSTICS, JOINT_STATE, POINT_CLOUD, TRANSFORMS, make
+
+__all__ = [
+    "CELL_POINT",
+    "REGION_POINT",
+    "Health",
+    "Level",
+    "clock",
+    "diagnostics",
+    "frame_of",
+    "header",
+    "joint_state",
+    "points",
+    "regions_of",
+    "skin_points",
+    "transforms",
+]
+
+_FLOAT32, _UINT32 = 7, 6
+"""`sensor_msgs/msg/PointField`."""
+
+CELL_POINT = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "force", "force0", "force1", "force2")),
+        *((name, "<f4") for name in ("proximity", "temperature")),
+        ("patch", "<u4"),
+        ("cell", "<u4"),
+    ]
+)
+"""A cell: place [m], readings of force (the greatest, and each) and proximity (0 to 1), temperature [°C]."""
+REGION_POINT = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "force_n", "area_m2", "peak_kpa")),
+        ("board", "<u4"),
+        ("region", "<u4"),
+    ]
+)
+"""A region that a tactile sheet feels: its centre [m]."""
+
+
+class Level(IntEnum):
+    """`diagnostic_msgs/msg/DiagnosticStatus`."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+class Health(NamedTuple):
+    """How one part of the run does: a level, a line, figures by name."""
+
+    name: str
+    level: Level
+    line: str
+    figures: Mapping[str, object]
+
+
+def frame_of(robot: str, link: str) -> str:
+    """Name of the frame of a link."""
+    return f"{robot}/{link}"
+
+
+def _time(t_ns: int) -> Any:
+    return make("builtin_interfaces/msg/Time", t_ns // NS_PER_S, t_ns % NS_PER_S)
+
+
+def header(t_ns: int, frame: str = WORLD) -> Any:
+    """A header with its stamp."""
+    return make("std_msgs/msg/Header", _time(t_ns), frame)
+
+
+def clock(t_ns: int) -> Any:
+    """Simulated time for nodes that `use_sim_time`."""
+    return make(CLOCK, _time(t_ns))
+
+
+def joint_state(
+    t_ns: int, names: Sequence[str], position_rad: NDArray[np.float64], velocity_rad_s: NDArray[np.float64]
+) -> Any:
+    """Positions and velocities of the controlled joints; efforts are not measured."""
+    return make(JOINT_STATE, header(t_ns, ""), list(names), position_rad, velocity_rad_s, np.empty(0))
+
+
+def transforms(t_ns: int, robot: str, links: Links, poses: LinkPoses, which: NDArray[np.bool_]) -> Any:
+    """Poses of some of the links in the frames of their parents."""
+    found = []
+    for i in np.flatnonzero(which).tolist():
+        parent = links.parent[i]
+        above = WORLD if parent < 0 else frame_of(robot, links.names[parent])
+        w, x, y, z = poses.quaternion[i].tolist()
+        transform = make(
+            "geometry_msgs/msg/Transform",
+            make("geometry_msgs/msg/Vector3", *poses.offset_m[i].tolist()),
+            make("geometry_msgs/msg/Quaternion", x, y, z, w),
+        )
+        stamped = "geometry_msgs/msg/TransformStamped"
+        found.append(make(stamped, header(t_ns, above), frame_of(robot, links.names[i]), transform))
+    return make(TRANSFORMS, found)
+
+
+def skin_points(places: Places, poses: LinkPoses, readings: Readings) -> NDArray[Any]:
+    """All cells as `CELL_POINT`, world."""
+    cloud = np.empty(len(places.cell), dtype=CELL_POINT)
+    cloud["x"], cloud["y"], cloud["z"] = places.cells_m(poses).T
+    force = readings.values[:, :PROXIMITY]
+    cloud["force"] = force.max(axis=1, initial=0.0)
+    for channel in range(PROXIMITY):
+        cloud[f"force{channel}"] = force[:, channel]
+    cloud["proximity"] = readings.values[:, PROXIMITY]
+    cloud["temperature"] = readings.values[:, TEMPERATURE]
+    cloud["patch"], cloud["cell"] = places.patch, places.cell
+    return cloud
+
+
+def regions_of(places: Places, poses: LinkPoses, rows: NDArray[Any]) -> NDArray[Any]:
+    """Regions, rows of `REGION_ROW`, as `REGION_POINT`, world."""
+    cloud = np.empty(len(rows), dtype=REGION_POINT)
+    xi_m = np.column_stack([rows["xi1_m"], rows["xi2_m"]]).astype(np.float64)
+    cloud["x"], cloud["y"], cloud["z"] = places.on_sheets_m(poses, rows["board"].astype(np.int64), xi_m).T
+    for name in ("force_n", "area_m2", "peak_kpa", "board"):
+        cloud[name] = rows[name]
+    cloud["region"] = rows["number"]
+    return cloud
+
+
+def points(t_ns: int, cloud: NDArray[Any]) -> Any:
+    """A cloud of structured points in `world`."""
+    dtype, n = cloud.dtype, len(cloud)
+    layout = dtype.fields
+    assert layout is not None
+    fields = []
+    for name in layout:
+        kind, offset = layout[name][:2]
+        field = _FLOAT32 if kind.kind == "f" else _UINT32
+        fields.append(make("sensor_msgs/msg/PointField", name, offset, field, 1))
+    data = np.frombuffer(cloud.tobytes(), dtype=np.uint8)
+    step = dtype.itemsize
+    return make(POINT_CLOUD, header(t_ns), 1, n, fields, False, step, n * step, data, True)
+
+
+def diagnostics(t_ns: int, robot: str, parts: Iterable[Health]) -> Any:
+    """How the parts of a run do."""
+    status = []
+    for part in parts:
+        pair = "diagnostic_msgs/msg/KeyValue"
+        figures = [make(pair, name, str(value)) for name, value in part.figures.items()]
+        name = f"{robot}: {part.name}"
+        kind = "diagnostic_msgs/msg/DiagnosticStatus"
+        status.append(make(kind, int(part.level), name, part.line, robot, figures))
+    return make(DIAGNOSTICS, header(t_ns, ""), status)

@@ -1,0 +1,210 @@
+"""The bridge without its wires: takes in what the run tells its watchers, gives ROS messages of it."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from skinnet.body.links import LinkPoses, Links
+from skinnet.channels import Keys
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.schema import Deployment
+from skinnet.errors import ProtocolError
+from skinnet.messages import ControllerState, Events, Joints, Stream, Topology, decode, unpack
+from skinnet.ros2 import convert
+from skinnet.ros2.convert import Health, Level
+from skinnet.ros2.keys import ros_name
+from skinnet.ros2.markers import Markers
+from skinnet.ros2.places import Places
+from skinnet.ros2.readings import Readings
+from skinnet.sheet_messages import BOARD_FRAME, REGION_ROW, Regions
+
+__all__ = ["CHANNELS", "Mirror"]
+
+CHANNELS = ("joints", "events", "bundle", "stream", "topology", "regions", "state")
+"""What the bridge hears, by the names of the channel table."""
+_SILENT_S = 2.0
+
+
+class Mirror:
+    """The newest of everything that a run tells.
+
+    Args:
+        deployment: What runs.
+        links: Its body.
+
+    Attributes:
+        robot: Name of the robot in ROS.
+        t_ns: Simulated time of the newest joint feedback; −1 before the first.
+        counters: What came and could not be used.
+    """
+
+    def __init__(self, deployment: Deployment, links: Links) -> None:
+        self.t_ns = -1
+        self.counters: Counter[str] = Counter()
+        self._keys = Keys(deployment.robot)
+        self.robot = ros_name(deployment.robot)
+        self._links = links
+        self._joints = deployment.body.joints
+        self._places = Places(deployment, links)
+        self._readings = Readings(self._places.sizes)
+        self._markers = Markers(self.robot, self._places, links.names)
+        self._position_rad = np.zeros(len(self._joints))
+        self._velocity_rad_s = np.zeros(len(self._joints))
+        self._poses_ns, self._poses = -1, links.poses(self._position_rad)
+        self._stage, self._progress = "", 0.0
+        self._frames = [0] * self._places.n_sheets
+        self._regions = [np.empty(0, dtype=REGION_ROW)] * self._places.n_sheets
+        self._takers: dict[str, Callable[[str, bytes], None]] = {
+            "joints": self._take_joints,
+            "events": self._take_events,
+            "bundle": self._take_events,
+            "stream": self._take_stream,
+            "topology": self._take_topology,
+            "regions": self._take_regions,
+            "state": self._take_state,
+        }
+
+    @property
+    def has_cells(self) -> bool:
+        """Whether there are patches of cells."""
+        return bool(self._places.sizes)
+
+    @property
+    def has_sheets(self) -> bool:
+        """Whether there are tactile sheets."""
+        return self._places.n_sheets > 0
+
+    def take(self, key: str, payload: bytes) -> None:
+        """Takes in a message of the run's; one that does not fit is counted as refused.
+
+        Raises:
+            ProtocolError: it does not fit; nothing has changed.
+        """
+        try:
+            channel, fields = self._keys.parse(key)
+            taker = self._takers.get(channel.name)
+            if taker is None:
+                raise ProtocolError(f"{key}: the bridge does not read {channel.name}")
+            taker(fields[0] if fields else "", payload)
+        except ProtocolError:
+            self.counters["refused"] += 1
+            raise
+
+    def clock(self) -> Any:
+        """Simulated time."""
+        return convert.clock(self.t_ns)
+
+    def joint_state(self) -> Any:
+        """Positions of the controlled joints; velocities by the last two feedbacks."""
+        return convert.joint_state(self.t_ns, self._joints, self._position_rad, self._velocity_rad_s)
+
+    def moving_links(self) -> Any:
+        """Transforms of the links that controlled joints move."""
+        return convert.transforms(self.t_ns, self.robot, self._links, self._now(), self._links.moves)
+
+    def fixed_links(self) -> Any:
+        """Transforms of the other links; they never change."""
+        return convert.transforms(0, self.robot, self._links, self._now(), ~self._links.moves)
+
+    def skin(self) -> Any:
+        """Cells as points."""
+        return convert.points(self.t_ns, convert.skin_points(self._places, self._now(), self._readings))
+
+    def regions(self) -> Any:
+        """Regions that tactile sheets feel, as points."""
+        rows = np.concatenate(self._regions)
+        return convert.points(self.t_ns, convert.regions_of(self._places, self._now(), rows))
+
+    def markers(self) -> Any:
+        """Cells for RViz."""
+        return self._markers.draw(self.t_ns, self._readings)
+
+    def diagnostics(self, silent_s: float, bridge: dict[str, object]) -> Any:
+        """How the run does.
+
+        Args:
+            silent_s: Wall time since the run last told of its joints [s].
+            bridge: Figures of the bridge itself.
+        """
+        parts = [self._run_health(silent_s), *self._patch_health(), *self._board_health()]
+        refused = sum(self.counters.values())
+        level = Level.WARN if refused else Level.OK
+        line = f"{refused} messages of the run could not be used" if refused else "all messages understood"
+        parts.append(Health("bridge", level, line, bridge | dict(self.counters)))
+        return convert.diagnostics(max(self.t_ns, 0), self.robot, parts)
+
+    def _run_health(self, silent_s: float) -> Health:
+        figures = {
+            "stage": self._stage,
+            "progress": f"{self._progress:.3f}",
+            "simulated_s": f"{max(self.t_ns, 0) / NS_PER_S:.3f}",
+        }
+        if self.t_ns < 0 or silent_s > _SILENT_S:
+            return Health("run", Level.STALE, f"nothing heard for {silent_s:.0f} s", figures)
+        return Health("run", Level.OK, self._stage or "forming", figures)
+
+    def _patch_health(self) -> Iterator[Health]:
+        for name, tally in self._readings.tally.items():
+            reached = self._readings.reached[self._readings.cells(name)]
+            n, there = len(reached), int(reached.sum())
+            figures = {
+                "cells": n,
+                "reached": there,
+                "events": tally.events,
+                "full_readings": tally.rows,
+                "lost": tally.lost,
+            }
+            level = Level.OK if there == n else Level.WARN
+            yield Health(f"skin {name}", level, f"{there} of {n} cells reached", figures)
+
+    def _board_health(self) -> Iterator[Health]:
+        for board, (frames, rows) in enumerate(zip(self._frames, self._regions, strict=True)):
+            figures = {"frames": frames, "regions": len(rows)}
+            level = Level.OK if frames else Level.STALE
+            yield Health(f"board {board}", level, f"{len(rows)} regions", figures)
+
+    def _now(self) -> LinkPoses:
+        """Poses at the newest joint feedback."""
+        if self._poses_ns != self.t_ns:
+            self._poses_ns, self._poses = self.t_ns, self._links.poses(self._position_rad)
+        return self._poses
+
+    def _take_joints(self, _field: str, payload: bytes) -> None:
+        joints = decode(payload, Joints)
+        position = np.array(joints.position_rad, dtype=np.float64)
+        if position.shape != self._position_rad.shape or not np.isfinite(position).all():
+            raise ProtocolError(f"{len(position)} joints; this run has {len(self._joints)}, all finite")
+        if joints.t_ns <= self.t_ns:
+            return  # overtaken by a newer one
+        if self.t_ns >= 0:
+            step_s = (joints.t_ns - self.t_ns) / NS_PER_S
+            self._velocity_rad_s = (position - self._position_rad) / step_s
+        self._position_rad, self.t_ns = position, joints.t_ns
+
+    def _take_events(self, patch: str, payload: bytes) -> None:
+        self._readings.add_events(patch, decode(payload, Events))
+
+    def _take_stream(self, patch: str, payload: bytes) -> None:
+        self._readings.add_stream(patch, decode(payload, Stream))
+
+    def _take_topology(self, patch: str, payload: bytes) -> None:
+        self._readings.see(patch, decode(payload, Topology))
+
+    def _take_regions(self, _network: str, payload: bytes) -> None:
+        message = decode(payload, Regions)
+        frames, rows = unpack(message.frames, BOARD_FRAME), unpack(message.rows, REGION_ROW)
+        if int(frames["rows"].sum()) != len(rows):
+            raise ProtocolError(f"regions: {len(rows)} rows, and frames of {int(frames['rows'].sum())}")
+        if len(frames) and frames["board"].max() >= len(self._frames):
+            raise ProtocolError(f"regions of board {frames['board'].max()}; there are {len(self._frames)}")
+        ends = np.cumsum(frames["rows"], dtype=np.int64).tolist()
+        for board, end, n in zip(frames["board"].tolist(), ends, frames["rows"].tolist(), strict=True):
+            mine = rows[end - n : end]
+            self._frames[board] += 1
+            self._regions[board] = mine[mine["elements"] > 0]
+
+    def _take_state(self, _field: str, payload: bytes) -> None:
+        state = decode(payload, ControllerState)
+        self._stage, self._progress = state.stage, state.progress

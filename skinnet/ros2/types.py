@@ -1,0 +1,65 @@
+"""The standard ROS 2 messages that the bridge speaks: their types, RIHS01 hashes and CDR.
+
+Definitions are those of Jazzy; Iron, Kilted and Lyrical have the same hashes.
+"""
+
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+
+from skinnet.errors import ProtocolError
+
+__all__ = [
+    "CLOCK",
+    "DIAGNOSTICS",
+    "JOINT_STATE",
+    "MARKERS",
+    "POINT_CLOUD",
+    "TRANSFORMS",
+    "TYPES",
+    "VELOCITIES",
+    "decode",
+    "encode",
+    "make",
+    "type_hash",
+]
+
+CLOCK = "rosgraph_msgs/msg/Clock"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+VELOCITIES = "std_msgs/msg/Float64MultiArray"
+TYPES = (CLOCK, JOINT_STATE, TRANSFORMS, POINT_CLOUD, MARKERS, DIAGNOSTICS, VELOCITIES)
+"""All of them, by name."""
+
+_store = get_typestore(Stores.ROS2_JAZZY)
+
+
+def make(name: str, *fields: Any, **more: Any) -> Any:
+    """A message of type `name` with all its fields: the first ones in their order, or all by their names."""
+    return _store.types[name](*fields, **more)
+
+
+def encode(message: Any) -> bytes:
+    """CDR of a message, little-endian, with its encapsulation."""
+    return bytes(_store.serialize_cdr(message, message.__msgtype__))
+
+
+def decode(payload: bytes, name: str) -> Any:
+    """The message of type `name` in `payload`.
+
+    Raises:
+        ProtocolError: it has none.
+    """
+    try:
+        return _store.deserialize_cdr(payload, name)
+    except (SerdeError, UnicodeDecodeError) as error:
+        raise ProtocolError(f"no {name}: {error}") from error
+
+
+def type_hash(name: str) -> str:
+    """RIHS01 hash of a type: "RIHS01_" and 64 hexadecimal digits."""
+    return _store.hash_rihs01(name)
