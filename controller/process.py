@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
 from controller.grasping.memory import LongTermMemory
+from controller.offers import Offers
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
 from controller.requests import Requests
@@ -86,6 +87,7 @@ class ControllerNode:
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._requests = Requests(keys, self.counters)
+        self._offers = Offers(keys)
         self._state_s = -1e9
         self._told = ""
         self._log = hashlib.sha256()
@@ -215,8 +217,9 @@ class ControllerNode:
 
     def news(self) -> list[tuple[str, bytes]]:
         """Answers to requests; and what goes on, when it changes and by the wall clock. Never in the log."""
-        news = self._requests.news()
         brain, now_s = self._brain, time.monotonic()
+        news = self._requests.news()
+        news += self._offers.news(self._deployment.controller, brain.knowledge.poses, self._t_ns)
         if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = brain.state, now_s
             state = ControllerState(

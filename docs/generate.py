@@ -108,7 +108,7 @@ def _channels() -> str:
         )
         for row in CHANNELS
     ]
-    roles = ", ".join(role.value for role in Role)
+    roles = ", ".join(role.value for role in Role if role is not Role.LAUNCHER)
     rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", ""))
     return _table(("key", "message", "from", "to", "period", "watchers"), rows)
 

@@ -23,16 +23,18 @@ from skinnet.messages import (
     Topology,
 )
 from skinnet.sheet_messages import Pressures, Regions
+from skinnet.watch_messages import LinkLoad, Machine, ProcessLoad
 
 __all__ = ["ALIVE", "CHANNELS", "DEPLOYMENT", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
 
 
 class Role(Enum):
-    """Who takes part in a run."""
+    """Who takes part in a run; the launcher only looks on."""
 
     BODY = "body"
     CELLS = "cells"
     CONTROLLER = "controller"
+    LAUNCHER = "launcher"
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,11 @@ CHANNELS = (
     Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
     Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request"),
     Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz"),
+    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change"),
+    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "if watched: 2 Hz, wall clock"),
+    Channel(
+        "processes", "launcher/processes", ProcessLoad, Role.LAUNCHER, (), "if watched: 2 Hz, wall clock"
+    ),
 )
 """Rows in the order of a touch on its way round."""
 

@@ -27,8 +27,8 @@ LINK_ROW = np.dtype(
 )
 """One link, which is one direction of a wire: 40 bytes, no padding; totals since the run began.
 
-`state` is the sum of 1 if the link is up, and 2 if it leads from the computer into the cell; others lead out of
-the cell's port. The queue's high water is the most packets that waited behind one in transmission.
+`state` is the sum of 1 if the link is up, and 2 if it leads from the computer into the cell; others lead out
+of the cell's port. The queue's high water is the most packets that waited behind one in transmission.
 """
 
 
@@ -64,5 +64,5 @@ class Machine(Message, frozen=True, kw_only=True, tag="machine"):
 
     t_ns: int
     states: list[str]
-    moves: list[tuple[str, str, str]] = msgspec.field(default_factory=list)
+    moves: list[list[str]] = msgspec.field(default_factory=list)
     requests: dict[str, list[str]] = msgspec.field(default_factory=dict)

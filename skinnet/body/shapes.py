@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.model import FINGER, PAYLOAD, load_model
+from skinnet.body.things import OBJECT, STAND, presented_by
 from skinnet.deployment.schema import Deployment
 
 __all__ = ["Camera", "Figure", "Pose", "Shape"]
@@ -28,8 +29,12 @@ _KINDS = {
 }
 _SHOWN_GROUPS = 3
 """MuJoCo draws the geoms of groups 0 to 2; what is above is there for contacts only."""
-_TOLD_AS = {"finger": FINGER, "payload": PAYLOAD}
-"""What moves freely is told under these names; other things have the names of their bodies."""
+_DISTANCE = 1.3
+"""Of the camera, in extents of the model."""
+_UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
+"""MuJoCo's colour of what has none; the material then has it."""
+_TOLD_AS = {"finger": FINGER, "payload": PAYLOAD, "object": OBJECT, "stand": STAND}
+"""What no joint of the robot moves is told under these names."""
 
 
 @dataclass(frozen=True)
@@ -90,15 +95,18 @@ class Figure:
         """
         teacher = deployment.teacher
         self._model = load_model(
-            deployment.body, base_dir, teacher.tip_radius_m, teacher.temperature_c, deployment.payload
+            deployment.body,
+            base_dir,
+            teacher.tip_radius_m,
+            teacher.temperature_c,
+            deployment.payload,
+            presented_by(deployment),
         )
         mj = self._model.mj
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos
         self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
-        self.free = {name: link for name, link in _TOLD_AS.items() if link in self.links} | {
-            link: link for i, link in enumerate(self.links) if _moves_freely(mj, i)
-        }
+        self.free = {name: link for name, link in _TOLD_AS.items() if link in self.links}
         drawn = np.flatnonzero((mj.geom_group < _SHOWN_GROUPS) & np.isin(mj.geom_type, [*map(int, _KINDS)]))
         self.shapes = tuple(self._shape(i) for i in drawn.tolist())
         self.camera = _camera(mj)
@@ -130,6 +138,7 @@ class Figure:
     def _shape(self, geom: int) -> Shape:
         mj = self._model.mj
         material = int(mj.geom_matid[geom])
+        own = material < 0 or (mj.geom_rgba[geom] != _UNSET_RGBA).any()
         vertices, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
         if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
             mesh = int(mj.geom_dataid[geom])
@@ -143,19 +152,14 @@ class Figure:
             size_m=mj.geom_size[geom].copy(),
             position_m=mj.geom_pos[geom].copy(),
             wxyz=mj.geom_quat[geom].copy(),
-            rgba=(mj.geom_rgba[geom] if material < 0 else mj.mat_rgba[material]).astype(np.float64),
+            rgba=(mj.geom_rgba[geom] if own else mj.mat_rgba[material]).astype(np.float64),
             vertices_m=vertices,
             faces=faces,
         )
 
 
-def _moves_freely(mj: mujoco.MjModel, body: int) -> bool:
-    joint = int(mj.body_jntadr[body])
-    return joint >= 0 and mj.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
-
-
 def _camera(mj: mujoco.MjModel) -> Camera:
-    """The free camera with which MuJoCo's own viewer begins."""
+    """From where MuJoCo's own viewer begins to look, a little nearer."""
     look_at = mj.stat.center.copy()
     view = mj.vis.global_
     azimuth, elevation = math.radians(view.azimuth), math.radians(view.elevation)
@@ -164,4 +168,4 @@ def _camera(mj: mujoco.MjModel) -> Camera:
         math.cos(elevation) * math.sin(azimuth),
         math.sin(elevation),
     ]
-    return Camera(look_at - 1.5 * mj.stat.extent * np.array(ahead), look_at)
+    return Camera(look_at - _DISTANCE * mj.stat.extent * np.array(ahead), look_at)

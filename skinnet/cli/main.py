@@ -13,6 +13,8 @@ from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
 from skinnet.cli.stress import stress
+from skinnet.cli.view import EXAMPLES as VIEW_EXAMPLES
+from skinnet.cli.view import view
 from skinnet.errors import (
     DeploymentError,
     MemoryFileError,
@@ -40,6 +42,7 @@ app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
 app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
+app.command(epilog=VIEW_EXAMPLES)(view)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 app.add_typer(bridge.app, name="bridge")

@@ -8,6 +8,7 @@ from skinnet.channels import OUTSIDE, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
 from skinnet.loop import run_loop
+from skinnet.run.loads import telling_loads
 from skinnet.run.outcome import Outcome, ProcessReport
 from skinnet.run.processes import processes
 from skinnet.run.progress import Progress
@@ -41,7 +42,7 @@ async def run_in_process(
         watch.open(launcher)
     nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment)]
     try:
-        async with asyncio.TaskGroup() as group:
+        async with telling_loads({"all": os.getpid()}, watch, progress), asyncio.TaskGroup() as group:
             for node in nodes:
                 group.create_task(
                     run_loop(

@@ -43,9 +43,9 @@ class Scale:
         return places
 
 
-SCALES = {
-    Modality.FORCE: Scale(0.0, 1.0, True, "", (0.04, 0.1, 0.3, 0.45, 1.0)),
-    Modality.PROXIMITY: Scale(0.0, 1.0, True, "", (0.01, 0.1, 0.3, 0.8)),
+SCALES = {  # force and proximity begin above three times their noise
+    Modality.FORCE: Scale(0.012, 1.0, True, "", (0.04, 0.1, 0.3, 0.45, 1.0)),
+    Modality.PROXIMITY: Scale(0.004, 1.0, True, "", (0.01, 0.1, 0.3, 0.8)),
     Modality.ACCELERATION: Scale(0.5, 1.5, False, "g", (0.5, 1.0, 1.5)),
     Modality.TEMPERATURE: Scale(20.0, 36.0, False, "°C", (20.0, 24.0, 28.0, 32.0, 36.0)),
 }

@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Happenings", "Trend", "Trends"]
+__all__ = ["FULL_READING", "Happenings", "Trend", "Trends"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+FULL_READING = 100
+"""Kind of a reading that was sent as a whole, because its cell streams."""
 _MOST = 150_000
 """Events that are kept at most: memory of a page that runs for days."""
 _EDGES_MS = 10.0 ** np.linspace(-2, 3, 101)
@@ -127,8 +129,8 @@ class Trends:
 
     def trend(self) -> Trend:
         """What was counted so far."""
-        n = min(self._last + 1, self._bins)
-        number = np.arange(self._last + 1 - n, self._last + 1)
+        n = max(min(self._last, self._bins - 1), 0)  # the newest bin is not full yet
+        number = np.arange(self._last - n, self._last)
         column = number % self._bins
         up_to = np.cumsum(self._latency[column], axis=1)
         of = up_to[:, -1] if n else np.zeros(0)

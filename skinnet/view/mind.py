@@ -65,5 +65,5 @@ class Mind:
     def arrows(self) -> tuple[tuple[str, str, str], ...]:
         """(state, event, next state): those that the controller told, or those that were seen."""
         if self.machine is not None and self.machine.moves:
-            return tuple(self.machine.moves)
+            return tuple((move[0], move[1], move[2]) for move in self.machine.moves if len(move) == 3)
         return tuple(dict.fromkeys((move.state, move.why, move.to) for move in self.moves))

@@ -25,7 +25,7 @@ from skinnet.messages import (
 )
 from skinnet.sheet_messages import Regions
 from skinnet.view.atlas import Atlas
-from skinnet.view.happenings import Happenings, Trends
+from skinnet.view.happenings import FULL_READING, Happenings, Trends
 from skinnet.view.machinery import Machinery
 from skinnet.view.mind import Mind
 from skinnet.view.network_state import NetworkState
@@ -41,6 +41,8 @@ TRENDS_NS = 60_000_000_000
 """Charts show so much [ns]."""
 _BIN_NS = 250_000_000
 _NO_LEVEL = 7
+_STREAM_EVERY_NS = 50_000_000
+"""Of a cell that streams, one reading in so long is enough for the raster."""
 _PRESSED_KPA = (1.0, 5.0, 20.0, 60.0)
 """From here on the peak of a region counts as level 1 to 4 in the raster *(assumed)*."""
 
@@ -109,16 +111,21 @@ class Scene:
         self._host = {patch: host for host, patches in deployment.host_patches().items() for patch in patches}
         self._numbers: dict[str, Numbering] = defaultdict(Numbering)
         self._packets = array("q"), array("q")
+        self._streamed_ns = np.full(atlas.n_cells, -_STREAM_EVERY_NS)
 
     def take(self, told: Told, now_s: float) -> None:
         """Takes in a message that came at `now_s` of the wall's clock; one that makes no sense is counted."""
         try:
             self._take(told, now_s)
         except (ProtocolError, IndexError, ValueError) as error:  # a stranger's numbers may be anything
-            self.malformed += 1
-            self.last_refusal = f"{told.channel}: {error}"
+            self.refuse(f"{told.channel}: {error}")
             return
         self.t_ns = max(self.t_ns, told.t_ns)
+
+    def refuse(self, why: str) -> None:
+        """Something came that makes no sense."""
+        self.malformed += 1
+        self.last_refusal = why
 
     def keep(self) -> Kept:
         """What is true now, without what has happened before."""
@@ -133,6 +140,7 @@ class Scene:
         self.happenings.clear()
         self.trends.clear()
         self._numbers.clear()
+        self._streamed_ns[:] = -_STREAM_EVERY_NS
         self._packets = array("q"), array("q")
         self.missed = 0
 
@@ -215,6 +223,11 @@ class Scene:
         cells = self._atlas.first[stream.patch] + rows["cell"].astype(np.int64)
         n_bytes = self._deployment.network.stream_bytes
         self.network.note_delivered(int(rows["t_delivered_ns"][-1]), cells.tolist(), n_bytes)
+        seldom = rows["t_delivered_ns"] - self._streamed_ns[cells] >= _STREAM_EVERY_NS
+        if seldom.any():
+            t_ns = rows["t_delivered_ns"][seldom]
+            self._streamed_ns[cells[seldom]] = t_ns
+            self.happenings.add(t_ns.tolist(), cells[seldom].tolist(), [FULL_READING] * len(t_ns))
 
     def _take_regions(self, regions: Regions) -> None:
         frames = self.skin.take_regions(regions)

@@ -1,4 +1,4 @@
-"""The controller's states as a ring, with what leads from one to another, and how it came to be where it is."""
+"""The controller's states as a ring, what leads from one to another, and how it came to be where it is."""
 
 import html
 import math
@@ -7,7 +7,7 @@ from skinnet.view.mind import Mind
 
 __all__ = ["draw"]
 
-_WIDTH, _HEIGHT = 540.0, 430.0
+_WIDTH = 540.0
 _RX, _RY = 205.0, 165.0
 _PILL_H = 22.0
 _INK, _PALE, _NOW, _LAST, _OPEN = "#1f2d3d", "#cfd8e0", "#0b6e4f", "#c92a2a", "#2563a8"
@@ -39,10 +39,12 @@ def _heading(mind: Mind, t_ns: int) -> str:
 
 
 def _ring(mind: Mind, states: tuple[str, ...]) -> str:
+    few = min(0.25 + 0.1 * len(states), 1.0)
+    middle = few * (_RY + 50.0)
     at = {
         state: (
-            _WIDTH / 2 + _RX * math.sin(2 * math.pi * i / len(states)),
-            _HEIGHT / 2 - _RY * math.cos(2 * math.pi * i / len(states)),
+            _WIDTH / 2 + few * _RX * math.sin(2 * math.pi * i / len(states)),
+            middle - few * _RY * math.cos(2 * math.pi * i / len(states)),
         )
         for i, state in enumerate(states)
     }
@@ -54,7 +56,7 @@ def _ring(mind: Mind, states: tuple[str, ...]) -> str:
         ways.setdefault((last.state, last.to), [])
     order = sorted(ways, key=lambda way: (way[0] == mind.state, _was(last, way)))  # the important ones on top
     arrows = "".join(
-        _arrow(at, way, ways[way], _colour(mind, way, last)) for way in order if way[0] != way[1]
+        _arrow(at, middle, way, ways[way], _colour(mind, way, last)) for way in order if way[0] != way[1]
     )
     pills = "".join(_pill(state, *at[state], now=state == mind.state) for state in states)
     marks = "".join(
@@ -63,7 +65,7 @@ def _ring(mind: Mind, states: tuple[str, ...]) -> str:
         for name, colour in (("pale", _PALE), ("open", _OPEN), ("last", _LAST))
     )
     return (
-        f'<svg viewBox="0 0 {_WIDTH:.0f} {_HEIGHT:.0f}" style="width:100%;display:block" '
+        f'<svg viewBox="0 0 {_WIDTH:.0f} {2 * middle:.0f}" style="width:100%;display:block" '
         f'font-family="system-ui,sans-serif"><defs>{marks}</defs>{arrows}{pills}</svg>'
     )
 
@@ -78,14 +80,16 @@ def _colour(mind: Mind, way: tuple[str, str], last: object) -> str:
     return "open" if way[0] == mind.state else "pale"
 
 
-def _arrow(at: dict[str, tuple[float, float]], way: tuple[str, str], events: list[str], kind: str) -> str:
+def _arrow(
+    at: dict[str, tuple[float, float]], centre_y: float, way: tuple[str, str], events: list[str], kind: str
+) -> str:
     """An arc between two states, bent towards the middle; one that matters has its events written on it."""
     (xa, ya), (xb, yb) = at[way[0]], at[way[1]]
     xm, ym = 0.5 * (xa + xb), 0.5 * (ya + yb)
     across = (ya - yb, xb - xa)  # to the right of the way, so that there and back are two arcs
     length = math.hypot(*across) or 1.0
     xc = xm + 0.28 * (_WIDTH / 2 - xm) + 14.0 * across[0] / length
-    yc = ym + 0.28 * (_HEIGHT / 2 - ym) + 14.0 * across[1] / length
+    yc = ym + 0.28 * (centre_y - ym) + 14.0 * across[1] / length
     start, end = _rim((xa, ya), (xc, yc), way[0]), _rim((xb, yb), (xc, yc), way[1])
     colour = {"pale": _PALE, "open": _OPEN, "last": _LAST}[kind]
     width = {"pale": 1.0, "open": 1.6, "last": 2.6}[kind]
@@ -124,8 +128,8 @@ def _pill(state: str, x: float, y: float, *, now: bool) -> str:
     half = _half_width(state)
     fill, ink, edge = (_NOW, "#fff", _NOW) if now else ("#fff", _INK, "#aebac5")
     return (
-        f'<rect x="{x - half:.1f}" y="{y - _PILL_H / 2:.1f}" width="{2 * half:.1f}" height="{_PILL_H}" rx="11" '
-        f'fill="{fill}" stroke="{edge}" stroke-width="1.3"/>'
+        f'<rect x="{x - half:.1f}" y="{y - _PILL_H / 2:.1f}" width="{2 * half:.1f}" '
+        f'height="{_PILL_H}" rx="11" fill="{fill}" stroke="{edge}" stroke-width="1.3"/>'
         f'<text x="{x:.1f}" y="{y + 4:.1f}" text-anchor="middle" font-size="11.5" fill="{ink}">'
         f"{html.escape(_short(state))}<title>{html.escape(state)}</title></text>"
     )
@@ -133,7 +137,8 @@ def _pill(state: str, x: float, y: float, *, now: bool) -> str:
 
 def _table(mind: Mind) -> str:
     rows = "".join(
-        f"<tr><td style='text-align:right'>{move.t_ns * 1e-9:.2f} s</td><td>{html.escape(_short(move.state))}</td>"
+        f"<tr><td style='text-align:right'>{move.t_ns * 1e-9:.2f} s</td>"
+        f"<td>{html.escape(_short(move.state))}</td>"
         f"<td>→ <b>{html.escape(_short(move.to))}</b></td><td>{html.escape(move.why)}</td></tr>"
         for move in reversed(list(mind.moves)[-_SHOWN_MOVES:])
     )

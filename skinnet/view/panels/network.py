@@ -36,7 +36,7 @@ def draw(atlas: Atlas) -> str:
         f".{_NAME} u.pc{{width:{dot:.3f}%;height:auto;aspect-ratio:1;z-index:2}}"
         f".{_NAME} i:hover,.{_NAME} b:hover{{filter:brightness(.75)}}"
     )
-    names = [piece.name for piece in (*atlas.patches, *atlas.sheets)]
+    names = list(atlas.first)
     font_px = min(max(330.0 / paper.width, 6.5), 12.0)
     cells = (spot(paper, "i", f"n{n}", (x, y)) for n, (x, y) in enumerate(paper.at[: atlas.n_cells].tolist()))
     parts = [*_wires(atlas), *_gateways(atlas), *cells, *captions(paper, names, font_px)]

@@ -33,11 +33,12 @@ def draw(atlas: Atlas) -> str:
         spot(paper, "i", f"c{n}" if n < atlas.n_cells else f"c{n} el", (at[0], at[1]), turn)
         for n, (at, turn) in enumerate(places)
     ]
-    names = [piece.name for piece in (*atlas.patches, *atlas.sheets)]
+    names = list(atlas.first)
     names_alone = tips(_NAME, "c", enumerate(atlas.names))
     font_px = min(max(330.0 / paper.width, 6.5), 12.0)
     parts = [*spots, *captions(paper, names, font_px)]
-    return f"<style>{style}{names_alone}</style>{sheet(_NAME, paper, parts, 'point at a cell to see what it feels')}"
+    hint = "point at a cell to see what it feels"
+    return f"<style>{style}{names_alone}</style>{sheet(_NAME, paper, parts, hint)}"
 
 
 def paint(shade: NDArray[np.int64]) -> str:
@@ -87,11 +88,11 @@ def legend(modality: Modality, atlas: Atlas) -> str:
 def _reading(row: list[float]) -> str:
     """A reading in words; what was never told is left out."""
     words = []
-    for modality, name, columns, form, unit in (
-        (Modality.FORCE, "force", row[0:3], "{:.2f}", ""),
-        (Modality.PROXIMITY, "near", row[3:4], "{:.2f}", ""),
-        (Modality.ACCELERATION, "", row[4:7], "{:+.2f}", " g"),
-        (Modality.TEMPERATURE, "", row[7:8], "{:.1f}", " °C"),
+    for name, columns, form, unit in (
+        ("force", row[0:3], "{:.2f}", ""),
+        ("near", row[3:4], "{:.2f}", ""),
+        ("", row[4:7], "{:+.2f}", " g"),
+        ("", row[7:8], "{:.1f}", " °C"),
     ):
         if all(value == value for value in columns):
             values = " ".join(form.format(value) for value in columns)

@@ -1,4 +1,4 @@
-"""The processes of the run as a table: what each uses, and how fast it gets on; and what this page itself does."""
+"""The processes as a table: what each uses, and how fast it gets on; and what this page itself does."""
 
 import html
 from collections.abc import Mapping
@@ -9,9 +9,10 @@ __all__ = ["draw"]
 
 _STYLE = (
     "<style>.sk-proc{border-collapse:collapse;width:calc(100% - 16px);margin:6px 8px}"
-    ".sk-proc td,.sk-proc th{padding:3px 8px;font-size:12.5px;text-align:right;border-bottom:1px solid #e6ebef;"
-    "color:#1f2d3d;font-variant-numeric:tabular-nums}"
-    ".sk-proc th{color:#5b6b7a;font-weight:500}.sk-proc td:first-child,.sk-proc th:first-child{text-align:left}"
+    ".sk-proc td,.sk-proc th{padding:3px 8px;font-size:12.5px;text-align:right;"
+    "border-bottom:1px solid #e6ebef;color:#1f2d3d;font-variant-numeric:tabular-nums}"
+    ".sk-proc th{color:#5b6b7a;font-weight:500}"
+    ".sk-proc td:first-child,.sk-proc th:first-child{text-align:left}"
     ".sk-bar{display:inline-block;height:8px;border-radius:2px;background:#4b8fd6;vertical-align:middle;"
     "margin-right:6px}</style>"
 )

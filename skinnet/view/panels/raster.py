@@ -5,6 +5,7 @@ import html
 import numpy as np
 
 from skinnet.view.atlas import Atlas
+from skinnet.view.happenings import FULL_READING
 from skinnet.view.panels.png import data_url
 from skinnet.view.state import RASTER_NS, Scene
 
@@ -14,6 +15,7 @@ _COLUMNS = 500
 _HEIGHT_PX = 560
 _NAMES_PX = 118
 _LEAST_NAME_PX = 8.0
+_STREAM = "#cfd3e6"
 _MODALITIES = (
     ("force", ("#f6c8a8", "#f2a33c", "#e2662c", "#c92a2a", "#7a0c1e", "#e2662c")),
     ("proximity", ("#c8dcf4", "#91c0ee", "#4b8fd6", "#2563a8", "#12386b", "#4b8fd6")),
@@ -21,12 +23,12 @@ _MODALITIES = (
     ("temperature", ("#7bbf8a",) * 6),
 )
 """Colours of levels 0 (it ended) to 4, and of events without a level."""
-_BACKGROUND, _LINE = "#f4f6f8", "#d9dfe6"
+_BACKGROUND, _LINE = "#f4f6f8", "#9aa7b3"
 
 
 def _colours() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Palette: background, lines between patches, then six colours for each modality."""
-    texts = [_BACKGROUND, _LINE, *(colour for _, colours in _MODALITIES for colour in colours)]
+    """Palette: background, full readings, then six colours for each modality."""
+    texts = [_BACKGROUND, _STREAM, *(colour for _, colours in _MODALITIES for colour in colours)]
     return np.array([[int(text[i : i + 2], 16) for i in (1, 3, 5)] for text in texts], dtype=np.uint8)
 
 
@@ -40,15 +42,17 @@ def draw(atlas: Atlas) -> str:
     labels, last = [], -_LEAST_NAME_PX
     for name, start in zip(names, starts, strict=True):
         top = height * start / rows
+        labels.append(f'<hr style="top:{top:.1f}px">')
         if top - last >= _LEAST_NAME_PX:
             labels.append(
-                f'<span style="position:absolute;right:6px;top:{top:.1f}px;line-height:1">{html.escape(name)}</span>'
+                f'<span style="position:absolute;right:6px;top:{top:.1f}px;line-height:1">'
+                f"{html.escape(name)}</span>"
             )
             last = top
     key = " ".join(
         f'<span style="white-space:nowrap"><span style="display:inline-block;width:9px;height:9px;'
         f'background:{colours[3]}"></span> {name}</span>'
-        for name, colours in _MODALITIES
+        for name, colours in (*_MODALITIES, ("full reading", (_STREAM,) * 6))
     )
     seconds = RASTER_NS // 10**9
     style = (
@@ -56,6 +60,8 @@ def draw(atlas: Atlas) -> str:
         "background-size:100% 100%;image-rendering:pixelated;border:1px solid #d9dfe6}"
         f".sk-rnames{{position:absolute;left:-{_NAMES_PX}px;width:{_NAMES_PX}px;top:0;bottom:0;font-size:8.5px;"
         "color:#495766}"
+        f".sk-raster hr{{position:absolute;left:{_NAMES_PX - 5}px;width:5px;margin:0;border:0;"
+        f"border-top:1px solid {_LINE}}}"
     )
     return (
         f'<style>{style}</style><div style="font-size:11px;color:#495766;padding:2px 10px">{key} '
@@ -68,14 +74,15 @@ def draw(atlas: Atlas) -> str:
 
 def paint(atlas: Atlas, scene: Scene) -> str:
     """Style with the picture of the last seconds."""
-    rows, starts, _ = _rows(atlas)
+    rows, _, _ = _rows(atlas)
     begin_ns = scene.t_ns - RASTER_NS
     t_ns, row, kind = scene.happenings.since(begin_ns)
     column = np.minimum((t_ns - begin_ns) * _COLUMNS // RASTER_NS, _COLUMNS - 1)
     modality, level = np.divmod(kind, 8)
-    colour = 2 + 6 * modality + np.minimum(level, 5)
+    colour = np.where(kind == FULL_READING, 1, 2 + 6 * modality + np.minimum(level, 5))
+    order = np.argsort(colour != 1, kind="stable")  # events over full readings
+    row, column, colour = row[order], column[order], colour[order]
     pixels = np.zeros((rows, _COLUMNS), dtype=np.uint8)
-    pixels[np.array(starts[1:], dtype=np.int64)] = 1
     valid = row < rows
     pixels[row[valid], column[valid]] = colour[valid].astype(np.uint8)
     return f"<style>.sk-raster{{background-image:url({data_url(pixels, _PALETTE)})}}</style>"
@@ -85,5 +92,5 @@ def _rows(atlas: Atlas) -> tuple[int, list[int], list[str]]:
     """How many rows there are; where each patch or board begins; their names."""
     starts = [atlas.first[patch.name] for patch in atlas.patches]
     starts += [atlas.n_cells + board for board in range(len(atlas.sheets))]
-    names = [piece.name for piece in (*atlas.patches, *atlas.sheets)]
+    names = list(atlas.first)
     return atlas.n_cells + len(atlas.sheets), starts, names

@@ -1,4 +1,4 @@
-"""A sheet of HTML on which the skin lies unrolled: boxes in percent of its size, and a line that tells values.
+"""A sheet of HTML on which the skin lies unrolled: places in percent of its size, a line that tells values.
 
 Elements are found by their class, `prefix` and number. `i` are spots, `b` wires, `u` gateways.
 """
@@ -18,8 +18,8 @@ STYLE = (
     "transform:translate(-50%,-50%)}"
     ".sk-paper .cap{position:absolute;text-align:center;white-space:nowrap;overflow:hidden;"
     "text-overflow:ellipsis;color:#495766;line-height:1.15}"
-    ".sk-tip{position:absolute;left:0;right:0;top:calc(100% + 4px);margin:0;min-height:20px;white-space:pre;"
-    "font:12px ui-monospace,monospace;color:#1f2d3d}"
+    ".sk-tip{position:absolute;left:10px;right:0;top:calc(100% + 4px);margin:0;min-height:20px;"
+    "white-space:pre;font:12px ui-monospace,monospace;color:#1f2d3d}"
     ".sk-tip::after{font:12px ui-monospace,monospace}"
 )
 """Style that all sheets share."""
@@ -67,7 +67,8 @@ def rules(prefix: str, looks: Iterable[tuple[int, str]]) -> str:
     by_look: dict[str, list[str]] = defaultdict(list)
     for number, look in looks:
         by_look[look].append(f".{prefix}{number}")
-    return "".join(f"{','.join(names)}{{{look}}}" for look, names in by_look.items())
+    # two classes: more than what the sheet says of all of them
+    return "".join(f".sk-paper :is({','.join(names)}){{{look}}}" for look, names in by_look.items())
 
 
 def tips(sheet_name: str, prefix: str, texts: Iterable[tuple[int, str]]) -> str:
