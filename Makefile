@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test check clean help
+.PHONY: run test check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -26,6 +26,9 @@ check: $(STAMP) ## style, types and import contracts
 
 test: check ## everything that must hold
 	$(BIN)/pytest -n auto
+
+pictures: $(STAMP) ## makes every picture of README.md and docs/ anew (docs/images/pictures.toml)
+	$(BIN)/python docs/pictures.py
 
 clean: ## removes the environment and all caches
 	rm -rf $(VENV) build runs *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

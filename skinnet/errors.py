@@ -6,6 +6,7 @@
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
+    ├── RunFolderError      a folder is not what a run left behind, or what is in it is damaged
     ├── UnreachableError    nobody answers at the endpoint to connect to
     ├── NameTakenError      a process of this name is in the loop already
     ├── UpstreamLostError   a process that this one needs is gone
@@ -22,6 +23,7 @@ __all__ = [
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
+    "RunFolderError",
     "SkinnetError",
     "UnreachableError",
     "UpstreamLostError",
@@ -50,6 +52,10 @@ class ProtocolError(SkinnetError):
 
 class PortInUseError(SkinnetError):
     """The endpoint to listen on is already taken."""
+
+
+class RunFolderError(SkinnetError):
+    """A folder that no run left behind, or left unfinished, or a file in it that is damaged."""
 
 
 class UnreachableError(SkinnetError):

@@ -66,11 +66,12 @@ def body_of(
     joints: tuple[str, ...],
     touches: tuple[TouchSpec, ...] = (),
     cells: CellSpec | None = None,
+    teacher: TeacherSpec | None = None,
     **body: object,
 ) -> Body:
-    """Body of `mjcf`, which is written into `folder`."""
+    """Body of `mjcf`, which is written into `folder`; `touches`, or all that a teacher does."""
     (folder / "scene.xml").write_text(mjcf)
-    return Body(deployment_of(patches, joints, touches, cells or CellSpec(), **body), folder)
+    return Body(deployment_of(patches, joints, touches, cells or CellSpec(), teacher, **body), folder)
 
 
 def deployment_of(
@@ -78,6 +79,7 @@ def deployment_of(
     joints: tuple[str, ...],
     touches: tuple[TouchSpec, ...] = (),
     cells: CellSpec | None = None,
+    teacher: TeacherSpec | None = None,
     **body: object,
 ) -> Deployment:
     keys: dict = {"model": "scene.xml", "reference": "base", **body}
@@ -87,7 +89,7 @@ def deployment_of(
         body=BodySpec(joints=joints, **keys),
         cells=cells or CellSpec(),
         patches=patches,
-        teacher=TeacherSpec(touches=touches),
+        teacher=teacher or TeacherSpec(touches=touches),
         controller=CONTROLLER,
     )
 

@@ -33,3 +33,24 @@ def test_a_machine_that_cannot_draw_says_why(tmp_path, monkeypatch):
     file, why = picture(deployment, body_scenes.DEPLOYMENTS, tmp_path / "no.png", np.zeros(74))
     assert file is None
     assert "nonsense" in why
+
+
+def test_the_picture_shows_the_object_where_it_is(tmp_path):
+    deployment = body_scenes.load(
+        body_scenes.HRP2, ("object=delivery_box", "stand.below_m=0.5", "stand.near_x_m=0.3")
+    )
+    up, down = [0.43, 0.0, 1.07, 1.0, 0.0, 0.0, 0.0], [0.43, 0.0, 0.57, 1.0, 0.0, 0.0, 0.0]
+    images = []
+    for number, (pose, top_m) in enumerate([(up, 0.93), (down, 0.43), (None, None)]):
+        out = tmp_path / f"{number}.png"
+        file, why = picture(
+            deployment, body_scenes.DEPLOYMENTS, out, np.zeros(74), None, pose, top_m, size=(320, 240)
+        )
+        if file is None:
+            assert why.startswith("no picture")
+            return
+        images.append(matplotlib.image.imread(file)[:, :, :3])
+    brown = [((image[:, :, 0] - image[:, :, 2]) > 0.15).nonzero()[0] for image in images]
+    assert len(brown[0]) > 1000
+    assert brown[0].mean() < brown[1].mean() - 30, "raised, it is higher in the picture"
+    np.testing.assert_array_equal(images[1], images[2], "it starts below")

@@ -33,6 +33,19 @@ def refusal(*overrides: str) -> str:
     return text
 
 
+def lesson(keys: str = "", stage: str = "map.hold") -> tuple[str, ...]:
+    goals = "goals=[{body='left_hand', at_m=[0.4, 0.2, 1.0]}]"
+    return (f"teacher.lessons=[{{{', '.join(filter(None, (f'stage={stage!r}', goals, keys)))}}}]",)
+
+
+def stroke(cells: str, stage: str = "map.hold") -> tuple[str, ...]:
+    return (f"teacher.strokes=[{{stage={stage!r}, cells=[{cells}]}}]",)
+
+
+def test_lessons_and_strokes_may_belong_to_a_state_of_a_stage() -> None:
+    check(load(SHIPPED, (*lesson("gap_m=0.002"), *stroke("'torso/0-17', 'left_hand'"))))
+
+
 def test_the_shipped_deployment_holds() -> None:
     deployment = load(SHIPPED)
     check(deployment)
@@ -134,6 +147,17 @@ PER_PATCH = 'hosts="per_patch"'
         ),
         (("teacher.touches.0.stage='nap'",), ("teacher.touches[0].stage = 'nap'", "force_guidance")),
         (("teacher.touches.0.cell='tail/1'",), ("teacher.touches[0].cell = 'tail/1'", "torso")),
+        (("teacher.touches.0.cell='torso/18'",), ("teacher.touches[0].cell", "torso has cells 0 to 17")),
+        (lesson(), ("teacher.lessons[0]", "either gap_m, for proximity guidance, or depth_m")),
+        (lesson("gap_m=0.002, depth_m=0.004"), ("teacher.lessons[0]", "either gap_m")),
+        (
+            lesson("gap_m=0.002", stage="nap.hold"),
+            ("teacher.lessons[0].stage = 'nap.hold'", "force_guidance"),
+        ),
+        (lesson("gap_m=0.002, cells=['tail']"), ("teacher.lessons[0].cells = 'tail'", "torso")),
+        (stroke("'torso', 'left_hand/4-6'"), ("teacher.strokes[0].cells = 'left_hand/4-6'", "0 to 5")),
+        (stroke("'torso/5-3'"), ("teacher.strokes[0].cells = 'torso/5-3'", "smaller number comes first")),
+        (stroke("'torso'", stage="nap"), ("teacher.strokes[0].stage = 'nap'", "force_guidance")),
         (("patches.torso.interfaces.0.port=0",), ("patches.torso.interfaces[0]", "port 0", "free", "[2, 3]")),
         (("patches.torso.interfaces.0.cell=18",), ("interfaces[0].cell = 18", "0 to 17")),
         (("patches.torso.lattice.up=[2, 0, 0]",), ("patches.torso.lattice.up", "parallel")),

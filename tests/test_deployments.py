@@ -7,6 +7,10 @@ from typing import Any
 import pytest
 from launching import ROOT, TOUCH, run
 
+from skinnet.deployment import load
+from skinnet.report.claims import Verdict
+from skinnet.report.collect import Run, collect
+
 pytestmark = pytest.mark.timeout(400)
 DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
 
@@ -15,6 +19,9 @@ DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
 @pytest.mark.parametrize("path", DEPLOYMENTS, ids=lambda path: path.stem)
 def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
     summary = run(path, tmp_path, settings=("run.max_s=1.0",))
+    results = collect(tmp_path)
+    assert isinstance(results, Run)
+    assert results.made.deployment == load(path, ("run.max_s=1.0",))
     assert summary["outcome"] == "completed"
     assert summary["sim_s"] == pytest.approx(1.0, abs=0.02)
     assert summary["figures"]["network.conserved"]
@@ -22,10 +29,29 @@ def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
     assert {process["exit_code"] for process in summary["processes"]} == {0}
 
 
+def assert_as_the_paper(folder: Path, least: int) -> None:
+    """Every expectation of the report is kept, and at least so many were measured."""
+    results = collect(folder)
+    assert isinstance(results, Run)
+    found = [compared.verdict for compared in results.compared]
+    assert {Verdict.OUTSIDE, Verdict.UNMEASURED}.isdisjoint(found), results.compared
+    assert found.count(Verdict.WITHIN) >= least
+
+
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def whole_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The main job from the first packet to the last touch."""
-    return run(TOUCH, tmp_path_factory.mktemp("whole"), "--in-process")["figures"]
+    folder = tmp_path_factory.mktemp("whole")
+    run(TOUCH, folder, "--in-process")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(whole_folder: Path) -> dict[str, Any]:
+    """Its figures."""
+    summary: dict[str, Any] = json.loads((whole_folder / "summary.json").read_text())
+    figures: dict[str, Any] = summary["figures"]
+    return figures
 
 
 def test_the_robot_finds_its_structure(whole: dict[str, Any]) -> None:
@@ -33,6 +59,10 @@ def test_the_robot_finds_its_structure(whole: dict[str, Any]) -> None:
     assert whole["structure.is_tree"]
     assert (whole["structure.body_parts"], whole["structure.joints"]) == (7, 6)
     assert whole["structure.sim_s"] == pytest.approx(70.0, rel=0.03)
+
+
+def test_all_figures_are_as_in_the_paper(whole_folder: Path) -> None:
+    assert_as_the_paper(whole_folder, least=12)
 
 
 def test_the_map_agrees_with_the_jacobian(whole: dict[str, Any]) -> None:
@@ -145,6 +175,8 @@ def test_experiment_a_trades_position_for_rotation(tmp_path: Path) -> None:
     other_mm, other_deg = deviations(tmp_path / "tenfold", *tenfold)
     assert all(other_mm[c] < position_mm[c] for c in CONTACTS)
     assert all(other_deg[c] > rotation_deg[c] for c in CONTACTS)
+    assert_as_the_paper(tmp_path / "paper", least=6)
+    assert_as_the_paper(tmp_path / "tenfold", least=7)
 
 
 def test_the_quadratic_programme_goes_the_same_way(tmp_path: Path) -> None:
@@ -181,6 +213,8 @@ def test_experiment_b_is_held_by_touch_alone(tmp_path: Path, seed: int) -> None:
         assert figures["B.object_error_mm"] < 10.0
     assert both["B.cop_mm.end"] <= 5.0
     assert both["B.cop_mm.peak"] <= 0.6 * position["B.cop_mm.peak"]
+    for mode, least in (("none", 4), ("position", 7), ("position_rotation", 8)):
+        assert_as_the_paper(tmp_path / f"{mode}-{seed}", least)
 
 
 @pytest.mark.processes

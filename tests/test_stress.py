@@ -23,6 +23,8 @@ from skinnet.deployment.checks import check
 from skinnet.deployment.stress import PublishedSpec, StressSpec
 from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
 from skinnet.part import Part
+from skinnet.report.collect import Stress, collect
+from skinnet.report.html import render
 from skinnet.run.launch import Order, prepare
 from skinnet.stress.measure import Window, measure, usage_within
 from skinnet.stress.plots import draw
@@ -241,6 +243,12 @@ def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, d
     assert {path.name for path in out.glob("*.png")} == {
         f"{n}.png" for n in ("rates", "latency", "cpu", "event_driven")
     }
+    results = collect(out)
+    assert isinstance(results, Stress)
+    assert results.summary.points == tuple(report["points"])
+    assert results.figures["size.cells"] == 15
+    assert len(results.made.pictures) == 4
+    assert "c15-delta-s0.5" in render(results)
 
 
 @pytest.mark.processes

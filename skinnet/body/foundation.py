@@ -2,15 +2,20 @@
 
 from dataclasses import dataclass, field
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.model import PAYLOAD
 from skinnet.body.scene import Motion, Scene
 from skinnet.body.surface import Surface
+from skinnet.body.things import OBJECT
 from skinnet.body.winkler import Foam, Pressed, Scratch, press
-from skinnet.deployment.schema import FoamSpec
+from skinnet.body.yielding import Yielding, share_of, yielding_of
+from skinnet.deployment.schema import Deployment, FoamSpec
+from skinnet.deployment.things import NO_OBJECT, THINGS
 
-__all__ = ["Foundation", "foam_of"]
+__all__ = ["Foundation", "elastic_bodies", "foam_of"]
 
 Floats = NDArray[np.float64]
 
@@ -18,6 +23,17 @@ Floats = NDArray[np.float64]
 def foam_of(spec: FoamSpec) -> Foam:
     """The foam that a deployment describes."""
     return Foam(spec.thickness_m, spec.stiffness_pa_per_m, spec.damping_pa_s_per_m, spec.friction)
+
+
+def elastic_bodies(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, Yielding]:
+    """How the bodies beside the robot that are elastic give way, by their ids."""
+    foam, payload = deployment.body.foam, deployment.payload
+    elastic = {}
+    if payload is not None:
+        elastic[PAYLOAD] = Yielding(share_of(payload.sheet_stiffness_pa_per_m, foam))
+    if deployment.stand is not None and deployment.object != NO_OBJECT:
+        elastic[OBJECT] = yielding_of(THINGS[deployment.object].stiffness_pa_per_m, foam)
+    return {int(mj.body(name).id): yielding for name, yielding in elastic.items()}
 
 
 @dataclass

@@ -16,13 +16,15 @@ from skinnet.errors import DeploymentError
 __all__ = ["GraspTruth", "Met"]
 
 Floats = NDArray[np.float64]
+_TOUCH_N = 0.1
+"""Less is no rigid contact: so much a link under skin feels of what still gives way."""
 _GONE = (Phase.LOWERING, Phase.AWAY, Phase.RETURNING)
 """Phases in which the stand does not hold what the robot holds."""
 
 
 @dataclass
 class Met:
-    """Rigid contact of object or stand with one geom of the robot or the world.
+    """Rigid contact of object or stand with one geom of the robot or the world, from 0.1 N on.
 
     Attributes:
         first_ns: When they first met.
@@ -202,9 +204,11 @@ class GraspTruth:
             force_n = float(self._wrench[0])
             if pair.between:
                 standing_n += force_n
-            elif force_n > 0.0:
+            else:
                 forces[pair] = forces.get(pair, 0.0) + force_n
         for pair, force_n in forces.items():
+            if force_n < _TOUCH_N:
+                continue
             met = self.object_met if pair.mine == self._body else self.stand_met
             name = self._names[pair.other]
             met.setdefault(name, Met(t_ns)).observe(t_ns, step_s, force_n, self._stage)

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body import evasion
 from skinnet.body.simulation import Body
 
 __all__ = ["cell_poses", "jacobian", "moved_by", "put_into"]
@@ -17,11 +18,7 @@ def cell_poses(body: Body) -> tuple[Floats, Floats]:
     Returns:
         Middles of the cells on the face of the foam (n, 3) [m], and rotations R_world_cell (n, 3, 3).
     """
-    surface = body.surface
-    R_world_body = body.data.xmat[surface.body].reshape(-1, 3, 3)
-    R_world_cell = R_world_body @ surface.R_body_cell
-    on_surface_m = body.data.xpos[surface.body] + np.einsum("nij,nj->ni", R_world_body, surface.position_m)
-    return on_surface_m + body.thickness_m * R_world_cell[:, :, 2], R_world_cell
+    return evasion.cell_poses(body.data, body.surface, body.thickness_m)
 
 
 def jacobian(body: Body) -> Floats:
@@ -29,13 +26,8 @@ def jacobian(body: Body) -> Floats:
 
     Column 2 of the last axis is the motion along the outward normal.
     """
-    position_m, R_world_cell = cell_poses(body)
-    result = np.empty((len(position_m), body.n_dofs, 3))
-    linear = np.empty((3, body.model.mj.nv))
-    for cell, owner in enumerate(body.surface.body.tolist()):
-        mujoco.mj_jac(body.model.mj, body.data, linear, None, position_m[cell], owner)
-        result[cell] = linear[:, body.model.dof].T @ R_world_cell[cell]
-    return result
+    rows = np.arange(len(body.surface.body))
+    return evasion.cell_jacobian(body.model, body.data, body.surface, body.thickness_m, rows)
 
 
 def moved_by(body: Body) -> NDArray[np.bool_]:

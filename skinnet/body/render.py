@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from skinnet.body.model import PAYLOAD, body_spec
 from skinnet.body.simulation import Body
 from skinnet.body.surface import hexagon_m
+from skinnet.body.things import OBJECT, STAND, presented_by
 from skinnet.deployment.schema import Deployment
 from skinnet.skin.placement import PlacedPatch, place
 from skinnet.skin.sheet import PlacedSheet
@@ -43,6 +44,7 @@ class _Request(msgspec.Struct, kw_only=True):
     values: list[float]
     position_rad: list[float] | None = None
     object_pose: list[float] | None = None
+    stand_top_m: float | None = None
     width: int
     height: int
 
@@ -54,6 +56,7 @@ def picture(
     values: Sequence[float],
     position_rad: Sequence[float] | None = None,
     object_pose: Sequence[float] | None = None,
+    stand_top_m: float | None = None,
     size: tuple[int, int] = (1280, 960),
 ) -> tuple[Path | None, str]:
     """Draws the body with its cells and the elements of its sheets.
@@ -65,7 +68,8 @@ def picture(
         values: One value in 0…1 for each cell, in the order of the stimulus, then for each element, in the
             order of the sheets; blue to red. What is missing is zero.
         position_rad: (D,) positions of the controlled joints [rad]; as the run begins without.
-        object_pose: (7,) position [m] and quaternion of the payload; as the run begins without.
+        object_pose: (7,) position [m] and quaternion of the object or payload; as the run begins without.
+        stand_top_m: Height of the stand's top [m]; as the run begins without.
         size: Width and height in pixels.
 
     Returns:
@@ -78,6 +82,7 @@ def picture(
         values=[float(value) for value in values],
         position_rad=None if position_rad is None else [float(angle) for angle in position_rad],
         object_pose=None if object_pose is None else [float(number) for number in object_pose],
+        stand_top_m=stand_top_m,
         width=size[0],
         height=size[1],
     )
@@ -104,7 +109,14 @@ def picture(
 def _draw(request: _Request) -> None:
     deployment, base_dir = request.deployment, Path(request.base_dir)
     body = Body(deployment, base_dir)
-    spec = body_spec(deployment.body, base_dir, deployment.teacher.tip_radius_m, payload=deployment.payload)
+    presented = presented_by(deployment)
+    spec = body_spec(
+        deployment.body,
+        base_dir,
+        deployment.teacher.tip_radius_m,
+        payload=deployment.payload,
+        presented=presented,
+    )
     colours = _colours(np.array(request.values), body.n_cells + body.n_elements)
     thickness_m = deployment.body.foam.thickness_m
     if deployment.patches:
@@ -118,9 +130,10 @@ def _draw(request: _Request) -> None:
     data.qpos[:] = body.data.qpos
     if request.position_rad is not None:
         data.qpos[body.model.qpos] = request.position_rad
+    if request.stand_top_m is not None and presented is not None:
+        data.qpos[model.joint(STAND).qposadr[0]] = request.stand_top_m - presented.start_top_m
     if request.object_pose is not None:
-        address = int(model.joint(PAYLOAD).qposadr[0])
-        data.qpos[address : address + 7] = request.object_pose
+        _place_object(model, data, request.object_pose)
     data.mocap_pos[:] = body.data.mocap_pos
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
@@ -128,6 +141,14 @@ def _draw(request: _Request) -> None:
     with mujoco.Renderer(model, request.height, request.width, max_geom=20 * model.ngeom) as renderer:
         renderer.update_scene(data, camera)
         matplotlib.image.imsave(request.out, renderer.render())
+
+
+def _place_object(model: mujoco.MjModel, data: mujoco.MjData, pose: list[float]) -> None:
+    """Puts what the robot holds or is to grasp into its place; what is stuck to the stand stays there."""
+    for name in (OBJECT, PAYLOAD):
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0:
+            address = int(model.joint(name).qposadr[0])
+            data.qpos[address : address + 7] = pose
 
 
 def _colours(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -128,6 +128,8 @@ class ScriptedBody:
         """Crossings, refused commands and forces; the presses that began."""
         facts = {
             "touches": [],
+            "lessons": [],
+            "strokes": [],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.refused,
             "peak_cell_n": self.forces.by_stage_n,

@@ -1,6 +1,7 @@
 """The body without its process: physics, skin, servos and teacher, stepped from one time to another."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
-from skinnet.body.foundation import Foundation, foam_of
+from skinnet.body.foundation import Foundation, elastic_bodies, foam_of
 from skinnet.body.grasp_truth import GraspTruth
-from skinnet.body.model import PAYLOAD, load_model, resting_targets_rad
+from skinnet.body.model import load_model, resting_targets_rad
 from skinnet.body.payload import Closing, Payload
 from skinnet.body.scene import motion_of, scene_of
 from skinnet.body.sheet_foundation import SheetFoundation
@@ -20,11 +21,10 @@ from skinnet.body.stand import Stand
 from skinnet.body.stimulus import StimulusSampler
 from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
-from skinnet.body.teacher import Teacher
-from skinnet.body.things import OBJECT, presented_by
+from skinnet.body.teacher import Skin, Teacher
+from skinnet.body.things import presented_by
 from skinnet.body.truth import ForceTrace, TouchTruth, reaction_truth
 from skinnet.body.world import GroundTruth
-from skinnet.body.yielding import Yielding, share_of, yielding_of
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ModelError
@@ -98,14 +98,13 @@ class Body:
         on_sheets = sheet_surface(self.model.mj, self.sheets, spec.model)
         self.sheet_foundation = SheetFoundation(sheets=self.sheets, **self._skin(on_sheets, deployment))
         self._touches = teacher.touches
-        self.teacher = Teacher(
-            self.data, self.model.finger, self._foundation, teacher, self.cells, deployment.cells
-        )
+        skin = Skin(self._foundation, self.cells, deployment.cells)
+        self.teacher = Teacher(self.model, self.data, skin, teacher, spec.model)
         reach_m = _SEEN_BEYOND_REACH * deployment.cells.proximity.reach_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
         self.forces = ForceTrace(spec.joints_ns)
-        self._evaluated = False
+        self._evaluated = self._watched = False
         self._stimulus: NDArray[np.float64] | None = None
         self.stand: Stand | None = None
         self.grasp: GraspTruth | None = None
@@ -193,8 +192,11 @@ class Body:
     def truth(self) -> GroundTruth:
         """Touches of the teacher, crossings, commands that were refused, forces, the way of objects."""
         self._evaluate()
+        self._watch()
         facts = {
             "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
+            "lessons": [asdict(lesson) for lesson in self.teacher.lessons],
+            "strokes": [asdict(stroke) for stroke in self.teacher.strokes],
             "reaction_crossings": self.crossings.facts(),
             "refused_commands": self.actuation.refused,
             "peak_cell_n": self.forces.by_stage_n,
@@ -222,18 +224,11 @@ class Body:
 
     def _skin(self, surface: Surface, deployment: Deployment) -> dict[str, Any]:
         """What a foundation of `surface` is made of."""
-        mj, foam, payload = self.model.mj, foam_of(deployment.body.foam), deployment.payload
-        yielding = {}
-        if payload is not None:
-            share = share_of(payload.sheet_stiffness_pa_per_m, deployment.body.foam)
-            yielding[int(mj.body(PAYLOAD).id)] = Yielding(share)
-        if self._presented is not None and self._presented.thing is not None:
-            own_pa_per_m = self._presented.thing.stiffness_pa_per_m
-            yielding[int(mj.body(OBJECT).id)] = yielding_of(own_pa_per_m, deployment.body.foam)
+        mj = self.model.mj
         return {
             "surface": surface,
-            "scene": scene_of(mj, surface, yielding),
-            "foam": foam,
+            "scene": scene_of(mj, surface, elastic_bodies(mj, deployment)),
+            "foam": foam_of(deployment.body.foam),
             "motion": motion_of(mj, self.data),
             "temperature_c": self.model.temperature_c,
             "wrench": self.data.xfrc_applied,
@@ -276,14 +271,21 @@ class Body:
         self._press()
         force_n, touching = self._foundation.pressed.force_n, self._foundation.touching > 0
         self.crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
-        self.forces.see(self.t_ns, float(self._foundation.pressed.peak_n[0]))
         self._accelerate()
+        self._evaluated = True
+
+    def _watch(self) -> None:
+        """Takes the present time into the ground truth, in the stage that is in force; once per time."""
+        if self._watched:
+            return
+        self.forces.see(self.t_ns, float(self._foundation.pressed.peak_n[0]))
         if self.grasp is not None:
             self.grasp.observe(self.t_ns, self._step_s)
-        self._evaluated = True
+        self._watched = True
 
     def _integrate(self) -> None:
         """One physics step from the present time, with the commands in force."""
+        self._watch()
         next_ns = self.t_ns + self._step_ns
         self.teacher.step(self.t_ns, self._step_ns)
         mujoco.mj_implicit(self.model.mj, self.data)
@@ -294,5 +296,5 @@ class Body:
             self.payload.observe(next_ns)
         if self.stand is not None:
             self.stand.step(next_ns, self._step_s)
-        self._evaluated = False
+        self._evaluated = self._watched = False
         self._stimulus = None

@@ -65,6 +65,11 @@ class Presented(NamedTuple):
         """Height of the plate's top while the stand is up [m]."""
         return self.at_m[2] - 0.5 * self.size_m[2]
 
+    @property
+    def start_top_m(self) -> float:
+        """Height of the plate's top at the start of a run [m]."""
+        return self.top_m - self.stand.below_m
+
 
 def presented_by(deployment: Deployment) -> Presented | None:
     """What a deployment presents to the robot; the disturbances are drawn from its seed."""
@@ -74,16 +79,13 @@ def presented_by(deployment: Deployment) -> Presented | None:
     name = deployment.object
     thing = None if name == NO_OBJECT else THINGS[name]
     x, y, yaw = (_draw(deployment.seed, what) for what in ("x", "y", "yaw"))
+    near_m = stand.near_x_m - (0.0 if thing is None else thing.nearer_m)
     depth_m = (_EMPTY_M if thing is None else thing.size_m)[0]
     return Presented(
         stand=stand,
         name=name,
         thing=thing,
-        at_m=(
-            stand.near_x_m + 0.5 * depth_m + stand.offset_m * x,
-            stand.offset_m * y,
-            stand.grasp_z_m,
-        ),
+        at_m=(near_m + 0.5 * depth_m + stand.offset_m * x, stand.offset_m * y, stand.grasp_z_m),
         yaw_rad=math.radians(stand.yaw_deg) * yaw,
     )
 
@@ -92,10 +94,15 @@ def add_stand(spec: mujoco.MjSpec, presented: Presented) -> None:
     """Adds stand and object, where they are at the start of a run.
 
     Raises:
-        DeploymentError: the plate would have no length.
+        DeploymentError: the plate would have no length, or lie in the floor.
     """
     x_m, y_m, _ = presented.at_m
-    top_m = presented.top_m - presented.stand.below_m
+    lowest_m = 0.5 * presented.size_m[2] + _PLATE_M
+    if presented.at_m[2] <= lowest_m:
+        raise DeploymentError(
+            f"stand.grasp_z_m = {presented.at_m[2]:g}: object and plate need more than {lowest_m:g}"
+        )
+    top_m = presented.start_top_m
     body = spec.worldbody.add_body(name=STAND, pos=[x_m, y_m, top_m], gravcomp=1.0)
     body.add_joint(name=STAND, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
     _add_plate(body, presented)

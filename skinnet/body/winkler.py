@@ -134,22 +134,12 @@ def press(
                     if within(scene, motion, scratch.near[j], x, y, z, ball_m):
                         scratch.close[n_close] = scratch.near[j]
                         n_close += 1
-            if n_close > 0 or pressed.loaded[i]:
-                _press_cell(
-                    surface,
-                    scene,
-                    motion,
-                    foam,
-                    temperature_c,
-                    step_s,
-                    pressed,
-                    wrench,
-                    p,
-                    i,
-                    scratch,
-                    n_close,
-                )
-                touching += pressed.loaded[i]
+            if n_close == 0 and not pressed.loaded[i]:
+                continue
+            _press_cell(
+                surface, scene, motion, foam, temperature_c, step_s, pressed, wrench, p, i, scratch, n_close
+            )
+            touching += pressed.loaded[i]
     return touching
 
 

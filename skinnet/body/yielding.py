@@ -15,6 +15,11 @@ __all__ = ["Yielding", "delay_rigid_contact", "share_of", "under_skin", "yieldin
 Floats = NDArray[np.float64]
 _DEEPEST_M = 0.03
 """Nothing is followed deeper than this into a link: forearms are 45 mm thick (assumed)."""
+_NOTHING, _RIGID = 0.0001, 0.95
+"""MuJoCo's impedance of a contact that exerts no force, and of a rigid one."""
+_SETS_IN, _STEEP = 0.9, 20.0
+"""Rigid contact sets in at this share of the depth, and rises with this power of it. A negative margin would
+be simpler, but MuJoCo's collision of general convex shapes does not heed it."""
 _ABOVE_M = 0.01
 """A cell looks for its link from so far above the link's surface."""
 
@@ -49,7 +54,7 @@ def delay_rigid_contact(
     solids: Sequence[str],
     give_m: float,
 ) -> None:
-    """Links under skin meet elastic solids in rigid contact only where these give way no further.
+    """Links under skin meet elastic solids in rigid contact only where these hardly give way any further.
 
     Bare links meet them where they are.
 
@@ -72,7 +77,7 @@ def delay_rigid_contact(
                 condim=3,
                 friction=[slide, slide, spin, roll, roll],
                 solref=spec.geom(name).solref,
-                margin=-give_m,
+                solimp=[_NOTHING, _RIGID, max(give_m, _NOTHING), _SETS_IN, _STEEP],
             )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, bridge, memory, network, run
+from skinnet.cli import bench, bridge, memory, network, report, run
 from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
@@ -20,6 +20,7 @@ from skinnet.errors import (
     MemoryFileError,
     ModelError,
     PortInUseError,
+    RunFolderError,
     SkinnetError,
     UnreachableError,
 )
@@ -40,6 +41,7 @@ app.command(epilog=run.EXAMPLES)(run.run)
 app.command()(run.check)
 app.command(epilog=EXAMPLES)(plan)
 app.command()(stress)
+app.command(epilog=report.EXAMPLES)(report.report)
 app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
 app.command(epilog=VIEW_EXAMPLES)(view)
@@ -69,7 +71,14 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (DeploymentError, MemoryFileError, ModelError, PortInUseError, UnreachableError) as error:
+    except (
+        DeploymentError,
+        MemoryFileError,
+        ModelError,
+        PortInUseError,
+        RunFolderError,
+        UnreachableError,
+    ) as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

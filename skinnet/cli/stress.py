@@ -10,10 +10,11 @@ from msgspec import ValidationError, convert, to_builtins
 from rich.console import Console
 
 from skinnet.cli.console import File, Json, Out, Set, console, write_report
-from skinnet.deployment import Deployment
+from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.stress import StressSpec
 from skinnet.errors import DeploymentError, SkinnetError
-from skinnet.files import write_json
+from skinnet.files import write_bytes, write_json
+from skinnet.run.environment import environment
 from skinnet.run.launch import Order, prepare
 from skinnet.stress.report import figures_of, print_table
 from skinnet.stress.sweep import Result, sweep
@@ -82,7 +83,10 @@ def stress(
         "points": [result.point.name for result in results],
         "failed": {result.point.name: result.failed for result in results if result.failed is not None},
         "figures": figures_of(deployment, spec, results),
+        "environment": environment(),
+        "settings": list(settings or ()),
     }
+    write_bytes(folder / "deployment.json", resolved_json(deployment))
     write_json(folder / "stress.json", report)
     if plots:
         _draw(spec, deployment, results, folder)

@@ -3,11 +3,11 @@
 import itertools
 import math
 from collections import Counter
-from typing import get_args
 
 from skinnet.deployment.fault_checks import check_faults
-from skinnet.deployment.schema import CellSpec, ControllerSpec, Deployment
-from skinnet.deployment.session import StateName
+from skinnet.deployment.schema import CellSpec, Deployment
+from skinnet.deployment.stage_names import require_stage
+from skinnet.deployment.teacher_checks import check_teacher
 from skinnet.deployment.things import NO_OBJECT
 from skinnet.errors import DeploymentError
 
@@ -25,7 +25,7 @@ def check(deployment: Deployment) -> None:
     _check_hosts(deployment)
     _check_sensors(deployment.cells)
     _check_program(deployment)
-    _check_touches(deployment)
+    check_teacher(deployment)
     _check_nursing(deployment)
     _check_stand(deployment)
     check_faults(deployment)
@@ -175,29 +175,6 @@ def _check_program(deployment: Deployment) -> None:
             raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; there are {known}")
 
 
-def _check_touches(deployment: Deployment) -> None:
-    names = {patch.name for patch in deployment.patches}
-    for index, touch in enumerate(deployment.teacher.touches):
-        key = f"teacher.touches[{index}]"
-        if (touch.depth_m is None) == (touch.force_n is None):
-            raise DeploymentError(f"{key}: give either depth_m or force_n")
-        _check_stage(f"{key}.stage", touch.stage, deployment.controller)
-        if touch.cell.split("/")[0] not in names:
-            raise DeploymentError(
-                f"{key}.cell = {touch.cell!r}: unknown patch; there are {', '.join(sorted(names))}"
-            )
-
-
-def _check_stage(key: str, name: str, control: ControllerSpec) -> None:
-    """The world acts when a stage of the program begins, or a state of a session: `session.hold`."""
-    known = list(control.stages)
-    for stage, spec in control.stages.items():
-        if spec.kind == "session":
-            known += [f"{stage}.{state}" for state in get_args(StateName)]
-    if name not in known:
-        raise DeploymentError(f"{key} = {name!r}: unknown stage; there are {', '.join(known)}")
-
-
 def _check_nursing(deployment: Deployment) -> None:
     nursing, payload = deployment.nursing, deployment.payload
     if nursing is None:
@@ -243,6 +220,5 @@ def _check_stand(deployment: Deployment) -> None:
             "(stand.present_stage)"
         )
     for key, name in (("present_stage", stand.present_stage), ("lower_stage", stand.lower_stage)):
-        if name is not None and name.partition(".")[0] not in deployment.controller.stages:
-            known = ", ".join(deployment.controller.stages)
-            raise DeploymentError(f"stand.{key} = {name!r}: unknown stage; there are {known}")
+        if name is not None:
+            require_stage(f"stand.{key}", name, deployment.controller)

@@ -34,6 +34,7 @@ from skinnet.deployment.table import (
     ns_of_ms,
     parse_port,
 )
+from skinnet.deployment.teacher import TeacherSpec, TouchSpec
 from skinnet.deployment.things import NO_OBJECT, ObjectName
 
 __all__ = [
@@ -148,35 +149,6 @@ class BodySpec(Table, frozen=True, kw_only=True):
     def joints_ns(self) -> int:
         """Period of joint feedback [ns]."""
         return ns_of_ms(self.joints_ms)
-
-
-class TouchSpec(Table, frozen=True, kw_only=True):
-    """One touch of the teacher's finger on a cell, along the cell's normal.
-
-    The finger appears `approach_m` above the face of the foam, approaches at `speed_m_s`, then holds a
-    depth into the foam where the cell was when the touch began (`depth_m`), or holds a force while it
-    follows the cell (`force_n`), for `hold_s`, and withdraws the way it came. `depth_m` may be
-    negative: the finger stops short of contact.
-    """
-
-    cell: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+$")]
-    stage: Name
-    start_s: NonNegative
-    force_cell: Annotated[int, Meta(ge=0, le=2)] | None = None
-    """Aim at this force cell instead of the middle of the cell."""
-    approach_m: Positive = 0.08
-    speed_m_s: Positive = 0.03
-    depth_m: float | None = None
-    force_n: Positive | None = None
-    hold_s: NonNegative = 0.5
-
-
-class TeacherSpec(Table, frozen=True, kw_only=True):
-    """A teacher's finger: a warm sphere on a scripted path."""
-
-    tip_radius_m: Positive = 0.008
-    temperature_c: float = 33.0
-    touches: tuple[TouchSpec, ...] = ()
 
 
 class ForceSpec(Table, frozen=True, kw_only=True):

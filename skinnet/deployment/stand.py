@@ -21,7 +21,8 @@ class StandSpec(Table, frozen=True, kw_only=True):
     """Height of the middle of the object while the stand is up: that of the HRP-2-like robot's forearms when
     they hug."""
     near_x_m: float = 0.24
-    """How near the object's nearest face comes to the robot, without the disturbance (x, world frame)."""
+    """How near a box's nearest face comes to the robot, without the disturbance (x, world frame); round
+    objects come nearer."""
     offset_m: NonNegative = 0.0
     """Disturbance: the object stands off by up to so much in x and in y, drawn by the seed."""
     yaw_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0

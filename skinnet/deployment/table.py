@@ -23,13 +23,15 @@ __all__ = [
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+$", min_length=1, max_length=64)]
+StageName = Annotated[
+    str, Meta(pattern=r"^[A-Za-z0-9_\-]+(\.[A-Za-z0-9_\-]+)?$", min_length=1, max_length=129)
+]
+"""A stage of the program, or with a dot one of the states that a stage goes through."""
 Vector = tuple[float, float, float]
 CellName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+$")]
 """A cell: "patch/cell"."""
 PortName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+:[0-3]$")]
 """A port of a cell: "patch/cell:port"."""
-StageName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(\.[A-Za-z0-9_\-]+)?$", max_length=64)]
-"""What the controller does: a stage of its program, or "stage.state" within a session."""
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Levels = Annotated[tuple[float, ...], Meta(min_length=1, max_length=4)]
 """Thresholds of one modality: as many as Table I [M14] has, or fewer."""

@@ -75,6 +75,8 @@ class Thing(NamedTuple):
         friction: Of its face on the stand and on bare links; on skin it is that of the foam.
         base: What it stands on, without mass; None if its first solid is a box that does.
         hollow: The mass is in the walls.
+        nearer_m: It is presented so much nearer than `stand.near_x_m`: round things belong between the
+            forearms, narrow ones beyond the elbows [m].
         tint: Colour in pictures.
     """
 
@@ -86,6 +88,7 @@ class Thing(NamedTuple):
     tint: tuple[float, float, float]
     base: Solid | None = None
     hollow: bool = False
+    nearer_m: float = 0.0
 
 
 def _box(size_m: Vector) -> tuple[Solid, ...]:
@@ -114,12 +117,13 @@ def _tapered(bottom_m: float, top_m: float, height_m: float, rings: int) -> tupl
 THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
     {
         "trash_bin": Thing(
-            size_m=(0.300, 0.300, 0.320),
-            solids=_tapered(0.250, 0.300, 0.320, rings=8),
+            size_m=(0.330, 0.330, 0.320),
+            solids=_tapered(0.270, 0.330, 0.320, rings=8),
             base=_base(0.170, 0.170, 0.320, 0.010),
             mass_kg=0.8,
             stiffness_pa_per_m=2.5e6,
             friction=0.3,
+            nearer_m=0.04,
             tint=(0.30, 0.42, 0.55),
         ),
         "sponge_rock": Thing(
@@ -137,6 +141,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             mass_kg=0.25,
             stiffness_pa_per_m=0.5e6,
             friction=0.7,
+            nearer_m=0.02,
             tint=(0.55, 0.53, 0.50),
         ),
         "moving_box": Thing(
@@ -154,6 +159,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             mass_kg=0.15,
             stiffness_pa_per_m=4.0e6,
             friction=0.4,
+            nearer_m=-0.04,
             hollow=True,
             tint=(0.86, 0.84, 0.78),
         ),

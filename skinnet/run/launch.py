@@ -40,6 +40,7 @@ class Order:
         in_process: Run everything in one process.
         listen: Endpoint for watchers; a free port unless given.
         plots: Draw plots and a picture.
+        on_watch: Told the endpoint for watchers as soon as it is there.
     """
 
     file: Path
@@ -47,6 +48,7 @@ class Order:
     in_process: bool = False
     listen: str | None = None
     plots: bool = True
+    on_watch: Callable[[str], None] | None = None
 
 
 def prepare(order: Order, seed: int | None = None) -> Deployment:
@@ -79,6 +81,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         SkinnetError: the run failed; one clear line.
     """
     out.mkdir(parents=True, exist_ok=True)
+    (out / "summary.json").unlink(missing_ok=True)  # of an earlier run in this folder
     write_bytes(out / "deployment.json", resolved_json(deployment))
     start_s = time.monotonic()
     base = order.file.parent.resolve()
@@ -87,10 +90,12 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         if watch is not None:
             stack.callback(watch.close)
             watch.tell_deployment(Deployed(deployment=resolved_json(deployment).decode(), base=str(base)))
+            if order.on_watch is not None:
+                order.on_watch(watch.endpoint)
         stack.enter_context(progress)
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
-    summary = summarise(deployment, base, outcome, wall_s)
+    summary = summarise(deployment, base, outcome, wall_s) | {"settings": list(order.overrides)}
     if watch is not None and watch.counters:
         summary["counters"]["watch"] = watch.counters
     write_json(out / "summary.json", summary)
@@ -100,7 +105,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
 
 
 def _watch(order: Order, deployment: Deployment, progress: Progress) -> Watch | None:
-    if order.in_process and order.listen is None:
+    if order.in_process and order.listen is None and order.on_watch is None:
         return None
     watch = Watch(Keys(deployment.robot), order.listen)
     progress.say(

@@ -8,6 +8,7 @@ from typing import Any
 from skinnet import __version__
 from skinnet.deployment import Deployment
 from skinnet.part import Part
+from skinnet.run.environment import environment
 from skinnet.run.figures import compute_figures
 from skinnet.run.outcome import Outcome
 
@@ -48,4 +49,5 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
         "faults": [asdict(fault) for fault in outcome.faults],
         "counters": {part.name: part.facts["counters"] for part in outcome.parts if part.facts["counters"]},
         "figures": compute_figures(deployment, base, parts),
+        "environment": environment(),
     }

@@ -149,7 +149,7 @@ def _only(deployment: Deployment, names: set[str]) -> Deployment:
         power=power,
         faults=tuple(rule for rule in deployment.faults if there(rule.target)),
         script=script,
-        teacher=replace(deployment.teacher, touches=()),
+        teacher=replace(deployment.teacher, touches=(), lessons=(), strokes=()),
     )
 
 

@@ -59,6 +59,7 @@ def sweep(
     """
     points = points_of(deployment, spec)
     derived = [derive(deployment, point, spec) for point in points]
+    (out / "stress.json").unlink(missing_ok=True)  # of an earlier sweep in this folder
     results = []
     for number, (point, what) in enumerate(zip(points, derived, strict=True), start=1):
         head = f"{number}/{len(points)} {point.name}"

@@ -6,11 +6,12 @@ from typing import Any
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.part import Part
-from skinnet.run.figures.grasp import grasp_figures
+from skinnet.run.figures.grasp import grasp_figures, object_figures
 from skinnet.run.figures.network import network_figures
 from skinnet.run.figures.nursing import board_figures, nursing_figures
 from skinnet.run.figures.self_organisation import map_figures, structure_figures
 from skinnet.run.figures.session import session_figures
+from skinnet.run.figures.teaching import teaching_figures
 from skinnet.run.figures.touch import touch_figures
 from skinnet.run.truth import Truth
 
@@ -32,7 +33,10 @@ def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) 
         figures |= session_figures(controller)
         if body is not None:
             figures |= touch_figures(deployment, controller, body)
+            figures |= teaching_figures(body)
             figures |= grasp_figures(deployment, controller, body)
+    if body is not None:
+        figures |= object_figures(body)
     if BOARDS in parts:
         figures |= board_figures(parts[BOARDS])
     figures |= network_figures([part for part in parts.values() if part.role == "cells"])

@@ -9,7 +9,7 @@ from skinnet.deployment.schema import ForceSpec
 from skinnet.part import Part
 from skinnet.run.figures.session import StateSpan, state_spans
 
-__all__ = ["EXECUTED", "grasp_figures"]
+__all__ = ["EXECUTED", "grasp_figures", "object_figures"]
 
 EXECUTED = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
 """States of a grasp and of what ends it."""
@@ -32,8 +32,6 @@ def grasp_figures(deployment: Deployment, controller: Part, body: Part) -> dict[
     thing = body.facts.get("object")
     carried = thing is not None and _carried(thing, body)
     figures["grasp.success"] = bool(carried and _three_contacts(grasp) and grasp[-1].event == "pose reached")
-    if thing is not None:
-        figures |= _object_figures(thing, body)
     return figures
 
 
@@ -58,6 +56,7 @@ def _course(grasp: list[StateSpan]) -> dict[str, Any]:
         key = f"grasp.{span.state}_s"
         figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
     for span in grasp:
+        figures.setdefault(f"grasp.begin_s.{span.state}", span.start_ns * 1e-9)
         if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
             figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
     failed = [span for span in grasp if span.event in _CAUSES]
@@ -88,19 +87,23 @@ def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Pa
     }
 
 
-def _object_figures(thing: dict[str, Any], body: Part) -> dict[str, Any]:
-    pose = body.arrays["object_pose"]
-    moved_m = pose[-1, :3] - pose[0, :3]
+def object_figures(body: Part) -> dict[str, Any]:
+    """What became of the object, and which bare links it met: they have no skin that could feel it."""
+    thing = body.facts.get("object")
+    if thing is None:
+        return {}
+    moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["placed_m"])
     figures: dict[str, Any] = {
-        "grasp.placed_m": thing["placed_m"],
-        "grasp.yaw_deg": float(np.degrees(thing["yaw_rad"])),
-        "grasp.carried_s": thing["carried_away_s"],
-        "grasp.dropped": thing["dropped_ns"] is not None,
-        "grasp.sunk_mm": 1e3 * thing["sunk_m"],
-        "grasp.object_speed_m_s": thing["peak_speed_m_s"],
-        "grasp.object_moved_m": [float(m) for m in moved_m],
+        "object.name": thing["name"],
+        "object.placed_m": list(thing["placed_m"]),
+        "object.yaw_deg": float(np.degrees(thing["yaw_rad"])),
+        "object.carried_s": thing["carried_away_s"],
+        "object.dropped": thing["dropped_ns"] is not None,
+        "object.sunk_mm": 1e3 * thing["sunk_m"],
+        "object.peak_speed_m_s": thing["peak_speed_m_s"],
+        "object.moved_m": [float(m) for m in moved_m],
     }
     for name, met in sorted(thing["met"].items()):
-        figures[f"grasp.bare.{name}_n"] = met["peak_n"]
-        figures[f"grasp.bare.{name}_s"] = met["total_s"]
+        figures[f"object.bare.{name}_n"] = met["peak_n"]
+        figures[f"object.bare.{name}_s"] = met["total_s"]
     return figures

@@ -33,7 +33,7 @@ def plot_grasp(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     _joints(deployment, body, rows[:2], span_s)
     _felt(deployment, controller, rows[2:4], span_s)
     if with_object:
-        _object(body, rows[4], span_s)
+        _object(body, rows[4], span_s, grasp[0].end_ns * 1e-9)
     for axes in rows:
         _shade(axes, grasp)
         axes.grid(alpha=0.3)
@@ -73,18 +73,18 @@ def _felt(deployment: Deployment, controller: Part, rows: list[Axes], span_s: tu
     rows[1].annotate("pain", (span_s[0], _PAIN), color="firebrick", fontsize=8, va="bottom")
 
 
-def _object(body: Part, axes: Axes, span_s: tuple[float, float]) -> None:
-    """How far the object was pulled, its height, and that of its stand."""
+def _object(body: Part, axes: Axes, span_s: tuple[float, float], zero_s: float) -> None:
+    """How far the object was pulled, its height, and its stand's, against where they were at `zero_s`."""
     t_s = body.arrays["object_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
-    pose = body.arrays["object_pose"][within]
-    top_mm = 1e3 * body.arrays["stand_top_m"][within]
-    axes.plot(t_s[within], 1e3 * (pose[:, 0] - pose[0, 0]), label="object, forward", color="tab:blue")
-    axes.plot(t_s[within], 1e3 * (pose[:, 2] - pose[0, 2]), label="object, up", color="tab:orange")
-    axes.plot(t_s[within], top_mm - top_mm[0], label="stand, up", color="0.5", linestyle="--")
+    zero = int(np.searchsorted(t_s, zero_s))
+    pose, top_m = body.arrays["object_pose"], body.arrays["stand_top_m"]
+    moved_mm = 1e3 * (pose[within] - pose[zero])
+    axes.plot(t_s[within], moved_mm[:, 0], label="object, forward", color="tab:blue")
+    axes.plot(t_s[within], moved_mm[:, 2], label="object, up", color="tab:orange")
+    lowered_mm = 1e3 * (top_m[within] - top_m[zero])
+    axes.plot(t_s[within], lowered_mm, label="stand, up", color="0.5", linestyle="--")
     axes.set_ylabel("moved by [mm]")
-    lowest = float(np.min(1e3 * (pose[:, :3] - pose[0, :3]), initial=0.0))
-    axes.set_ylim(min(-120.0, 1.1 * lowest), 60.0)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 

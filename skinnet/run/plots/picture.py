@@ -1,6 +1,7 @@
 """The body with its cells coloured by what they felt, at the moment of the strongest touch."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,18 +22,28 @@ def draw_picture(deployment: Deployment, base: Path, parts: dict[str, Part], out
     """Writes `body.png`; returns why not where the machine cannot render."""
     values = [0.0] * sum(patch.n_cells for patch in deployment.patches)
     position: list[float] | None = None
+    pose: list[float] | None = None
+    stand_top_m: float | None = None
     controller, body = parts.get("controller"), parts.get("body")
     if controller is not None and body is not None and len(controller.arrays.get("touch_t_ns", ())):
         touch = controller.arrays["touch"].astype(np.float64).max(axis=2)
         moment = int(np.argmax(touch.sum(axis=1)))
         values = np.minimum(touch[moment] / _FULL_COLOUR, 1.0).tolist()
-        index = int(np.searchsorted(body.arrays["joint_t_ns"], controller.arrays["touch_t_ns"][moment]))
-        position = body.arrays["joint_rad"][min(index, len(body.arrays["joint_rad"]) - 1)].tolist()
-    pose: list[float] | None = None
+        t_ns = int(controller.arrays["touch_t_ns"][moment])
+        position = _at(body, "joint_t_ns", "joint_rad", t_ns)
+        pose = _at(body, "object_t_ns", "object_pose", t_ns)
+        stand_top_m = _at(body, "stand_t_ns", "stand_top_m", t_ns)
     if deployment.nursing is not None and body is not None and BOARDS in parts:
         values += np.clip(parts[BOARDS].arrays["pattern_kpa"][-1] / _FULL_COLOUR_KPA, 0.0, 1.0).tolist()
         position = body.arrays["joint_rad"][-1].tolist()
-        if len(body.arrays.get("object_pose", ())):
-            pose = body.arrays["object_pose"][-1].tolist()
-    path, reason = picture(deployment, base, out / "body.png", values, position, pose)
+        pose = body.arrays["object_pose"][-1].tolist() if len(body.arrays.get("object_pose", ())) else None
+    path, reason = picture(deployment, base, out / "body.png", values, position, pose, stand_top_m)
     return None if path is not None else reason
+
+
+def _at(body: Part, times: str, name: str, t_ns: int) -> Any:
+    """What the array `name` of the body says of `t_ns`; None if there is no such array."""
+    if not len(body.arrays.get(name, ())):
+        return None
+    values = body.arrays[name]
+    return values[min(int(np.searchsorted(body.arrays[times], t_ns)), len(values) - 1)].tolist()

@@ -1,0 +1,185 @@
+"""The teacher's finger: a ball that the world moves, which feels and is felt like anything else."""
+
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.foundation import Foundation
+from skinnet.body.scene import Motion, Scene, ray_m
+from skinnet.body.surface import element_centre_m
+from skinnet.compiled import compiled
+from skinnet.deployment.schema import CellSpec
+
+__all__ = ["Finger", "Line", "Phase", "Spot", "Task", "spot_on"]
+
+Floats = NDArray[np.float64]
+
+_PARKED_M = (0.0, 0.0, 100.0)
+_PURSUIT_PER_S = 30.0
+"""Speed of a finger that goes after a moving place, by its distance from it: somewhat faster than an arm that
+evades it changes its own speed (assumed)."""
+
+
+class Phase(Enum):
+    """What the finger does."""
+
+    PARKED = "parked"
+    APPROACH = "approach"
+    HOLD = "hold"
+    WITHDRAW = "withdraw"
+
+
+class Task(Protocol):
+    """Something that the teacher does with the finger, from its appearance until it is gone again.
+
+    Attributes:
+        phase: What the finger does.
+        over: It is gone, and the next task may begin.
+    """
+
+    phase: Phase
+    over: bool
+
+    def step(self, t_ns: int, step_ns: int) -> None:
+        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+
+    def leave(self, t_ns: int) -> None:
+        """The stage is over at `t_ns`: the finger shall withdraw."""
+
+
+class Spot(NamedTuple):
+    """A point on the face of a cell, in the frame of the body that carries it.
+
+    Attributes:
+        body: Id of that body.
+        row: Row of the cell.
+        point_m: (3,) the point [m].
+        normal: (3,) the cell's outward normal.
+    """
+
+    body: int
+    row: int
+    point_m: Floats
+    normal: Floats
+
+
+class Line(NamedTuple):
+    """The way of the finger at present: from `point_m` (3,) [m] on the skin along `normal` (3,), world."""
+
+    point_m: Floats
+    normal: Floats
+
+
+def spot_on(foundation: Foundation, row: int, cell: CellSpec, force_cell: int | None = None) -> Spot:
+    """The middle of the face of the cell `row`, or that of one of its force cells."""
+    surface = foundation.surface
+    across_m = np.zeros(2)
+    if force_cell is not None:
+        across_m = element_centre_m(force_cell, cell.force_cell_radius_m)
+    R_body_cell = surface.R_body_cell[row]
+    on_face_m = R_body_cell @ np.array([*across_m, foundation.foam.thickness_m])
+    return Spot(int(surface.body[row]), row, surface.position_m[row] + on_face_m, R_body_cell[:, 2])
+
+
+class Finger:
+    """A mocap body with a ball as tip.
+
+    Attributes:
+        tip_radius_m: Radius of the ball [m].
+        present: Is it there at all?
+    """
+
+    def __init__(self, data: mujoco.MjData, body: int, foundation: Foundation, tip_radius_m: float) -> None:
+        """Parks the finger, body `body`, which the foam of `foundation` feels."""
+        self.tip_radius_m = tip_radius_m
+        self._data, self._body, self._foundation = data, body, foundation
+        self._mocap = int(data.model.body_mocapid[body])
+        self._velocity_m_s = np.zeros(3)
+        self.park()
+
+    def park(self) -> None:
+        """Takes the finger away."""
+        self.present = False
+        self._data.mocap_pos[self._mocap] = _PARKED_M
+
+    def line(self, spot: Spot) -> Line:
+        """The line outwards from `spot`, where it is now."""
+        R_world_body = self._data.xmat[spot.body].reshape(3, 3)
+        return Line(self._data.xpos[spot.body] + R_world_body @ spot.point_m, R_world_body @ spot.normal)
+
+    def appear(self, line: Line, height_m: float) -> None:
+        """Puts the tip `height_m` above the beginning of `line`, from nowhere."""
+        self.present = True
+        self._data.mocap_pos[self._mocap] = line.point_m + (height_m + self.tip_radius_m) * line.normal
+        mujoco.mju_quatZ2Vec(self._data.mocap_quat[self._mocap], line.normal)
+
+    def move(self, line: Line, height_m: float, step_s: float) -> None:
+        """Moves the tip there within a step."""
+        before_m = self._data.mocap_pos[self._mocap].copy()
+        self.appear(line, height_m)
+        self._velocity_m_s = (self._data.mocap_pos[self._mocap] - before_m) / step_s
+
+    def pursue(self, line: Line, height_m: float, step_s: float, speed_m_s: float) -> None:
+        """Moves the tip towards there, not faster than `speed_m_s`, slower the nearer it is."""
+        before_m = self._data.mocap_pos[self._mocap].copy()
+        self.appear(line, height_m)
+        velocity_m_s = _PURSUIT_PER_S * (self._data.mocap_pos[self._mocap] - before_m)
+        velocity_m_s *= min(1.0, speed_m_s / max(float(np.linalg.norm(velocity_m_s)), 1e-9))
+        self._data.mocap_pos[self._mocap] = before_m + velocity_m_s * step_s
+        self._velocity_m_s = velocity_m_s
+
+    def tell_velocity(self) -> None:
+        """Tells MuJoCo how fast the finger moves: to MuJoCo a mocap body stands still wherever it is put."""
+        if self.present:
+            self._data.cvel[self._body, 3:] = self._velocity_m_s
+
+    def height_m(self, line: Line) -> float:
+        """How far the tip is above the plane across the beginning of `line` [m]."""
+        to_tip_m = self._data.mocap_pos[self._mocap] - line.point_m
+        return float(to_tip_m @ line.normal) - self.tip_radius_m
+
+    def force_n(self) -> float:
+        """Normal force [N] on the finger, of foam and of the shell under fully pressed foam."""
+        data, wrench, shell_n = self._data, np.zeros(6), 0.0
+        for index in range(data.ncon):
+            if self._body in data.model.geom_bodyid[data.contact[index].geom]:
+                mujoco.mj_contactForce(data.model, data, index, wrench)
+                shell_n += float(wrench[0])
+        return self.on_foam_n() + shell_n
+
+    def on_foam_n(self) -> float:
+        """Normal force [N] on the finger, of all cells together."""
+        return float(self._foundation.pressed.on_body_n[self._body])
+
+    def on_cell_n(self, row: int, force_cell: int) -> float:
+        """Normal force [N] on one force cell."""
+        return float(self._foundation.pressed.force_n[row, force_cell])
+
+    def room_m(self, line: Line, reach_m: float) -> float:
+        """How far along `line` the tip can go before it meets something; at most `reach_m` [m]."""
+        across = np.cross(line.normal, np.eye(3)[np.argmin(np.abs(line.normal))])
+        across *= self.tip_radius_m / np.linalg.norm(across)
+        sideways = np.cross(line.normal, across)
+        top_m = reach_m + 2.0 * self.tip_radius_m
+        for offset_m in (np.zeros(3), across, -across, sideways, -sideways):
+            start_m = line.point_m + offset_m
+            way_m = _free_m(
+                self._foundation.scene, self._foundation.motion, self._body, *start_m, *line.normal
+            )
+            top_m = min(top_m, way_m)
+        return top_m - 2.0 * self.tip_radius_m
+
+
+@compiled
+def _free_m(
+    scene: Scene, motion: Motion, finger: int, x: float, y: float, z: float, u: float, v: float, w: float
+) -> float:
+    """Distance [m] from (x, y, z) along (u, v, w) to the first solid that is not the finger; inf if none."""
+    nearest_m = np.inf
+    for k in range(len(scene.geom)):
+        if scene.body[k] != finger:
+            nearest_m = min(nearest_m, ray_m(scene, motion, k, x, y, z, u, v, w))
+    return nearest_m

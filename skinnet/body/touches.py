@@ -1,0 +1,84 @@
+"""A touch: the finger goes to a cell, holds a depth or a force there, and withdraws."""
+
+from skinnet.body.finger import Finger, Phase, Spot
+from skinnet.body.truth import TouchTruth
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.teacher import TouchSpec
+
+__all__ = ["Touch"]
+
+_GAIN_M_S = 0.08
+"""Speed of the finger for a force error of the whole wanted force: integral control by the depth. A ball
+in foam feels F ∝ depth², hence a time constant of depth / (2 × gain): 30 ms at 5 mm (assumed)."""
+_SETTLED = 0.02
+"""A force counts as reached within this share of it."""
+
+
+class Touch:
+    """One touch of the script.
+
+    A touch by force holds the force on the force cell that it aims at, or the whole force on the finger
+    when it aims at the middle of a cell.
+
+    Attributes:
+        phase: What the finger does.
+        over: It is gone again.
+        truth: What the touch really was.
+    """
+
+    def __init__(self, finger: Finger, spec: TouchSpec, spot: Spot, truth: TouchTruth, foam_m: float) -> None:
+        """The finger appears above `spot`, where the foam is `foam_m` thick."""
+        self.phase = Phase.APPROACH
+        self.over = False
+        self.truth = truth
+        self._finger, self._spec, self._spot = finger, spec, spot
+        self._deepest_m = -foam_m
+        self._height_m = spec.approach_m
+        self._line = finger.line(spot)
+        finger.appear(self._line, self._height_m)
+
+    def leave(self, t_ns: int) -> None:
+        """The finger withdraws from now on."""
+        self.phase = Phase.WITHDRAW
+
+    def step(self, t_ns: int, step_ns: int) -> None:
+        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+        spec, finger, step_s = self._spec, self._finger, step_ns / NS_PER_S
+        felt_n = self._felt_n()
+        self.truth.observe(t_ns, step_s, finger.force_n(), felt_n, self.phase is Phase.HOLD)
+        if self.phase is Phase.WITHDRAW:
+            self._height_m += spec.speed_m_s * step_s
+            if self._height_m >= spec.approach_m:
+                self.truth.end_ns = t_ns
+                self.phase, self.over = Phase.PARKED, True
+                finger.park()
+                return
+        else:
+            self._advance(felt_n, t_ns, step_s)
+        if spec.force_n is not None:  # a touch by force follows the cell
+            self._line = finger.line(self._spot)
+        finger.move(self._line, self._height_m, step_s)
+
+    def _advance(self, felt_n: float, t_ns: int, step_s: float) -> None:
+        """One step of approach or hold."""
+        spec = self._spec
+        if spec.force_n is not None:
+            error = 1.0 - felt_n / spec.force_n
+            inward_m_s = min(max(_GAIN_M_S * error, -spec.speed_m_s), spec.speed_m_s)
+            self._height_m = max(self._height_m - inward_m_s * step_s, self._deepest_m)
+            there = abs(error) <= _SETTLED or self._height_m <= self._deepest_m
+        else:
+            assert spec.depth_m is not None
+            self._height_m = max(self._height_m - spec.speed_m_s * step_s, -spec.depth_m)
+            there = self._height_m <= -spec.depth_m
+        truth = self.truth
+        if self.phase is Phase.APPROACH and there:
+            truth.hold_ns, self.phase = t_ns, Phase.HOLD
+        if truth.hold_ns is not None and t_ns >= truth.hold_ns + round(spec.hold_s * NS_PER_S):
+            self.phase = Phase.WITHDRAW
+
+    def _felt_n(self) -> float:
+        """Normal force [N] on what the touch aims at."""
+        if self._spec.force_cell is None:
+            return self._finger.on_foam_n()
+        return self._finger.on_cell_n(self._spot.row, self._spec.force_cell)

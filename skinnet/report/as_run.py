@@ -1,0 +1,167 @@
+"""The deployment as it was run, as TOML, line by line, each with what differs from the default.
+
+Tables have every key. Entries of lists and of tables by name (patches, stages, faults) have what
+differs from the defaults of their kind, as one would write them. All lines together are a deployment.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from msgspec import NODEFAULT, UNSET, Struct, to_builtins
+from msgspec.structs import FieldInfo, fields
+
+from skinnet.deployment import Deployment
+
+__all__ = ["Line", "Section", "sections"]
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_WIDE = 96
+_REQUIRED = object()
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of TOML.
+
+    Attributes:
+        text: The line.
+        differs: It says something else than the default.
+        default: The default as TOML, if it differs from one.
+    """
+
+    text: str
+    differs: bool = False
+    default: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Lines that belong together, and how much of them was set, in words."""
+
+    title: str
+    note: str
+    lines: tuple[Line, ...]
+
+
+def sections(deployment: Deployment) -> list[Section]:
+    """The whole deployment: first what are no tables, then the tables in their order."""
+    head, lists, tables = [], [], []
+    for field in fields(deployment):
+        value, default = getattr(deployment, field.name), _default(field)
+        if isinstance(value, Struct):
+            tables.append(_section(f"[{field.name}]", _table(field.name, value, default)))
+        elif isinstance(value, tuple) and value and isinstance(value[0], Struct):
+            lists.append(Section(field.name, f"{len(value)} set", tuple(_pair(field.name, value, default))))
+        else:
+            head += _pair(field.name, value, default)
+    return [_section("general", head), *lists, *tables]
+
+
+def _section(title: str, lines: Iterable[Line]) -> Section:
+    kept = tuple(lines)
+    differing = sum(line.differs and line.text[0] not in " []" for line in kept if line.text)
+    return Section(title, f"{differing} set" if differing else "defaults", kept)
+
+
+def _default(field: FieldInfo) -> Any:
+    if field.default is not NODEFAULT and field.default is not UNSET:
+        return field.default
+    return field.default_factory() if field.default_factory is not NODEFAULT else _REQUIRED
+
+
+def _table(path: str, table: Struct, default: Any) -> Iterator[Line]:
+    """A table with all its keys, tables within it after them."""
+    yield Line(f"[{path}]", not isinstance(default, Struct))
+    within = []
+    for field in fields(table):
+        value, usual = getattr(table, field.name), _default(field)
+        if isinstance(default, Struct):  # what the table above has instead of the defaults of this kind
+            usual = getattr(default, field.name)
+        if isinstance(value, Struct) or (isinstance(value, dict) and value):
+            within.append((field.name, value, usual))
+        else:
+            yield from _pair(field.name, value, usual)
+    for name, value, usual in within:
+        yield Line("")
+        if isinstance(value, Struct):
+            yield from _table(f"{path}.{name}", value, usual)
+        else:
+            yield Line(f"[{path}.{name}]", value != usual)
+            for key, item in value.items():
+                yield from _pair(key, item, _REQUIRED)
+
+
+def _pair(name: str, value: Any, default: Any) -> list[Line]:
+    """A key and its value; a list that is too long for a line has a line for each entry."""
+    differs = default is _REQUIRED or value != default
+    if value is None:
+        return [Line(f"# {_key(name)}: none", differs)]
+    written = _written(value)
+    text = f"{_key(name)} = {_toml(written)}"
+    if isinstance(written, list) and len(text) > _WIDE:
+        rows = [f"  {row}," for row in _rows(written)]
+        return [Line(row, differs) for row in (f"{_key(name)} = [", *rows, "]")]
+    told = differs and default is not _REQUIRED and default not in (None, (), {}, "")
+    return [Line(text, differs, _toml(to_builtins(default)) if told else "")]
+
+
+def _rows(values: list[Any]) -> list[str]:
+    """Entries of a long list: tables one a line, others as many as fit."""
+    texts = [_toml(value) for value in values]
+    rows = [texts[0]]
+    for value, text in zip(values[1:], texts[1:], strict=True):
+        joined = f"{rows[-1]}, {text}"
+        if isinstance(value, dict) or len(joined) > _WIDE:
+            rows.append(text)
+        else:
+            rows[-1] = joined
+    return rows
+
+
+def _written(value: Any) -> Any:
+    """Builtins of a value; of tables only what differs from their defaults."""
+    match value:
+        case Struct():
+            tag = value.__struct_config__.tag
+            own = {value.__struct_config__.tag_field: tag} if tag is not None else {}
+            for field in fields(value):
+                item = getattr(value, field.name)
+                if item is not None and item != _default(field):
+                    own[field.encode_name] = _written(item)
+            return own
+        case tuple() | list():
+            return [_written(item) for item in value]
+        case dict():
+            return {key: _written(item) for key, item in value.items()}
+        case _:
+            return to_builtins(value)
+
+
+def _toml(value: Any) -> str:
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case int() | float():
+            return repr(value)
+        case str():
+            return _text(value)
+        case dict() if not value:
+            return "{}"
+        case dict():
+            return "{ " + ", ".join(f"{_key(key)} = {_toml(item)}" for key, item in value.items()) + " }"
+        case list() | tuple():
+            return "[" + ", ".join(map(_toml, value)) + "]"
+    raise TypeError(f"no TOML for {value!r}")
+
+
+def _key(name: str) -> str:
+    return name if _BARE.fullmatch(name) else _text(name)
+
+
+def _text(value: str) -> str:
+    """A basic string; what TOML does not allow in one goes by its number."""
+    escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+    written = (escapes.get(c, c if c.isprintable() or c == " " else f"\\U{ord(c):08x}") for c in value)
+    return f'"{"".join(written)}"'

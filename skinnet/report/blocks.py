@@ -1,0 +1,189 @@
+"""What the sections of a report are built of: tables of figures, pictures, the deployment."""
+
+import base64
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from skinnet.report.as_run import Line, sections
+from skinnet.report.claims import Compared, Verdict
+from skinnet.report.collect import Made
+from skinnet.report.groups import Group, Row
+from skinnet.report.markup import Html, join, tag
+from skinnet.report.papers import SOURCES
+from skinnet.report.pictures import Picture
+from skinnet.report.units import shown
+
+__all__ = ["cards", "comparison", "deployment", "figure", "flat", "gallery", "kept", "pairs", "section"]
+
+_BADGES = {
+    Verdict.WITHIN: ("good", "✓ within"),
+    Verdict.OUTSIDE: ("bad", "✗ outside"),
+    Verdict.BESIDE: ("plain", "no expectation"),
+    Verdict.UNMEASURED: ("plain", "not measured"),
+}
+_APART = re.compile(r"(?<=\d) (?=[\d%]|[A-Za-z]{1,2}\b|rad/s)")
+_COLUMNS = {"": "value", "p50": "median", "p99": "99 %", "p999": "99.9 %"}
+
+
+def section(key: str, title: str, *children: Html | None) -> Html:
+    """A section that the contents lead to."""
+    return tag("section", tag("h2", title), *children, id=key, aria_label=title)
+
+
+def figure(picture: Picture, key: str, back: str) -> Html:
+    """A picture in the page; a click shows it in its own size, another leads to `back`."""
+    data = base64.b64encode(picture.data).decode("ascii")
+    image = tag(
+        "img",
+        src=f"data:image/png;base64,{data}",
+        alt=f"{picture.title}. {picture.caption}",
+        width=picture.width,
+        height=picture.height,
+    )
+    return tag(
+        "figure",
+        tag("a", "close", href=f"#{back}", class_="close"),
+        tag("a", image, href=f"#{key}", class_="zoom", aria_label=f"{picture.title}, in its own size"),
+        tag("figcaption", tag("b", picture.title), ". ", picture.caption, " ", _file(picture)),
+        id=key,
+    )
+
+
+def _file(picture: Picture) -> Html:
+    return tag("code", f"{picture.name}.png")
+
+
+def gallery(pictures: Iterable[Picture], damaged: Sequence[str], prefix: str, back: str) -> Html:
+    """Pictures side by side, and what could not be shown."""
+    shown_ones = [figure(picture, f"{prefix}-{i}", back) for i, picture in enumerate(pictures)]
+    lost = tag("p", f"No readable pictures: {', '.join(damaged)}.", class_="soft") if damaged else None
+    if not shown_ones:
+        return join(lost) if lost else tag("p", "No pictures were drawn.", class_="soft")
+    return join(tag("div", *shown_ones, class_="gallery"), lost)
+
+
+def comparison(rows: Iterable[tuple[Compared, str, Html]]) -> Html:
+    """The papers' figures beside ours; each row with figures and verdict as they are to be shown."""
+    body, used = [], []
+    for compared, here, verdict in rows:
+        claim = compared.claim
+        note = tag("span", claim.note, class_="note") if claim.note else None
+        place = f"[{claim.source}] {claim.place}".strip()
+        body.append(
+            tag(
+                "tr",
+                tag("th", claim.what, note, scope="row"),
+                tag("td", _together(claim.says), data_label="the paper"),
+                tag("td", here, class_="here", data_label="this run"),
+                tag("td", compared.expected, data_label="expected"),
+                tag("td", verdict, data_label="verdict"),
+                tag("td", place, class_="place", data_label="where"),
+            )
+        )
+        used.append(claim.source)
+    heads = ("what", "the paper says", "this run gave", "expected here", "", "where")
+    table = tag("table", _head(heads), tag("tbody", *body), class_="papers stack")
+    sources = [tag("li", tag("b", f"[{key}]"), " ", name) for key, name in SOURCES.items() if key in used]
+    return join(tag("div", table, class_="card block"), tag("ul", *sources, class_="sources"))
+
+
+def _together(text: str) -> str:
+    """Numbers and units do not part at the end of a line."""
+    return _APART.sub("\u00a0", text)
+
+
+def kept(compared: Compared) -> Html:
+    """The verdict of one run."""
+    kind, text = _BADGES[compared.verdict]
+    return tag("span", text, class_=f"badge {kind}")
+
+
+def cards(groups: Iterable[Group]) -> Html:
+    """Each group of figures as a card."""
+    return tag("div", *map(_card, groups), class_="cards")
+
+
+def _card(group: Group) -> Html:
+    key = tag("code", f"{group.key}.…") if group.key else None
+    parts = [_values(group.values) if group.values else None]
+    if group.statistics:
+        columns = group.columns
+        heads = ("", *(_COLUMNS.get(name, name) for name in columns), "")
+        rows = [_statistics(row, columns) for row in group.statistics]
+        parts.append(tag("div", tag("table", _head(heads, "number"), tag("tbody", *rows)), class_="scroll"))
+    return tag("div", tag("h3", group.title, " ", key), *parts, class_="card")
+
+
+def _values(rows: Sequence[Row]) -> Html:
+    body = [
+        tag(
+            "tr",
+            tag("th", row.label, scope="row"),
+            tag("td", row.texts[""], class_="number" if len(row.texts[""]) < 24 else "text"),
+            tag("td", row.unit, class_="unit"),
+            title=row.name,
+        )
+        for row in rows
+    ]
+    return tag("table", tag("tbody", *body))
+
+
+def _statistics(row: Row, columns: Sequence[str]) -> Html:
+    return tag(
+        "tr",
+        tag("th", row.label, scope="row"),
+        *(tag("td", row.texts.get(name, ""), class_="number") for name in columns),
+        tag("td", row.unit, class_="unit"),
+        title=row.name,
+    )
+
+
+def _head(names: Iterable[str], kind: str | None = None) -> Html:
+    cells = (tag("th", name, scope="col", class_=kind if i else None) for i, name in enumerate(names))
+    return tag("thead", tag("tr", *cells))
+
+
+def pairs(rows: Iterable[tuple[str, Any]]) -> Html:
+    """Names and values in two columns."""
+    body = (tag("tr", tag("th", name, scope="row"), tag("td", shown(value))) for name, value in rows)
+    return tag("div", tag("table", tag("tbody", *body)), class_="card block scroll")
+
+
+def flat(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
+    """Every value in nested tables by its dotted name."""
+    if isinstance(value, dict) and value:
+        for key, item in value.items():
+            yield from flat(item, f"{name}.{key}".lstrip("."))
+    elif isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
+        for index, item in enumerate(value):
+            yield from flat(item, f"{name}[{index}]")
+    else:
+        yield name, value
+
+
+def deployment(made: Made) -> Html:
+    """The deployment as it was run, a fold for each of its tables."""
+    if made.deployment is None:
+        if not made.keys:
+            return tag("p", "There is no deployment.json beside the summary.", class_="soft")
+        why = "It is of another version of skinnet, so that its defaults are not known."
+        return join(tag("p", why, class_="soft"), pairs(flat(made.keys)))
+    folds = []
+    for part in sections(made.deployment):
+        summary = tag("summary", tag("code", part.title), tag("span", part.note, class_="count"))
+        text = tag("pre", *map(_line, part.lines), class_="toml", tabindex=0)
+        folds.append(tag("details", summary, tag("div", text, class_="inside flush")))
+    hint = tag(
+        "p",
+        "As TOML, every key. ",
+        tag("span", "Marked", class_="swatch"),
+        " is what was set and differs from the default; entries of lists show only that.",
+        class_="soft",
+    )
+    return join(hint, *folds)
+
+
+def _line(line: Line) -> Html:
+    was = tag("i", f"  # default {line.default}") if line.default else None
+    return tag("span", line.text, was, "\n", class_="set" if line.differs else None)

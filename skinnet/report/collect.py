@@ -1,0 +1,192 @@
+"""Reads what `skinnet run` or `skinnet stress` left in a folder into one frozen structure."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import msgspec
+
+from skinnet.deployment import Deployment
+from skinnet.errors import RunFolderError
+from skinnet.report.claims import Compared, judge
+from skinnet.report.derived import derived
+from skinnet.report.papers import CLAIMS
+from skinnet.report.pictures import Picture, pictures_of
+from skinnet.run.outcome import Fault, ProcessReport
+
+__all__ = ["Made", "Results", "Run", "Seeds", "Stress", "StressSummary", "Summary", "collect", "compare"]
+
+T = TypeVar("T")
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """`summary.json` of one run; keys that are not known here are kept apart."""
+
+    outcome: str
+    deployment: str
+    version: str
+    seed: int
+    log_sha256: str
+    pace: str
+    sim_s: float
+    wall_s: float
+    loop_s: float
+    rtf: float
+    late_frames: int
+    processes: tuple[ProcessReport, ...]
+    faults: tuple[Fault, ...]
+    counters: dict[str, dict[str, Any]]
+    figures: dict[str, Any]
+    environment: dict[str, Any] = {}
+    settings: tuple[str, ...] = ()
+
+
+class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """`stress.json`."""
+
+    deployment: str
+    stress: dict[str, Any]
+    points: tuple[str, ...]
+    failed: dict[str, str]
+    figures: dict[str, Any]
+    environment: dict[str, Any] = {}
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Made:
+    """What is beside a summary in its folder.
+
+    Attributes:
+        deployment: As it was run; None if it is not there, or of a version with other keys.
+        keys: The same as plain data; empty if it is not there.
+        pictures: All that can be shown.
+        damaged: Files that are no pictures though their names say so.
+    """
+
+    deployment: Deployment | None = None
+    keys: dict[str, Any] = field(default_factory=dict)
+    pictures: tuple[Picture, ...] = ()
+    damaged: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: its summary, what else its summary said, all its figures, and the papers' beside them."""
+
+    name: str
+    summary: Summary
+    others: dict[str, Any]
+    figures: dict[str, Any]
+    made: Made
+    compared: tuple[Compared, ...]
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Runs of one deployment with several seeds."""
+
+    name: str
+    runs: tuple[Run, ...]
+
+
+@dataclass(frozen=True)
+class Stress:
+    """A sweep of `skinnet stress`."""
+
+    name: str
+    summary: StressSummary
+    figures: dict[str, Any]
+    made: Made
+    compared: tuple[Compared, ...]
+
+
+Results: TypeAlias = Run | Seeds | Stress
+
+
+def collect(folder: Path) -> Results:
+    """What is in `folder`.
+
+    Raises:
+        RunFolderError: no run left it behind, or none that is finished, or its summary is damaged.
+    """
+    if not folder.is_dir():
+        raise RunFolderError(f"{folder}: there is no such folder; give one that skinnet run or stress wrote")
+    name = folder.resolve().name
+    if (folder / "stress.json").exists():
+        return _stress(folder, name)
+    if not (folder / "summary.json").exists():
+        raise RunFolderError(f"{folder}: {_why_unfinished(folder)}")
+    source = folder / "summary.json"
+    raw = _read(source)
+    if "runs" not in raw:
+        return _run(name, source, raw, _made(folder))
+    rows = raw["runs"]
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise RunFolderError(f"{source}: damaged: runs must be a list of summaries")
+    names = [f"seed-{row.get('seed')}" for row in rows]
+    return Seeds(
+        name, tuple(_run(one, source, row, _made(folder / one)) for one, row in zip(names, rows, strict=True))
+    )
+
+
+def _why_unfinished(folder: Path) -> str:
+    if (folder / "deployment.json").exists():
+        logs = f"; {folder / 'logs'} has its last words" if (folder / "logs").is_dir() else ""
+        return f"there is no summary.json: the run failed, was stopped, or is still going on{logs}"
+    if any(folder.glob("*/point.json")):
+        return "there is no stress.json: the sweep is not finished; skinnet stress --resume goes on with it"
+    if any(folder.glob("seed-*/deployment.json")):
+        return "there is no summary.json: not all seeds are finished; each seed's own folder can be reported"
+    return "no run folder: it has neither summary.json nor stress.json"
+
+
+def _run(name: str, source: Path, raw: dict[str, Any], made: Made) -> Run:
+    summary = _convert(raw, Summary, source)
+    others = {key: value for key, value in raw.items() if key not in Summary.__struct_fields__}
+    figures = derived(made.deployment) | summary.figures
+    return Run(name, summary, others, figures, made, compare(summary.deployment, figures, made.keys))
+
+
+def _stress(folder: Path, name: str) -> Stress:
+    source = folder / "stress.json"
+    summary = _convert(_read(source), StressSummary, source)
+    made = _made(folder)
+    figures = derived(made.deployment) | summary.figures
+    return Stress(name, summary, figures, made, compare(summary.deployment, figures, made.keys))
+
+
+def _made(folder: Path) -> Made:
+    pictures, damaged = pictures_of(folder)
+    source = folder / "deployment.json"
+    if not source.exists():
+        return Made(None, {}, tuple(pictures), tuple(damaged))
+    keys = _read(source)
+    try:
+        deployment = msgspec.convert(keys, Deployment)
+    except msgspec.ValidationError:
+        deployment = None
+    return Made(deployment, keys, tuple(pictures), tuple(damaged))
+
+
+def compare(name: str, figures: dict[str, Any], keys: dict[str, Any]) -> tuple[Compared, ...]:
+    """What the papers say of the deployment `name`, beside figures of a run of it as `keys` describe it."""
+    found = (judge(claim, figures, keys) for claim in CLAIMS.get(name, ()))
+    return tuple(compared for compared in found if compared is not None)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        raw = msgspec.json.decode(path.read_bytes())
+    except msgspec.DecodeError as error:
+        raise RunFolderError(f"{path}: damaged: {error}") from None
+    if not isinstance(raw, dict):
+        raise RunFolderError(f"{path}: damaged: it must be a JSON object")
+    return raw
+
+
+def _convert(raw: dict[str, Any], kind: type[T], source: Path) -> T:
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise RunFolderError(f"{source}: damaged: {error}") from None

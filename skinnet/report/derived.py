@@ -1,0 +1,33 @@
+"""Figures that a deployment has by itself: how much skin, how many joints, how often."""
+
+from typing import Any
+
+from skinnet.deployment import Deployment
+
+__all__ = ["derived"]
+
+_RUNS = 2
+"""The structural exploration moves every DoF forth, then every DoF back [M14, III.A]."""
+
+
+def derived(deployment: Deployment | None) -> dict[str, Any]:
+    """Sizes and rates under the names of figures; nothing of no deployment."""
+    if deployment is None:
+        return {}
+    figures: dict[str, Any] = {}
+    cells = sum(patch.n_cells for patch in deployment.patches)
+    if cells:
+        figures |= {"size.patches": len(deployment.patches), "size.cells": cells}
+        if deployment.script is not None and deployment.script.stimulated:
+            figures["size.touched_cells"] = round(deployment.script.stimulated * cells)
+    if deployment.sheets:
+        figures["size.sheets"] = len(deployment.sheets)
+        figures["size.tactile_points"] = sum(sheet.n_elements for sheet in deployment.sheets)
+    period_ms = deployment.cells.period_ms if cells else deployment.boards.period_ms
+    figures["size.skin_rate_hz"] = 1e3 / period_ms
+    figures["size.joints"] = len(deployment.body.joints)
+    figures["size.control_rate_hz"] = 1e3 / deployment.controller.period_ms
+    stages = (deployment.controller.stages.get(name) for name in deployment.controller.program)
+    if any(stage is not None and stage.kind == "structure" for stage in stages):
+        figures["structure.steps"] = _RUNS * len(deployment.body.joints)
+    return figures

@@ -1,0 +1,169 @@
+"""What comes first in a report: how it ended, how fast it was, who took part, what was lost."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from skinnet.report.blocks import figure, flat, pairs
+from skinnet.report.claims import Compared, Verdict
+from skinnet.report.collect import Made, Run, Seeds
+from skinnet.report.markup import Child, Html, join, tag
+from skinnet.report.units import number, shown
+from skinnet.run.outcome import Fault, ProcessReport
+
+__all__ = ["environment", "hero_of", "of_run", "outcome", "runs_table", "skin", "tiles", "verdicts"]
+
+_OUTCOMES = {"completed": "good", "completed_with_losses": "warn"}
+_THIN = "\u2009"
+
+
+def outcome(kind: str) -> Html:
+    """An outcome as a badge."""
+    return tag("span", kind.replace("_", " "), class_=f"badge {_OUTCOMES.get(kind, 'bad')}")
+
+
+def tiles(items: Iterable[tuple[str, Child]]) -> Html:
+    """Short facts side by side."""
+    return tag(
+        "dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in items), class_="tiles"
+    )
+
+
+def facts(items: Iterable[tuple[str, Child]]) -> Html:
+    """Longer facts below each other."""
+    rows = (tag("div", tag("dt", name), tag("dd", value)) for name, value in items)
+    return tag("dl", *rows, class_="facts")
+
+
+def with_unit(value: str, unit: str) -> Html:
+    """A value with its unit in small."""
+    return join(value, _THIN, tag("small", unit))
+
+
+def skin(figures: dict[str, Any]) -> Html | None:
+    """How much skin there is."""
+    parts = []
+    if "size.cells" in figures:
+        parts.append(with_unit(shown(figures["size.cells"]), f"cells in {figures['size.patches']} patches"))
+    if "size.tactile_points" in figures:
+        points = shown(figures["size.tactile_points"])
+        parts.append(with_unit(points, f"points on {figures['size.sheets']} sheets"))
+    return join(*(join(", " if i else None, part) for i, part in enumerate(parts))) if parts else None
+
+
+def verdicts(compared: Sequence[Compared]) -> Html | None:
+    """How many expectations were kept, of those that a run can keep."""
+    judged = [one for one in compared if one.verdict in (Verdict.WITHIN, Verdict.OUTSIDE)]
+    if not judged:
+        return None
+    within = sum(one.verdict is Verdict.WITHIN for one in judged)
+    return with_unit(f"{within} of {len(judged)}", "as expected")
+
+
+def of_run(run: Run) -> Html:
+    """The summary of one run, the picture of its body beside it."""
+    summary = run.summary
+    items: list[tuple[str, Child]] = [
+        ("outcome", outcome(summary.outcome)),
+        ("simulated", with_unit(f"{summary.sim_s:.1f}", "s")),
+        ("speed", with_unit(f"{summary.rtf:.2f}", "× real time")),
+        ("wall clock", with_unit(f"{summary.wall_s:.1f}", "s")),
+        ("seed", str(summary.seed)),
+        ("pace", summary.pace),
+    ]
+    if summary.pace == "realtime":
+        items.append(("late frames", number(summary.late_frames)))
+    items += [("skin", size)] if (size := skin(run.figures)) else []
+    items += [("figures of the paper", count)] if (count := verdicts(run.compared)) else []
+    told: list[tuple[str, Child]] = [("log SHA-256", tag("code", summary.log_sha256))]
+    told += [("settings", tag("code", setting)) for setting in summary.settings]
+    left = tag("div", tiles(items), facts(told), _faults(summary.faults))
+    rest = (_processes(summary.processes), _counters(summary.counters), _more(run))
+    return join(_beside(left, run.made), *rest)
+
+
+def hero_of(made: Made) -> str | None:
+    """Name of the picture that stands beside the summary and not among the others."""
+    return "body" if any(picture.name == "body" for picture in made.pictures) else None
+
+
+def _beside(left: Html, made: Made) -> Html:
+    name = hero_of(made)
+    body = [figure(picture, "body", "summary") for picture in made.pictures if picture.name == name]
+    return tag("div", left, *body, class_="hero" if body else "hero alone")
+
+
+def _faults(faults: Sequence[Fault]) -> Html | None:
+    if not faults:
+        return None
+    rows = (
+        tag(
+            "li",
+            tag("span", fault.process, class_="badge bad"),
+            f" {fault.what}",
+            tag("pre", "\n".join(fault.last_lines), class_="said") if fault.last_lines else None,
+        )
+        for fault in faults
+    )
+    return join(tag("h3", "Lost on the way"), tag("ul", *rows, class_="faults"))
+
+
+def _processes(processes: Sequence[ProcessReport]) -> Html:
+    most_s = max((process.cpu_s for process in processes), default=0.0)
+    most_mb = max((process.peak_mb for process in processes), default=0.0)
+    heads = ("process", "role", "CPU time", "peak memory", "exit code", "process ID")
+    rows = (
+        tag(
+            "tr",
+            tag("th", process.name, scope="row"),
+            tag("td", process.role, data_label="role"),
+            tag("td", _bar(f"{process.cpu_s:.1f} s", process.cpu_s, most_s), data_label="CPU time"),
+            tag("td", _bar(f"{process.peak_mb:.0f} MB", process.peak_mb, most_mb), data_label="peak memory"),
+            tag("td", shown(process.exit_code), data_label="exit code"),
+            tag("td", str(process.pid), data_label="process ID"),
+        )
+        for process in processes
+    )
+    head = tag("thead", tag("tr", *(tag("th", name, scope="col") for name in heads)))
+    return tag("div", tag("table", head, tag("tbody", *rows), class_="stack"), class_="card block")
+
+
+def _bar(text: str, value: float, most: float) -> Html:
+    share = 100.0 * value / most if most > 0.0 else 0.0
+    return tag("span", text, tag("span", class_="bar", style=f"--share: {share:.1f}%"))
+
+
+def _counters(counters: dict[str, dict[str, Any]]) -> Html | None:
+    rows = [(f"{process}: {name}", value) for process, own in counters.items() for name, value in own.items()]
+    return join(tag("h3", "Counters"), pairs(rows)) if rows else None
+
+
+def _more(run: Run) -> Html | None:
+    return join(tag("h3", "Also in the summary"), pairs(flat(run.others))) if run.others else None
+
+
+def runs_table(seeds: Seeds) -> Html:
+    """One row for each seed."""
+    heads = ("seed", "outcome", "simulated", "speed", "the paper's figures", "log SHA-256")
+    rows = (
+        tag(
+            "tr",
+            tag("th", str(run.summary.seed), scope="row"),
+            tag("td", outcome(run.summary.outcome)),
+            tag("td", f"{run.summary.sim_s:.1f} s", class_="number"),
+            tag("td", f"{run.summary.rtf:.2f} × real time", class_="number"),
+            tag("td", verdicts(run.compared) or "–"),
+            tag("td", tag("code", run.summary.log_sha256[:16] + "…"), title=run.summary.log_sha256),
+        )
+        for run in seeds.runs
+    )
+    kinds = (None, None, "number", "number", None, None)
+    cells = (tag("th", name, scope="col", class_=kind) for name, kind in zip(heads, kinds, strict=True))
+    table = tag("table", tag("thead", tag("tr", *cells)), tag("tbody", *rows), class_="wide")
+    return tag("div", tag("div", table, class_="scroll tall", tabindex=0), class_="card block")
+
+
+def environment(known: dict[str, Any], version: str) -> Html:
+    """Versions and machine."""
+    if known:
+        return pairs(known.items())
+    return tag("p", f"skinnet {version}; the summary says no more.", class_="soft")

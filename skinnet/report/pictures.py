@@ -1,0 +1,68 @@
+"""The pictures of a run folder: what each shows, and its size without a library of pictures."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["Picture", "pictures_of"]
+
+_BEGIN, _END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_CAPTIONS = {
+    "body": ("The body", "Cells and elements coloured by what they felt, when they felt most."),
+    "activity_matrix": ("Activity matrix", "Which DoF moves which cell [M14, (1)]."),
+    "kinematic_tree": ("Kinematic tree", "Body parts and joints as the skin sees them [M14, Fig. 4]."),
+    "sensory_motor_map": (
+        "Sensory-motor map",
+        "How each DoF moves each cell along its normal [M14, (3)].",
+    ),
+    "touch": (
+        "Touch and answer",
+        "Force and proximity of every cell, and what joints did [M14, Fig. 8].",
+    ),
+    "grasp": ("Grasp", "Joints, pre-contact, force and the object over the states [M14, Fig. 10]."),
+    "reactions": ("Reactions", "Where the time goes from a stimulus to the command in effect."),
+    "deviations": ("Deviations", "Object, evaluation function, position and rotation [R11, Figs. 9, 10]."),
+    "feedback": ("Tactile feedback", "Forces, centres of pressure, adjustments [R11, Figs. 12, 13]."),
+    "object": ("The object", "Where it really was, and how far it slid."),
+    "patterns": ("Pressure patterns", "Readings of the elements at three moments [R11, Fig. 14]."),
+    "event_driven": (
+        "What event-driven buys",
+        "What is left of the clock-driven rate, and what was published.",
+    ),
+    "thresholds": ("Thresholds", "Share of the clock-driven rate over the delta of send-on-delta."),
+    "rates": ("Rates", "Packets per second into the controller."),
+    "cpu": ("CPU", "Of each process, per simulated second."),
+    "latency": ("Latency", "From the sample to the gateway."),
+    "plan": ("The skin unrolled", "Cells coloured by the load of their link to the gateway."),
+}
+"""Title and caption by name, in the order in which they are shown; others follow by name."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG file of a run folder; sizes in pixels."""
+
+    name: str
+    title: str
+    caption: str
+    width: int
+    height: int
+    data: bytes
+
+
+def pictures_of(folder: Path) -> tuple[list[Picture], list[str]]:
+    """The pictures in `folder`, and the names of files that should be some and are not."""
+    order = list(_CAPTIONS)
+    names = sorted(
+        (path.stem for path in folder.glob("*.png")),
+        key=lambda name: (order.index(name) if name in order else len(order), name),
+    )
+    found, damaged = [], []
+    for name in names:
+        data = (folder / f"{name}.png").read_bytes()
+        if not (data.startswith(_BEGIN) and data.endswith(_END)):
+            damaged.append(f"{name}.png")
+            continue
+        width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+        title, caption = _CAPTIONS.get(name, (name.replace("_", " ").capitalize(), ""))
+        found.append(Picture(name, title, caption, width, height, data))
+    return found, damaged

@@ -1,0 +1,116 @@
+"""Tables of a stress test: a row for each point, the thresholds, and every figure of every point."""
+
+from dataclasses import replace
+from typing import Any
+
+from skinnet.report.blocks import cards
+from skinnet.report.collect import Stress
+from skinnet.report.groups import Group, groups
+from skinnet.report.markup import Html, join, tag
+from skinnet.report.units import quantity, shown
+
+__all__ = ["is_of_a_point", "is_threshold", "of_each_point", "points", "thresholds"]
+
+_COLUMNS = (
+    ("packets_per_s", "packets/s"),
+    ("share.packets", "share"),
+    ("bytes_per_s", "bytes/s"),
+    ("share.bytes", "share"),
+    ("dropped", "dropped"),
+    ("missing", "missing"),
+    ("latency_us.p99", "model 99 % [µs]"),
+    ("machine_us.p99", "machine 99 % [µs]"),
+    ("cpu.controller", "controller [CPU s/s]"),
+    ("cpu.all", "all [CPU s/s]"),
+    ("rtf", "× real time"),
+)
+_MODALITIES = (("force", ""), ("proximity", ""), ("acceleration", "g"), ("temperature", "°C"))
+_THRESHOLDS = (("delta", "delta"), ("noise", "noise and quantisation"), ("delta_sigmas", "ratio"))
+
+
+def is_threshold(name: str) -> bool:
+    """Whether a figure is part of the table of thresholds."""
+    key, _, rest = name.partition(".")
+    return key in dict(_THRESHOLDS) and rest in dict(_MODALITIES)
+
+
+def is_of_a_point(name: str, stress: Stress) -> bool:
+    """Whether a figure is one of a single point; names of points have dots in them."""
+    return any(name.startswith(f"{point}.") for point in stress.summary.points)
+
+
+def points(stress: Stress) -> Html:
+    """What each point brought, in the order in which they ran."""
+    rows = []
+    for name in stress.summary.points:
+        own = _own(stress, name)
+        cells = [
+            tag("td", shown(own.get(key), quantity(key).scale) + _percent(key, own), class_="number")
+            for key, _ in _COLUMNS
+        ]
+        why = stress.summary.failed.get(name)
+        rows.append(
+            tag("tr", tag("th", name, scope="row"), *cells)
+            if why is None
+            else tag("tr", tag("th", name, scope="row"), tag("td", f"failed: {why}", colspan=len(_COLUMNS)))
+        )
+    return _table(("point", *(title for _, title in _COLUMNS)), rows)
+
+
+def thresholds(stress: Stress) -> Html | None:
+    """Deltas of send-on-delta beside the noise of their sensors."""
+    rows = []
+    for modality, unit in _MODALITIES:
+        values = [stress.figures.get(f"{key}.{modality}") for key, _ in _THRESHOLDS]
+        if any(value is not None for value in values):
+            units = (unit, unit, "σ")
+            texts = (f"{shown(v)} {u}".rstrip() for v, u in zip(values, units, strict=True))
+            cells = (tag("td", text, class_="number") for text in texts)
+            rows.append(tag("tr", tag("th", modality, scope="row"), *cells))
+    if not rows:
+        return None
+    return _table(("thresholds of send-on-delta", *(title for _, title in _THRESHOLDS)), rows)
+
+
+def of_each_point(stress: Stress) -> Html:
+    """Every figure of every point, a fold for each."""
+    folds = []
+    for name in stress.summary.points:
+        own = _own(stress, name)
+        if own:
+            head = tag("summary", tag("code", name), tag("span", f"{len(own)} figures", class_="count"))
+            folds.append(tag("details", head, tag("div", cards(_grouped(name, own)), class_="inside")))
+    return join(*folds)
+
+
+def _own(stress: Stress, point: str) -> dict[str, Any]:
+    prefix = f"{point}."
+    return {
+        name.removeprefix(prefix): value for name, value in stress.figures.items() if name.startswith(prefix)
+    }
+
+
+def _grouped(point: str, own: dict[str, Any]) -> list[Group]:
+    """Figures of a point: those of the skin, and those of the machine."""
+    parted: dict[str, dict[str, Any]] = {"skin": {}, "machine": {}}
+    for name, value in own.items():
+        kind = "machine" if name.partition(".")[0] in _MACHINE else "skin"
+        parted[kind][f"{point.replace('.', '_')}.{name}"] = value
+    return [
+        replace(group, key="", title=title.capitalize())
+        for title, figures in parted.items()
+        for group in groups(figures)
+    ]
+
+
+_MACHINE = frozenset({"cores", "cpu", "machine_us", "others_cores", "peak_mb", "rtf", "zenoh_bytes_per_s"})
+
+
+def _percent(key: str, own: dict[str, Any]) -> str:
+    return "\u202f%" if quantity(key).unit == "%" and key in own else ""
+
+
+def _table(heads: tuple[str, ...], rows: list[Html]) -> Html:
+    head = (tag("th", name, scope="col", class_="number" if i else None) for i, name in enumerate(heads))
+    table = tag("table", tag("thead", tag("tr", *head)), tag("tbody", *rows), class_="wide")
+    return tag("div", tag("div", table, class_="scroll", tabindex=0), class_="card block")

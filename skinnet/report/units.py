@@ -1,0 +1,118 @@
+"""What a figure's name says: its unit, a label without it, and a text for its value.
+
+Figures carry their units in their names (`latency_ms.p50`, `peak_force_n`), so a figure that is added
+tomorrow is readable without a word here.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+__all__ = ["Quantity", "number", "quantity", "shown"]
+
+_UNITS = {
+    "c": "°C",
+    "deg": "°",
+    "g": "g",
+    "hz": "Hz",
+    "kg": "kg",
+    "kpa": "kPa",
+    "m": "m",
+    "mb": "MB",
+    "mm": "mm",
+    "ms": "ms",
+    "n": "N",
+    "ns": "ns",
+    "ohm": "Ω",
+    "rad": "rad",
+    "s": "s",
+    "us": "µs",
+    "v": "V",
+}
+_RATES = {"rad": "rad/s", "m": "m/s", "per": "1/s"}
+"""By the word before a last `s`."""
+_WHOLE = {
+    "cores": "cores",
+    "cpu": "CPU s per s",
+    "delta_sigmas": "σ",
+    "rtf": "× real time",
+    "share": "%",
+    "sign_agreement": "%",
+}
+"""Segments that are a quantity by themselves, whatever follows."""
+_WORDS = {
+    "cop": "centre of pressure",
+    "cpu": "CPU",
+    "dev": "deviation",
+    "dof": "DoF",
+    "rtf": "speed",
+    "sim": "simulated time",
+}
+"""Short words of names in full."""
+_SPACE = "\u202f"
+_MANY = 1e4
+_FEW = 1e-3
+
+
+class Quantity(NamedTuple):
+    """A label, the unit of its values, and what they are multiplied by to be in it."""
+
+    label: str
+    unit: str
+    scale: float = 1.0
+
+
+def quantity(name: str) -> Quantity:
+    """What a dotted name without its group and statistic means."""
+    words, unit = [], ""
+    for segment in name.split("."):
+        known = _WHOLE.get(segment)
+        label, found = (segment.split("_"), known) if known else _split(segment)
+        unit = unit or found
+        words.append(" ".join(_WORDS.get(word, word) for word in label))
+    return Quantity(", ".join(word for word in words if word), unit, 100.0 if unit == "%" else 1.0)
+
+
+def _split(segment: str) -> tuple[list[str], str]:
+    """Words of a segment, and the unit that its last ones are."""
+    words = segment.split("_")
+    if len(words) > 1 and words[-1] == "s" and words[-2] in _RATES:
+        return words[:-2], _RATES[words[-2]]
+    if len(words) > 1 and words[-1] in _UNITS:
+        return words[:-1], _UNITS[words[-1]]
+    return words, ""
+
+
+def shown(value: Any, scale: float = 1.0) -> str:
+    """A value as one reads it: four digits of a measured one, thousands apart, words for words."""
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case int() | float():
+            return number(value if scale == 1.0 else value * scale)
+        case None | "":
+            return "–"
+        case list() | tuple():
+            return ", ".join(shown(item, scale) for item in value) or "none"
+        case _:
+            return str(value)
+
+
+def number(value: float) -> str:
+    """A number: whole ones as they are, others to four digits."""
+    if isinstance(value, int) or abs(value) >= _MANY:
+        if not math.isfinite(value):
+            return str(value)
+        text = f"{value:,.0f}" if abs(value) >= _MANY else str(value)
+        return _minus(text.replace(",", _SPACE))
+    if value and abs(value) < _FEW:
+        digits, _, exponent = f"{value:.2e}".partition("e")
+        return _minus(f"{digits} × 10{_raised(int(exponent))}")
+    return _minus(f"{value:.4g}")
+
+
+def _raised(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")

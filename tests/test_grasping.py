@@ -1,0 +1,140 @@
+"""Grasps of unknown objects from the taught memory: five that succeed, four that cannot, and what breaks."""
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from launching import ROOT, child, launched, run, wait_for
+from rich.console import Console
+
+from skinnet.run.launch import Order, prepare, run_once
+from skinnet.run.progress import Progress
+
+pytestmark = pytest.mark.timeout(400)
+GRASP = ROOT / "deployments" / "hrp2_grasp.toml"
+FAST = {"approach": 0.3, "contact": 0.2, "load": 0.2, "pull": 3.0, "hold": 4.0, "release": 1.0}
+"""How long into a state something happens, in the run below: the middle of each [s]."""
+PAIN = 0.45
+SPEED_RAD_S = 1.2
+GRAVITY_M_S2 = 9.81
+LOWERED_M = 0.15
+Figures = dict[str, Any]
+
+
+def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
+    """Figures of a run in one process; whatever happened, what must never happen did not."""
+    order = Order(GRASP, settings, in_process=True, plots=False)
+    summary = run_once(order, prepare(order, seed), out, Progress(Console(file=io.StringIO()), quiet=True))
+    assert summary["outcome"] == "completed"
+    figures: Figures = summary["figures"]
+    assert figures["grasp.peak_reading"] < PAIN
+    assert figures["grasp.peak_reading_told"] < PAIN
+    assert figures["grasp.peak_speed_rad_s"] <= SPEED_RAD_S
+    assert figures["network.conserved"]
+    return figures
+
+
+def operator(*steps: tuple[str, str, float]) -> str:
+    """Opens the arms, is patted, then sends each request when its state has lasted so long [s]."""
+    first = '{state="idle", request="go", argument="open"}'
+    more = (f'{{state="{state}", request="{what}", after_s={after_s}}}' for state, what, after_s in steps)
+    return f"controller.session.operator=[{', '.join([first, *more])}]"
+
+
+def as_it_was(figures: Figures) -> None:
+    """The object was not thrown: no faster than a fall of the stand's way, and it stands where it was put."""
+    assert figures["object.peak_speed_m_s"] < (2.0 * GRAVITY_M_S2 * LOWERED_M) ** 0.5
+    assert abs(figures["object.moved_m"][2]) < 0.01
+
+
+@pytest.mark.parametrize("thing", ["trash_bin", "sponge_rock", "moving_box", "lid", "delivery_box"])
+def test_unknown_objects_are_grasped(thing: str, tmp_path: Path) -> None:
+    figures = grasped(tmp_path, f"object={thing}", seed=7)
+    assert figures["grasp.success"]
+    assert figures["object.carried_s"] >= 5.0
+    assert all(cells > 0 for cells in figures["grasp.hold.contact_cells"])
+    as_it_was(figures)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("object=none",),
+        ("object=thin_post",),
+        ("object=wide_crate",),
+        ("object=delivery_box", "stand.stuck=true"),
+    ],
+    ids=["none", "small", "big", "stuck"],
+)
+def test_what_cannot_be_grasped_is_given_up(settings: tuple[str, ...], tmp_path: Path) -> None:
+    """By the robot itself, which ends in its safe pose."""
+    figures = grasped(tmp_path, *settings)
+    assert not figures["grasp.success"]
+    assert figures["grasp.ends_in"] == "safe"
+    assert figures["grasp.cancelled_in"] in ("approach", "contact", "load", "pull")
+    assert figures["grasp.cancelled_by"] in ("pose reached", "stalled", "timed out", "an arm lost the object")
+
+
+@pytest.mark.parametrize("state", FAST)
+def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Path) -> None:
+    figures = grasped(tmp_path, operator((state, "cancel", FAST[state])), "stand.below_m=0.4")
+    assert figures["grasp.cancelled_in"] == state
+    assert figures["grasp.cancelled_by"] == "cancel"
+    assert figures["grasp.ends_in"] == "safe"
+    assert not figures["object.dropped"]
+    as_it_was(figures)
+
+
+@pytest.mark.parametrize("state", ["contact", "pull", "hold"])
+def test_a_lost_gateway_in_any_state_ends_the_grasp_gently(state: str, tmp_path: Path) -> None:
+    """The patch of a forearm has one gateway: with it, all its cells are lost."""
+    calm = grasped(tmp_path / "calm")
+    at_s = calm[f"grasp.begin_s.{state}"] + FAST[state]
+    fault = f'faults=[{{kind="gateway_lost", target="left_inner_forearm:0", at_s={at_s}}}]'
+    figures = grasped(tmp_path / "lost", fault)
+    assert figures["grasp.cancelled_in"] == state
+    assert figures["grasp.cancelled_by"] == "skin lost"
+    assert figures["grasp.ends_in"] == "safe"
+    assert not figures["object.dropped"]
+    as_it_was(figures)
+
+
+@pytest.mark.processes
+def test_one_process_or_many_the_log_is_the_same(tmp_path: Path) -> None:
+    one = run(GRASP, tmp_path / "one", "--in-process", settings=("object=lid",))
+    many = run(GRASP, tmp_path / "many", settings=("object=lid",))
+    assert one["log_sha256"] == many["log_sha256"]
+    assert one["figures"] == many["figures"]
+    assert one["figures"]["grasp.success"]
+
+
+def _lost(out: Path, state: str, who: Callable[[Any], Any], may: str) -> Figures:
+    """Figures of a run in processes in which one of them is killed in a state."""
+    settings = (f'run.may_be_lost=["{may}"]', "run.max_s=60", operator(("hold", "release", 12.0)))
+    with launched(GRASP, out, settings=settings) as process:
+        wait_for(process, f"session.{state}")
+        who(process).kill()
+        process.communicate(timeout=300)
+        assert process.returncode == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["outcome"] == "completed_with_losses"
+    figures: Figures = summary["figures"]
+    return figures
+
+
+@pytest.mark.processes
+def test_without_its_controller_the_robot_holds_what_it_holds(tmp_path: Path) -> None:
+    figures = _lost(tmp_path, "hold", lambda process: child(process, "controller"), "controller")
+    assert not figures["object.dropped"]
+    assert figures["object.carried_s"] >= 5.0
+
+
+@pytest.mark.processes
+def test_without_the_skin_of_an_arm_it_sets_the_object_down(tmp_path: Path) -> None:
+    figures = _lost(tmp_path, "pull", lambda process: child(process, "right"), "cells")
+    assert figures["grasp.cancelled_by"] == "skin lost"
+    assert figures["grasp.ends_in"] == "safe"
+    as_it_was(figures)
