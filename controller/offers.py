@@ -65,14 +65,10 @@ class Offers:
 
 def _session(stage: str) -> tuple[list[str], list[list[str]], list[tuple[str, str]]]:
     """States and moves of a session, and what ends it."""
-    ended = state_machine.State.ENDED
-    states = [f"{stage}.{state.value}" for state in state_machine.State if state is not ended]
-    moves: list[list[str]] = []
-    ends: list[tuple[str, str]] = []
-    for state, row in state_machine.TABLE.items():
-        for event, to in row.items():
-            if to is ended:
-                ends.append((f"{stage}.{state.value}", event.value))
-            else:
-                moves.append([f"{stage}.{state.value}", event.value, f"{stage}.{to.value}"])
-    return states, moves, ends
+    states = [f"{stage}.{state.value}" for state in state_machine.State]
+    moves = [
+        [f"{stage}.{state.value}", event.value, f"{stage}.{to.value}"]
+        for state, row in state_machine.TABLE.items()
+        for event, to in row.items()
+    ]
+    return states, moves, [(f"{stage}.{state_machine.State.ENDED.value}", "done")]

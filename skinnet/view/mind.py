@@ -46,6 +46,8 @@ class Mind:
             if self.state:
                 self.moves.append(Move(said.t_ns, self.state, said.stage, said.text))
             self.state, self.since_ns = said.stage, said.t_ns
+        elif said.text and self.moves and self.moves[-1].to == said.stage and not self.moves[-1].why:
+            self.moves[-1] = self.moves[-1]._replace(why=said.text)  # a command was faster than the reason
         self.progress = said.progress
         self.text = said.text
 
