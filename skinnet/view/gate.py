@@ -124,7 +124,6 @@ class Gate:
         self._loopback = is_loopback(host)
         self._said: set[str] = set()
         self._loop = asyncio.new_event_loop()
-        self._open: set[asyncio.Task[None]] = set()
         self._thread = threading.Thread(target=self._loop.run_forever, name="gate", daemon=True)
         self._thread.start()
         try:
@@ -151,14 +150,16 @@ class Gate:
 
     async def _clear(self) -> None:
         self._server.close()
-        for task in self._open:
-            task.cancel()
-        await asyncio.gather(*self._open, return_exceptions=True)
+        while True:
+            await asyncio.sleep(0)  # a task that never began has nothing that it would close
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            if not others:
+                return
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
 
     async def _visit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._open.add(task)
         try:
             await self._serve(reader, writer)
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
@@ -166,7 +167,6 @@ class Gate:
         except asyncio.CancelledError:
             pass  # the door closes; nobody waits for this task
         finally:
-            self._open.discard(task)
             writer.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -6,12 +6,12 @@ Beside them it may have other channels, which are left alone. What was deployed 
 """
 
 import itertools
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
 import msgspec
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
@@ -28,6 +28,8 @@ __all__ = ["Recording"]
 _DEPLOYMENT = "deployment.json"
 _METADATA = "skinnet"
 _ENCODING = "msgpack"
+
+log = logging.getLogger(__name__)
 
 
 class Recording:
@@ -101,8 +103,8 @@ class Recording:
 
     def _contents(self) -> tuple[dict[str, bytes], dict[str, dict[str, str]], list[Channel]]:
         """Attachments and metadata by name, and channels."""
-        reader = make_reader(self._file)
         try:
+            reader = make_reader(self._file)
             summary = reader.get_summary()
             if summary is not None and summary.statistics is not None:
                 self.cut, self._reader = False, reader
@@ -110,8 +112,8 @@ class Recording:
                 attachments = {entry.name: entry.data for entry in reader.iter_attachments()}
                 metadata = {entry.name: dict(entry.metadata) for entry in reader.iter_metadata()}
                 return attachments, metadata, list(summary.channels.values())
-        except (McapError, EOFError, ValueError):  # whatever stands where an end should be
-            pass
+        except Exception as error:  # what stands where an end should be makes the reader fail in many ways
+            log.debug("%s has no end: %s", self.path, error)
         self.cut = True
         return self._rescue()
 
@@ -133,7 +135,7 @@ class Recording:
                     case Message() if channels[record.channel_id].message_encoding == _ENCODING:
                         topic = channels[record.channel_id].topic
                         self._kept.append((topic, record.log_time, record.data))
-        except (McapError, EOFError, ValueError, KeyError) as error:
+        except Exception as error:  # as above: here the file is whole no more
             if not channels and not attachments:
                 raise SkinnetError(f"{self.path}: is no recording: {_one_line(error)}") from error
         return attachments, metadata, list(channels.values())
