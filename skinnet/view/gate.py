@@ -149,6 +149,7 @@ class Gate:
         self._stop()
 
     async def _clear(self) -> None:
+        await asyncio.sleep(0)  # a connection that is being accepted would be lost to asyncio, and stay open
         self._server.close()
         while True:
             await asyncio.sleep(0)  # a task that never began has nothing that it would close
