@@ -188,10 +188,10 @@ class Gate:
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
         finally:
+            inner_writer.close()  # first: what waits here may be told to stop once more
             for way in ways:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)
-            inner_writer.close()
 
     def _complain(self, why: str) -> None:
         if why and why not in self._said and len(self._said) < 100:
