@@ -9,6 +9,7 @@
     ├── RunFolderError      a folder is not what a run left behind, or what is in it is damaged
     ├── UnreachableError    nobody answers at the endpoint to connect to
     ├── NameTakenError      a process of this name is in the loop already
+    ├── RecordingError      a recording cannot be read: cut, of a newer version, or of another program
     ├── UpstreamLostError   a process that this one needs is gone
     └── ProcessFailedError  a process of the run ended with an error
 
@@ -23,6 +24,7 @@ __all__ = [
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
+    "RecordingError",
     "RunFolderError",
     "SkinnetError",
     "UnreachableError",
@@ -64,6 +66,10 @@ class UnreachableError(SkinnetError):
 
 class NameTakenError(SkinnetError):
     """A process of this name is in the loop already: two would answer for one."""
+
+
+class RecordingError(SkinnetError):
+    """A file that is no recording of this program, or one that this version cannot read."""
 
 
 class UpstreamLostError(SkinnetError):

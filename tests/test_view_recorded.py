@@ -16,7 +16,7 @@ from view_scene import MS, deployment, event, joints, state, topology
 
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment, resolved_json
-from skinnet.errors import SkinnetError
+from skinnet.errors import RecordingError
 from skinnet.messages import encode
 from skinnet.view.atlas import draw_atlas
 from skinnet.view.playback import Playback
@@ -24,7 +24,6 @@ from skinnet.view.recorded import RecordedSource
 from skinnet.view.recording import Recording
 from skinnet.view.state import RASTER_NS, Scene, Told
 
-KEYS = Keys("bot")
 LENGTH_S = 60
 
 
@@ -42,8 +41,8 @@ def story(deployed: Deployment) -> list[Told]:
     return sorted(told, key=lambda one: one.t_ns)
 
 
-def key(told: Told) -> str:
-    return KEYS.of(told.channel, *told.fields)
+def key(told: Told, robot: str = "bot") -> str:
+    return Keys(robot).of(told.channel, *told.fields)
 
 
 def write(path: Path, deployed: Deployment, told: list[Told], **more: Any) -> Path:
@@ -58,7 +57,7 @@ def write(path: Path, deployed: Deployment, told: list[Told], **more: Any) -> Pa
         other = writer.register_channel("/tf", "json", 0)
         channels: dict[str, int] = {}
         for one in told:
-            topic = key(one)
+            topic = key(one, deployed.robot)
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "msgpack", 0)
             writer.add_message(channels[topic], one.t_ns, encode(one.message), one.t_ns)
@@ -217,7 +216,7 @@ def test_a_recording_that_is_cut_is_played_up_to_there(
 
 
 def refusal(path: Path) -> str:
-    with pytest.raises(SkinnetError) as caught:
+    with pytest.raises(RecordingError) as caught:
         Recording(path)
     text = str(caught.value)
     assert "\n" not in text

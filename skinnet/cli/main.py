@@ -20,6 +20,7 @@ from skinnet.errors import (
     MemoryFileError,
     ModelError,
     PortInUseError,
+    RecordingError,
     RunFolderError,
     SkinnetError,
     UnreachableError,
@@ -76,6 +77,7 @@ def main() -> None:
         MemoryFileError,
         ModelError,
         PortInUseError,
+        RecordingError,
         RunFolderError,
         UnreachableError,
     ) as error:

@@ -48,7 +48,8 @@ def view(
     ] = None,
 ) -> None:
     """Serves a page with body, skin, network and controller of a run that goes on, or of a recording."""
-    os.nice(_NICE)
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
     try:
         from skinnet.view.show import Order, show
     except ModuleNotFoundError as error:

@@ -203,7 +203,8 @@ class Page:
         return (
             '<div style="padding:6px 10px;font-size:13px;color:#1f2d3d">'
             f'<span style="color:{colour}">●</span> {html.escape(word)}'
-            f'<div style="font-size:20px;font-variant-numeric:tabular-nums">{scene.t_ns * 1e-9:.2f} s'
+            '<div class="sk-clock" style="font-size:20px;font-variant-numeric:tabular-nums">'
+            f"{scene.t_ns * 1e-9:.2f} s"
             f'<span style="font-size:13px;color:#495766">{html.escape(state)}</span></div></div>'
         )
 

@@ -29,7 +29,7 @@ class RecordedSource:
         now_s: Present time of the wall's clock [s].
 
     Raises:
-        SkinnetError: it is no recording that this program understands.
+        RecordingError: it is no recording that this program understands.
         OSError: it cannot be read.
     """
 

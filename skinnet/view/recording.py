@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader
 from skinnet.channels import Keys
 from skinnet.deployment.load import build
 from skinnet.deployment.schema import Deployment
-from skinnet.errors import DeploymentError, ProtocolError, SkinnetError
+from skinnet.errors import DeploymentError, ProtocolError, RecordingError
 from skinnet.messages import SCHEMA, decode
 from skinnet.view.state import Told
 
@@ -44,7 +44,7 @@ class Recording:
         cut: Whether the file has no end.
 
     Raises:
-        SkinnetError: it is no recording of this program, or of a newer version, or nothing of it is whole.
+        RecordingError: it is no recording of this program, or of a newer version, or nothing of it is whole.
         OSError: it cannot be read.
     """
 
@@ -75,10 +75,10 @@ class Recording:
         self._kept: list[tuple[str, int, bytes]] = []
         attachments, metadata, channels = self._contents()
         if _DEPLOYMENT not in attachments:
-            raise SkinnetError(f"{self.path}: is of another program: it has no attachment {_DEPLOYMENT}")
+            raise RecordingError(f"{self.path}: is of another program: it has no attachment {_DEPLOYMENT}")
         facts = metadata.get(_METADATA, {})
         if (schema := facts.get("schema", str(SCHEMA))) != str(SCHEMA):
-            raise SkinnetError(
+            raise RecordingError(
                 f"{self.path}: has messages of schema {schema}; this program reads {SCHEMA}: "
                 "take the version of skinnet that recorded it"
             )
@@ -86,7 +86,9 @@ class Recording:
             raw = msgspec.json.decode(attachments[_DEPLOYMENT])
             self.deployment: Deployment = build(raw, str(self.path))
         except (msgspec.DecodeError, DeploymentError) as error:
-            raise SkinnetError(f"{self.path}: was recorded by another version of skinnet: {error}") from error
+            raise RecordingError(
+                f"{self.path}: was recorded by another version of skinnet: {error}"
+            ) from error
         self.base = base or Path(facts.get("base", "."))
         self._keys = Keys(self.deployment.robot)
         self._topics = [channel.topic for channel in channels if self._is_ours(channel)]
@@ -96,7 +98,7 @@ class Recording:
             )
         first = next(self._raw(0), None)
         if first is None:
-            raise SkinnetError(f"{self.path}: has no message of robot {self.deployment.robot}")
+            raise RecordingError(f"{self.path}: has no message of robot {self.deployment.robot}")
         self.start_ns = first[1]
         if self.cut:
             self.end_ns = self._kept[-1][1]
@@ -137,7 +139,7 @@ class Recording:
                         self._kept.append((topic, record.log_time, record.data))
         except Exception as error:  # as above: here the file is whole no more
             if not channels and not attachments:
-                raise SkinnetError(f"{self.path}: is no recording: {_one_line(error)}") from error
+                raise RecordingError(f"{self.path}: is no recording: {_one_line(error)}") from error
         return attachments, metadata, list(channels.values())
 
     def _is_ours(self, channel: Channel) -> bool:
