@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test check pictures clean help
+.PHONY: run memory test check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -17,6 +17,10 @@ $(STAMP): pyproject.toml
 
 run: $(STAMP) ## the main job: a nursing robot holds a cylinder between its forearms and moves it by touch
 	$(BIN)/skinnet run deployments/riba_cylinder.toml
+
+memory: $(STAMP) ## teaches the HRP-2-like robot anew, and keeps what it learnt for hrp2_grasp
+	$(BIN)/skinnet run deployments/hrp2_teach.toml --no-plots --out runs/hrp2_teach
+	$(BIN)/skinnet memory export runs/hrp2_teach/memory.sqlite --out deployments/hrp2_memory.json
 
 check: $(STAMP) ## style, types and import contracts
 	$(BIN)/ruff check .

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from cells.sheets.boards import Boards
 from skinnet.channels import Keys, Role
+from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import Config, decode, encode, unpack
 from skinnet.part import Part
+from skinnet.record_messages import Counters
 from skinnet.sheet_messages import Pressures, Regions
 from skinnet.skin.sheet import place_sheets
 from skinnet.upstream import Upstream
@@ -52,6 +54,7 @@ class BoardsNode:
         self._n_elements = sum(sheet.n_elements for sheet in sheets)
         self._boards = Boards(sheets, deployment.boards, deployment.board_network, deployment.seed)
         self._key = keys.of("regions", BOARDS)
+        self._counters_key = keys.of("counters", name)
         self._period_ns = deployment.boards.period_ns
         self._end_ns = deployment.max_ns
         self._frame = 0
@@ -112,9 +115,12 @@ class BoardsNode:
         if self._frame % _KEPT_EVERY == 0:
             self._kept.append((start_ns, self._boards.readings_kpa.astype(np.float32)))
         self._frame += 1
+        end_ns = start_ns + self._period_ns
+        if end_ns % NS_PER_S < self._period_ns or end_ns + self._period_ns > self._end_ns:
+            put(self._counters_key, encode(self._counted(end_ns)))
         message = Regions(
             t_ns=start_ns,
-            covered_ns=start_ns + self._period_ns,
+            covered_ns=end_ns,
             frames=told.frames.tobytes(),
             rows=told.rows.tobytes(),
             patterns=told.patterns.tobytes(),
@@ -128,6 +134,12 @@ class BoardsNode:
         payload = encode(message)
         self._log.update(payload)
         put(self._key, payload)
+
+    def _counted(self, t_ns: int) -> Counters:
+        """What the board network and this process have counted until `t_ns`."""
+        messages = self._boards.counters()
+        counts = {f"{kind}.{what}": n for kind, entry in messages.items() for what, n in entry.items()}
+        return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def news(self) -> tuple[()]:
         """All that boards have to say is part of the run."""

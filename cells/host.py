@@ -26,14 +26,16 @@ from cells.skin_network import SkinNetwork
 from cells.transducers import Transducers, noise_keys, phases_ns
 from cells.wiring import wire
 from skinnet.channels import Keys, Role
+from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
 from skinnet.deployment.faults import SlowHost
 from skinnet.deployment.table import parse_port
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
-from skinnet.messages import READING_NAMES, Config, Stimulus, decode, unpack
+from skinnet.messages import READING_NAMES, Config, Stimulus, decode, encode, unpack
 from skinnet.network.faults import timeline
 from skinnet.part import Part
+from skinnet.record_messages import Counters
 from skinnet.skin.placement import bridges_of, place
 from skinnet.upstream import Upstream
 
@@ -70,6 +72,7 @@ class HostNode:
         self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
+        self._counters_key = keys.of("counters", name)
         self._period_ns = deployment.cells.period_ns
         self._end_ns = deployment.max_ns
         self._frame = 0
@@ -173,6 +176,8 @@ class HostNode:
         data, configs = self._network.advance(end_ns)
         for cell, config in configs:
             self._configure(cell, config)
+        if end_ns % NS_PER_S < self._period_ns or end_ns + self._period_ns > self._end_ns:
+            put(self._counters_key, encode(self._counted(end_ns)))
         self._publish(put, data, start_ns, end_ns)
         self._dawdle(start_ns)
         self._frame += 1
@@ -240,6 +245,12 @@ class HostNode:
             if self._network.members.version(patch) != publisher.version:
                 self._formed.append(publisher.topology(put, self._network.members.topology(patch, end_ns)))
             publisher.close(put, start_ns, end_ns, streams.get(patch))
+
+    def _counted(self, t_ns: int) -> Counters:
+        """What the network and this process have counted until `t_ns`."""
+        packets = self._network.counters()
+        counts = {f"{kind}.{what}": n for kind, entry in packets.items() for what, n in entry.items()}
+        return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def news(self) -> list[tuple[str, bytes]]:
         """Topologies that were formed, for those who come later and ask."""

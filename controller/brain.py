@@ -128,7 +128,14 @@ class Brain:
         return Reply(False, self.state, why)
 
     def tick(
-        self, t_ns: int, position_rad: NDArray[np.float64], t_joints_ns: int, t_skin_ns: int, *, ready: bool
+        self,
+        t_ns: int,
+        position_rad: NDArray[np.float64],
+        t_joints_ns: int,
+        t_skin_ns: int,
+        *,
+        ready: bool,
+        outside_rad_s: NDArray[np.float64] | None = None,
     ) -> tuple[Tick, SkinRows, SkinRows]:
         """One control period.
 
@@ -138,6 +145,7 @@ class Brain:
             t_joints_ns: when they were measured.
             t_skin_ns: up to when the patch that is most behind has told everything.
             ready: the skin's network is formed, the program may begin.
+            outside_rad_s: (D,) velocities that a user adds while the program goes on, finite; if any.
 
         Returns:
             What to do, and what was taken in, in the order of delivery.
@@ -154,6 +162,8 @@ class Brain:
             wanted = self._stage.step(t_ns, position_rad, self.picture)
             if (thresholds := self._stage.thresholds) is not None:
                 self.drives.add(t_ns, len(self.stage_log) - 1, events, stream, thresholds)
+            if outside_rad_s is not None:
+                wanted = wanted + outside_rad_s
         velocity = self._clamp.clamp(t_ns, wanted, position_rad, t_joints_ns, t_skin_ns)
         return Tick(velocity, *self._switch_streams(t_ns)), events, stream
 

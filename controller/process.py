@@ -4,6 +4,7 @@ import hashlib
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,16 @@ from numpy.typing import NDArray
 
 from controller.brain import Brain, Tick
 from controller.grasping.memory import LongTermMemory
+from controller.grasping.report import session_facts
 from controller.offers import Offers
+from controller.outside import OutsideVelocity
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
 from controller.requests import Requests
 from controller.skin_input import SkinInput, SkinRows
+from controller.state_record import StateRecord
 from controller.trace import Trace
-from skinnet.channels import Keys, Role
+from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
@@ -60,6 +64,7 @@ class ControllerNode:
             *(keys.of(channel, "*") for channel in ("frame", "stream", "topology", "bundle")),
             keys.of("events", "*", "*"),
             keys.of("request", "*"),
+            keys.of("velocity"),
         )
         hosts = deployment.host_patches()
         host_of = {patch: host for host, patches in hosts.items() for patch in patches}
@@ -67,7 +72,7 @@ class ControllerNode:
         self._patches = {patch: Upstream(patch, host_of[patch]) for patch in sizes}
         self.upstreams: Mapping[str, Upstream] = {"body": self._body, **self._patches}
         self.senders = frozenset({"body", *hosts})
-        self.peers = frozenset({"body", name, *deployment.hosts_of_skin()})
+        self.peers: frozenset[str] = frozenset({"body", name, *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         if "cells" in self.tolerated:
             self.tolerated |= frozenset(hosts)
@@ -88,8 +93,11 @@ class ControllerNode:
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._requests = Requests(keys, self.counters)
         self._offers = Offers(keys)
+        allowed = deployment.controller.outside_velocity
+        self._outside = OutsideVelocity(allowed, self._n_dofs, self.counters)
         self._state_s = -1e9
         self._told = ""
+        self._record = StateRecord(keys)
         self._log = hashlib.sha256()
         self._trace = Trace()
         self._patch_trace = PatchTrace(sizes)
@@ -125,6 +133,9 @@ class ControllerNode:
             return
         if channel == "request":
             self._requests.add(fields[0], decode(payload, Request))
+            return
+        if channel == "velocity":
+            self._outside.take(self._t_ns, payload)
             return
         patch = self._patches.get(fields[0]) if fields else None
         if patch is None:
@@ -163,7 +174,12 @@ class ControllerNode:
         alive = [patch for patch in self._patches.values() if not patch.lost]
         ready = all(patch.name in self._formed for patch in alive)
         t_skin_ns = min((patch.covered_ns for patch in alive), default=t_ns)
-        tick, events, stream = self._brain.tick(t_ns, position, t_ns, t_skin_ns, ready=ready)
+        outside = self._outside.at(t_ns)
+        if outside is not None:
+            self._log.update(outside.tobytes())
+        tick, events, stream = self._brain.tick(
+            t_ns, position, t_ns, t_skin_ns, ready=ready, outside_rad_s=outside
+        )
         self._finished = self._brain.done
         effect_ns = t_ns + self._delay_ns
         # not at once: who had come so far would wait for frames that nobody sends any more
@@ -178,6 +194,8 @@ class ControllerNode:
             configs=configs,
             end_ns=end_ns if self._finished else None,
         )
+        if RECORDER in self.peers:
+            self._record.tick(put, self._state(t_ns), self._requests.answers, last=self._finished)
         payload = encode(command)
         put(self._command_key, payload)
         self._note(position, events, stream, payload)
@@ -222,11 +240,12 @@ class ControllerNode:
         news += self._offers.news(self._deployment.controller, brain.knowledge.poses, self._t_ns)
         if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = brain.state, now_s
-            state = ControllerState(
-                t_ns=self._t_ns, stage=brain.state, progress=brain.progress, text=brain.why
-            )
-            news.append((self._keys.of("state"), encode(state)))
+            news.append((self._keys.of("state"), encode(self._state(self._t_ns))))
         return news
+
+    def _state(self, t_ns: int) -> ControllerState:
+        brain = self._brain
+        return ControllerState(t_ns=t_ns, stage=brain.state, progress=brain.progress, text=brain.why)
 
     def result(self) -> Part:
         """What was found out, and the traces of what was felt and commanded."""
@@ -249,10 +268,7 @@ class ControllerNode:
         arrays = self._trace.arrays() | {"drives": brain.drives.rows}
         if brain.sessions:
             arrays |= self._patch_trace.arrays()
-            facts["session"] = [entry._asdict() for session in brain.sessions for entry in session.log]
-            facts["refused_requests"] = [entry for session in brain.sessions for entry in session.refused]
-            facts["poses"] = {name: pose.tolist() for name, pose in knowledge.poses.items()}
-            facts["areas"] = {label: cells.tolist() for label, cells in knowledge.areas.items()}
+            facts |= session_facts(brain.sessions, knowledge)
         if knowledge.structure is not None:
             structure = knowledge.structure
             facts["structure"] = {
@@ -267,12 +283,7 @@ class ControllerNode:
             arrays["map_pose_rad"] = knowledge.map.poses_rad
             arrays["map"] = knowledge.map.weights
         if brain.safety is not None:
-            counters = brain.safety.counters
-            facts["safety"] = {
-                "clamped": counters.clamped,
-                "stale_ticks": counters.stale_ticks,
-                "rejected": counters.rejected,
-            }
+            facts["safety"] = asdict(brain.safety.counters)
         return Part(self.name, self.role, facts, arrays)
 
 

@@ -53,6 +53,11 @@ class Requests:
         self._waiting: deque[tuple[str, Request]] = deque()
         self._answers: list[tuple[str, bytes]] = []
 
+    @property
+    def answers(self) -> tuple[tuple[str, bytes], ...]:
+        """The answers that were not sent to watchers yet: those of this tick, until `news` is called."""
+        return tuple(self._answers)
+
     def add(self, what: str, request: Request) -> None:
         """A request came in; who asks past the desk of the launcher, which counts them, may come in vain."""
         self._counters["requests_from_outside"] += 1

@@ -20,10 +20,11 @@ from msgspec import inspect as reflect
 
 from controller.grasping.directives import Area, Directive, Gains, directives
 from controller.grasping.state_machine import State, diagram
-from skinnet.channels import ALIVE, CHANNELS, Role
+from skinnet.channels import ALIVE, CHANNELS, Keys, Role
 from skinnet.deployment.schema import Deployment
 from skinnet.deployment.session import SessionSpec
 from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
+from skinnet.outside_messages import Deployed
 from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW
 
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
@@ -105,17 +106,20 @@ def _channels() -> str:
             ", ".join(role.value for role in row.receivers),
             row.period,
             "yes" if row.public else "",
+            "yes" if row.recorded else "",
         )
         for row in CHANNELS
     ]
     roles = ", ".join(role.value for role in Role if role is not Role.LAUNCHER)
-    rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", ""))
-    return _table(("key", "message", "from", "to", "period", "watchers"), rows)
+    told = f"[{Deployed.__name__}](#{Deployed.__name__.lower()})"
+    rows.append((f"`{Keys('<robot>').deployment}`", told, "launcher", "", "when asked", "yes", ""))
+    rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", "", ""))
+    return _table(("key", "message", "from", "to", "period", "watchers", "recorded"), rows)
 
 
 def _messages() -> str:
     parts = []
-    for kind in dict.fromkeys(row.message for row in CHANNELS):
+    for kind in dict.fromkeys([*(row.message for row in CHANNELS), Deployed]):
         struct = reflect.type_info(kind)
         assert isinstance(struct, reflect.StructType)
         rows = ((f"`{f.name}`", _kind(f.type), _default(f)) for f in struct.fields)

@@ -22,19 +22,33 @@ from skinnet.messages import (
     Stream,
     Topology,
 )
+from skinnet.outside_messages import Velocity
+from skinnet.record_messages import Counters, Fault, World
 from skinnet.sheet_messages import Pressures, Regions
 from skinnet.watch_messages import LinkLoad, Machine, ProcessLoad
 
-__all__ = ["ALIVE", "CHANNELS", "DEPLOYMENT", "OUTSIDE", "Channel", "Keys", "Role", "channel"]
+__all__ = [
+    "ALIVE",
+    "CHANNELS",
+    "DEPLOYMENT",
+    "OUTSIDE",
+    "RECORDED",
+    "RECORDER",
+    "Channel",
+    "Keys",
+    "Role",
+    "channel",
+]
 
 
 class Role(Enum):
-    """Who takes part in a run; the launcher only looks on."""
+    """Who takes part in a run; the launcher looks on."""
 
     BODY = "body"
     CELLS = "cells"
     CONTROLLER = "controller"
     LAUNCHER = "launcher"
+    RECORDER = "recorder"
 
 
 @dataclass(frozen=True)
@@ -49,6 +63,8 @@ class Channel:
         receivers: Roles that need every message.
         period: When a message is sent.
         public: Whether watchers get best-effort copies; the newest topology and state also answer queries.
+        recorded: Whether a recording of the run holds every message.
+        told: Whether watchers are told of it beside the loop, at a pace of their own.
     """
 
     name: str
@@ -58,6 +74,8 @@ class Channel:
     receivers: tuple[Role, ...]
     period: str
     public: bool = True
+    recorded: bool = True
+    told: bool = False
 
     @property
     def origin(self) -> str:
@@ -65,9 +83,14 @@ class Channel:
         return OUTSIDE if self.sender is None else self.sender.value
 
 
+_GROUND_TRUTH = {"public": False, "recorded": False}
+_TOLD = {"recorded": False, "told": True}
 CHANNELS = (
-    Channel("stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", public=False),
-    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", public=False),
+    Channel(
+        "stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
+    ),
+    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH),
+    Channel("world", "body/world", World, Role.BODY, (), "joints"),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
     Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
     Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
@@ -78,13 +101,14 @@ CHANNELS = (
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
     Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
-    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request"),
-    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz"),
-    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change"),
-    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "if watched: 2 Hz, wall clock"),
-    Channel(
-        "processes", "launcher/processes", ProcessLoad, Role.LAUNCHER, (), "if watched: 2 Hz, wall clock"
-    ),
+    Channel("velocity", "controller/velocity", Velocity, None, (Role.CONTROLLER,), "at will"),
+    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", told=True),
+    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz", told=True),
+    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change", **_TOLD),
+    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if watched", **_TOLD),
+    Channel("processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if watched", **_TOLD),
+    Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
+    Channel("fault", "run/fault", Fault, Role.RECORDER, (), "on change", public=False),
 )
 """Rows in the order of a touch on its way round."""
 
@@ -92,7 +116,11 @@ ALIVE = "alive"
 DEPLOYMENT = "skinnet/*/deployment"
 """Asked at a watch endpoint, this tells what runs there, whatever the robot."""
 OUTSIDE = "outside"
-"""Sender of what strangers bring into the loop: configuration of cells, requests to the controller."""
+"""Sender of what strangers bring into the loop: configurations, requests to the controller, velocities."""
+RECORDER = "recorder"
+"""Name of the process that records a run, if one does."""
+RECORDED = "recorder"
+"""End of the lanes that it listens to."""
 _KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
@@ -125,7 +153,8 @@ class Keys:
         """Receivers of what is put on `key`, maybe an expression: what they share travels together."""
         lane = self._lanes.get(key)
         if lane is None:
-            lane = "-".join(role.value for role in self.parse(key)[0].receivers)
+            row = self.parse(key)[0]
+            lane = "-".join([*(role.value for role in row.receivers), *([RECORDED] if row.recorded else [])])
             if len(self._lanes) < _KNOWN_KEYS:
                 self._lanes[key] = lane
         return lane

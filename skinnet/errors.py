@@ -3,13 +3,14 @@
     SkinnetError
     ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
     ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
+    ├── RecordingError      a file is no recording, or of a newer version, or damaged
+    ├── RecorderError       a recording cannot be written
     ├── ModelError          an MJCF model does not compile or lacks something that was named
     ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
     ├── PortInUseError      the endpoint to listen on is taken
     ├── RunFolderError      a folder is not what a run left behind, or what is in it is damaged
     ├── UnreachableError    nobody answers at the endpoint to connect to
     ├── NameTakenError      a process of this name is in the loop already
-    ├── RecordingError      a recording cannot be read: cut, of a newer version, or of another program
     ├── UpstreamLostError   a process that this one needs is gone
     └── ProcessFailedError  a process of the run ended with an error
 
@@ -24,6 +25,7 @@ __all__ = [
     "PortInUseError",
     "ProcessFailedError",
     "ProtocolError",
+    "RecorderError",
     "RecordingError",
     "RunFolderError",
     "SkinnetError",
@@ -48,6 +50,14 @@ class ModelError(SkinnetError):
     """An MJCF model does not compile, or does not have what a deployment names."""
 
 
+class RecordingError(SkinnetError):
+    """A file is no recording that this program can read; the text says why."""
+
+
+class RecorderError(SkinnetError):
+    """What is said cannot be written down; the text names the file and says why."""
+
+
 class ProtocolError(SkinnetError):
     """A message that does not decode, has another schema version, or names what does not exist."""
 
@@ -66,10 +76,6 @@ class UnreachableError(SkinnetError):
 
 class NameTakenError(SkinnetError):
     """A process of this name is in the loop already: two would answer for one."""
-
-
-class RecordingError(SkinnetError):
-    """A file that is no recording of this program, or one that this version cannot read."""
 
 
 class UpstreamLostError(SkinnetError):

@@ -20,7 +20,7 @@ from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.upstream import Upstream
 
-__all__ = ["Node", "Put", "Reporter", "run_loop"]
+__all__ = ["Keeping", "Node", "Put", "Reporter", "Sparing", "run_loop"]
 
 log = logging.getLogger(__name__)
 
@@ -79,6 +79,22 @@ class Node(Protocol):
 
 
 @runtime_checkable
+class Sparing(Protocol):
+    """A node that does not send what nobody hears."""
+
+    def listen_for(self, heard: Callable[[str], bool]) -> None:
+        """From now on `heard` tells whether anybody hears what is put on a key."""
+
+
+@runtime_checkable
+class Keeping(Protocol):
+    """A node that keeps something beyond the run, which is to be whole however the run ends."""
+
+    def end(self) -> None:
+        """The run is over, or ends here."""
+
+
+@runtime_checkable
 class Reporter(Protocol):
     """A node that reports to watchers now and then, by the clock on the wall and only if there are any.
 
@@ -109,8 +125,8 @@ class _Loop:
         self._blamed: set[str] = set()
 
     async def gather(self) -> None:
-        """Waits until every peer has announced itself."""
-        while not self.node.peers <= self.present:
+        """Waits until every peer has announced itself, be it that some are gone again."""
+        while not self.node.peers <= self.present | self.gone_s.keys():
             self.take(await self.transport.receive(1.0))
 
     async def fulfil(self, pace: WallPace | None) -> None:
@@ -242,6 +258,8 @@ async def run_loop(
     _claim(node.name, transport, keys)
     transport.subscribe(node.subscriptions, sorted(node.senders | {OUTSIDE}))
     transport.watch_alive(keys.alive("*", "*"))
+    if isinstance(node, Sparing):
+        node.listen_for(transport.heard)
     transport.announce(keys.alive(node.role, node.name))
     loop = _Loop(node, transport, keys, deadline_s)
     await loop.gather()

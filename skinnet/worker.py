@@ -23,7 +23,7 @@ import msgspec
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.loop import Node, run_loop
+from skinnet.loop import Keeping, Node, run_loop
 from skinnet.part import Part
 from skinnet.transport.zenoh import ZenohTransport
 from skinnet.usage import UsageTrace
@@ -63,6 +63,9 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument("--cpu", type=int, help="core to run on")
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
+    )
+    parser.add_argument(
+        "--also", action="append", default=[], help="one more process to wait for at the start"
     )
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint: be the hub")
@@ -123,8 +126,10 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     deployment = msgspec.json.decode(args.deployment.read_bytes(), type=Deployment)
     keys = Keys(deployment.robot)
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
+    node: Node | None = None
     try:
         node = build_node(module, deployment, args.name, args.base, args.parts.parent)
+        node.peers |= frozenset(args.also)
         usage = UsageTrace(lambda: (transport.received_bytes, transport.sent_bytes))
         gc.freeze()
         gc.set_threshold(_GC_THRESHOLD)
@@ -144,6 +149,8 @@ async def _run(module: str, args: argparse.Namespace) -> None:
         if args.listen:
             await _outlast(transport, present - {node.name})
     finally:
+        if isinstance(node, Keeping):
+            node.end()
         transport.close()
 
 

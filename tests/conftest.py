@@ -13,9 +13,9 @@ settings.register_profile("skinnet", deadline=None, derandomize=bool(os.environ.
 settings.load_profile("skinnet")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """One Chromium for all tests that look at a page; they are skipped where there is none."""
+    """A Chromium for the tests of a module that look at a page; they are skipped where there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
     from browsing import ARGUMENTS, CHROMIUM
 

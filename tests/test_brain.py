@@ -361,8 +361,9 @@ class Wired:
         here: tuple[str, ...] = ("arm", "hand"),
         lost: bool = True,
         formed_ns: int = 0,
+        **more: Any,
     ) -> None:
-        control = FAST | {"program": program}
+        control = FAST | {"program": program} | more
         deployment: Deployment = small(controller=control, hosts="per_patch", run={"may_be_lost": ("cells",)})
         self.node = ControllerNode(deployment, "controller", SIZES)
         self.sent: list[tuple[str, bytes]] = []

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.channels import CHANNELS, Channel, Keys, Role, channel
+from skinnet.channels import CHANNELS, RECORDED, Channel, Keys, Role, channel
 from skinnet.errors import ProtocolError
 from skinnet.messages import SCHEMA, STREAM_ROW, Events, Joints, Message, Stream, decode, encode, pack, unpack
 from skinnet.transport.base import matches
@@ -116,7 +116,14 @@ def test_the_table_says_who_talks_to_whom() -> None:
     # nobody but the cells may know what the body feels: no ground truth for controller or watchers
     assert channel("stimulus").receivers == (Role.CELLS,)
     assert not channel("stimulus").public
-    assert [row.name for row in CHANNELS if not row.public] == ["stimulus", "pressures"]
+    assert [row.name for row in CHANNELS if not row.public] == ["stimulus", "pressures", "fault"]
+    assert [row.name for row in CHANNELS if not row.recorded] == ["stimulus", "pressures"]
+    assert channel("world").receivers == ()
+
+
+def test_lanes_of_what_is_recorded_are_told_by_their_end() -> None:
+    for row in CHANNELS:
+        assert KEYS.lane(everywhere(row)).endswith(RECORDED) == row.recorded
 
 
 segments = st.lists(st.sampled_from(["a", "b", "c"]), max_size=5)

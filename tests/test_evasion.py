@@ -59,7 +59,8 @@ def test_weights_are_shares_of_the_normal():
     weights = evading_weights(jacobian_m)
     expected = np.array([0.75, -0.5, 0.0])
     np.testing.assert_allclose(weights[0], expected / np.linalg.norm(expected))
-    assert evading_weights(np.array([[[1.0, 1.0, -0.05]]])) == 0.0, "too little to be worth it"
+    assert evading_weights(np.array([[[1.0, 1.0, -0.05]]])) == 0.0, "too little of it inwards"
+    assert evading_weights(np.array([[[0.0, 0.0, -1e-12]]])) == 0.0, "on the axis, but for rounding"
 
 
 def test_what_was_seen_replaces_what_was_expected(body):

@@ -10,11 +10,15 @@ import pytest
 from launching import ROOT, child, launched, run, wait_for
 from rich.console import Console
 
+from skinnet.memory.exchange import to_json
+from skinnet.memory.store import read_memory
 from skinnet.run.launch import Order, prepare, run_once
 from skinnet.run.progress import Progress
 
 pytestmark = pytest.mark.timeout(400)
 GRASP = ROOT / "deployments" / "hrp2_grasp.toml"
+TEACH = ROOT / "deployments" / "hrp2_teach.toml"
+MEMORY = ROOT / "deployments" / "hrp2_memory.json"
 FAST = {"approach": 0.3, "contact": 0.2, "load": 0.2, "pull": 3.0, "hold": 4.0, "release": 1.0}
 """How long into a state something happens, in the run below: the middle of each [s]."""
 PAIN = 0.45
@@ -32,7 +36,7 @@ def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
     figures: Figures = summary["figures"]
     assert figures["grasp.peak_reading"] < PAIN
     assert figures["grasp.peak_reading_told"] < PAIN
-    assert figures["grasp.peak_speed_rad_s"] <= SPEED_RAD_S
+    assert figures["grasp.peak_speed_rad_s"] <= SPEED_RAD_S * (1.0 + 1e-6)  # as a float of 32 bits
     assert figures["network.conserved"]
     return figures
 
@@ -55,7 +59,7 @@ def test_unknown_objects_are_grasped(thing: str, tmp_path: Path) -> None:
     figures = grasped(tmp_path, f"object={thing}", seed=7)
     assert figures["grasp.success"]
     assert figures["object.carried_s"] >= 5.0
-    assert all(cells > 0 for cells in figures["grasp.hold.contact_cells"])
+    assert all(cells > 0 for cells in figures["grasp.pull.contact_cells"])
     as_it_was(figures)
 
 
@@ -80,7 +84,8 @@ def test_what_cannot_be_grasped_is_given_up(settings: tuple[str, ...], tmp_path:
 
 @pytest.mark.parametrize("state", FAST)
 def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Path) -> None:
-    figures = grasped(tmp_path, operator((state, "cancel", FAST[state])), "stand.below_m=0.4")
+    before = [("hold", "release", 12.0)] if state == "release" else []
+    figures = grasped(tmp_path, operator(*before, (state, "cancel", FAST[state])))
     assert figures["grasp.cancelled_in"] == state
     assert figures["grasp.cancelled_by"] == "cancel"
     assert figures["grasp.ends_in"] == "safe"
@@ -138,3 +143,33 @@ def test_without_the_skin_of_an_arm_it_sets_the_object_down(tmp_path: Path) -> N
     assert figures["grasp.cancelled_by"] == "skin lost"
     assert figures["grasp.ends_in"] == "safe"
     as_it_was(figures)
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Figures]:
+    """A robot that knew nothing: what it was taught, and what it did with it."""
+    out = tmp_path_factory.mktemp("teach")
+    order = Order(TEACH, (), in_process=True, plots=False)
+    summary = run_once(order, prepare(order), out, Progress(Console(file=io.StringIO()), quiet=True))
+    return out, summary["figures"]
+
+
+def test_from_an_empty_memory_to_a_grasp(taught: tuple[Path, Figures]) -> None:
+    _, figures = taught
+    assert figures["structure.wrong_entries"] == 0
+    assert figures["session.poses"] == ["closed", "home", "open", "pulled"]
+    assert {label: figures[f"session.area_cells.{label}"] for label in ("pat", "contact", "chest")} == {
+        "pat": 7,
+        "contact": 32,
+        "chest": 12,
+    }
+    assert figures["session.refused_requests"] == 0
+    assert figures["lessons.outcomes"] == ["reached"] * 3
+    assert figures["lessons.contacts"] == 0
+    assert figures["lessons.peak_force_n"] == 0.0
+    assert figures["grasp.success"]
+
+
+def test_the_shipped_memory_is_what_was_taught(taught: tuple[Path, Figures]) -> None:
+    out, _ = taught
+    assert to_json(read_memory(out / "memory.sqlite")) == MEMORY.read_bytes()

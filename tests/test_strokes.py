@@ -11,6 +11,8 @@ from skinnet.body.finger import Phase
 from skinnet.body.strokes import Sweep, sweeps_over
 from skinnet.deployment.schema import LatticeSpec, PatchSpec
 from skinnet.deployment.teacher import StrokeSpec, TeacherSpec
+from skinnet.part import Part
+from skinnet.run.figures.teaching import teaching_figures
 
 MS = 1_000_000
 SIDE_M = 0.014
@@ -68,6 +70,10 @@ def test_some_cells_and_several_patches(tmp_path):
     (truth,) = body.teacher.strokes
     assert truth.asked == [0, 1, 2, 3, 13, 10]
     assert truth.touched == [0, 1, 2, 3, 10, 13]
+    figures = teaching_figures(Part("body", "body", body.truth().facts, {}))
+    assert figures["strokes.cells"] == [6]
+    assert (figures["strokes.missed"], figures["strokes.others"]) == (0, 0)
+    assert 0.1 < figures["strokes.peak_force_n"] < 0.5
 
 
 def test_the_next_time_the_next_stroke(tmp_path):

@@ -5,6 +5,7 @@ import queue
 import socket
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -104,6 +105,44 @@ async def hear(transport: Transport, n: int) -> list[Delivery]:
         assert batch, f"only {heard}"
         heard += batch
     return heard
+
+
+async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender(star: Star) -> None:
+    """In whatever lane it is; of the others it hears nothing."""
+    body, _, recorder = await star.gather("body", "other", "recorder")
+    recorder.subscribe([KEYS.of("config", "p", "*"), KEYS.of("command"), KEYS.of("state")], ["body"])
+    await star.agree("listening")
+    sent = []
+    for number in range(60):
+        put = [KEYS.of("config", "p", number), KEYS.of("state"), KEYS.of("command")][number % 3]
+        sent.append((put, str(number).encode()))
+        body.put(*sent[-1])
+        body.put(KEYS.of("pressures"), b"not for a record")
+        if number % 3 == 2:
+            body.flush()
+    assert [tuple(one) for one in await hear(recorder, len(sent))] == sent
+
+
+async def test_a_sender_knows_whether_it_is_heard(star: Star) -> None:
+    body, watcher = await star.gather("body", "watcher")
+    world = KEYS.of("world")
+    assert not body.heard(world)
+    heard: queue.Queue[tuple[str, bytes]] = queue.Queue()
+    undo = watcher.overhear(world, lambda *message: heard.put(message))
+    await star.agree("overhearing")
+    until_it_is(body, world, True)
+    body.put(world, b"where")
+    body.flush()
+    assert heard.get(timeout=LONG_S) == (world, b"where")
+    undo()
+    until_it_is(body, world, False)
+
+
+def until_it_is(member: Transport, asked: str, wanted: bool) -> None:
+    """Returns when `member` is heard, or is not: the news may take its time, and another thread."""
+    deadline_s = time.monotonic() + LONG_S
+    while member.heard(asked) != wanted:
+        assert time.monotonic() < deadline_s
 
 
 async def test_messages_of_a_sender_arrive_once_and_in_order(star: Star) -> None:
@@ -419,7 +458,7 @@ async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> No
     hub = ZenohTransport(KEYS, "hub", listen=endpoint)
     try:
         hub.subscribe([key("*")], ["hub"])
-        hub.tell(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
+        hub.tell(f"{KEYS.prefix}loop/hub/controller-recorder", b"no envelope")
         hub.put(key("x"), b"1")
         hub.flush()
         assert await hear(hub, 1) == [Delivery(key("x"), b"1")]

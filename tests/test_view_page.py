@@ -176,7 +176,6 @@ def test_a_recording_is_paused_and_sought(browser: Any, tmp_path: Path) -> None:
         found.page.get_by_role("button", name="Play", exact=True).click()
         found.until(f"() => {clock} > 42.6")
         assert found.errors == []
-    source.close()
 
 
 def test_the_token_opens_the_page_and_nothing_else_does(browser: Any, robot: Pushed) -> None:

@@ -1,8 +1,5 @@
-"""A recording is played, sought and looped; one that is cut, foreign or newer is one clear line."""
+"""A recording is played, sought and looped, and one that was cut is played up to there."""
 
-import io
-from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
+from recorded import record
 from view_scene import MS, deployment, event, joints, state, topology
 
 from skinnet.channels import Keys
@@ -21,7 +19,6 @@ from skinnet.messages import encode
 from skinnet.view.atlas import draw_atlas
 from skinnet.view.playback import Playback
 from skinnet.view.recorded import RecordedSource
-from skinnet.view.recording import Recording
 from skinnet.view.state import RASTER_NS, Scene, Told
 
 LENGTH_S = 60
@@ -45,22 +42,22 @@ def key(told: Told, robot: str = "bot") -> str:
     return Keys(robot).of(told.channel, *told.fields)
 
 
-def write(path: Path, deployed: Deployment, told: list[Told], **more: Any) -> Path:
-    """A file as the plain writer makes it, with a channel of somebody else's in between."""
+def write(path: Path, deployed: Deployment, told: list[Told], chunk_size: int = 2_000) -> Path:
+    """A recording as the plain writer makes it, with a channel of somebody else's in between."""
+    about = {"format": "1", "robot": deployed.robot, "base": str(path.parent)}
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=more.get("chunk_size", 2_000), compression=CompressionType.ZSTD)
+        writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.ZSTD)
         writer.start()
-        if (attached := more.get("attached", resolved_json(deployed))) is not None:
-            writer.add_attachment(0, 0, "deployment.json", "application/json", attached)
-        metadata = {"base": str(path.parent), "schema": "1"} | more.get("metadata", {})
-        writer.add_metadata("skinnet", metadata)
+        writer.add_attachment(0, 0, "deployment.json", "application/json", resolved_json(deployed))
+        writer.add_metadata("skinnet", about)
         other = writer.register_channel("/tf", "json", 0)
         channels: dict[str, int] = {}
         for one in told:
             topic = key(one, deployed.robot)
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "msgpack", 0)
-            writer.add_message(channels[topic], one.t_ns, encode(one.message), one.t_ns)
+            payload = one.message if isinstance(one.message, bytes) else encode(one.message)
+            writer.add_message(channels[topic], one.t_ns, payload, one.t_ns)
             writer.add_message(other, one.t_ns, b"{}", one.t_ns)
         writer.finish()
     return path
@@ -107,20 +104,18 @@ def fed(source: RecordedSource, scene: Scene, now_s: float) -> None:
 def test_wherever_one_goes_the_scene_is_what_it_was_then(
     file: Path, deployed: Deployment, times: list[float]
 ) -> None:
-    with closing(RecordedSource(file, None, 0.0)) as source:
-        scene = Scene(deployed, draw_atlas(deployed))
-        for number, t_s in enumerate(times):
-            source.playback.seek(round(t_s * 1e9), float(number))
-            source.playback.pause(float(number))
-            fed(source, scene, float(number))
-            assert scene.t_ns == source.playback.position_ns(float(number))
-            assert_alike(scene, after(deployed, scene.t_ns))
+    source, scene = RecordedSource(file, None, 0.0), Scene(deployed, draw_atlas(deployed))
+    for number, t_s in enumerate(times):
+        source.playback.seek(round(t_s * 1e9), float(number))
+        source.playback.pause(float(number))
+        fed(source, scene, float(number))
+        assert scene.t_ns == source.playback.position_ns(float(number))
+        assert_alike(scene, after(deployed, scene.t_ns))
 
 
 @pytest.fixture
-def source(file: Path) -> Iterator[RecordedSource]:
-    with closing(RecordedSource(file, None, 100.0)) as source:
-        yield source
+def source(file: Path) -> RecordedSource:
+    return RecordedSource(file, None, 100.0)
 
 
 def test_it_plays_at_its_rate_and_stops_at_the_end(source: RecordedSource, deployed: Deployment) -> None:
@@ -202,66 +197,47 @@ def test_a_recording_that_is_cut_is_played_up_to_there(
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
     scene = Scene(deployed, draw_atlas(deployed))
-    with closing(RecordedSource(cut, None, 0.0)) as source, closing(Recording(file)) as whole:
-        assert source.recording.cut
-        assert not whole.cut
-        assert source.recording.end_ns <= whole.end_ns
-        assert source.facts()["it is cut"] == "it goes up to here"
-        fed(source, scene, 100.0)
-        assert_alike(scene, after(deployed, source.recording.end_ns))
-        source.playback.seek(source.recording.end_ns // 2, 101.0)
-        source.playback.pause(101.0)
-        fed(source, scene, 101.0)
-        assert_alike(scene, after(deployed, scene.t_ns))
+    source, whole = RecordedSource(cut, None, 0.0), RecordedSource(file, None, 0.0)
+    assert source.playback.end_ns <= whole.playback.end_ns
+    assert "it was cut" in source.facts()
+    assert "it was cut" not in whole.facts()
+    fed(source, scene, 100.0)
+    assert_alike(scene, after(deployed, source.playback.end_ns))
+    source.playback.seek(source.playback.end_ns // 2, 101.0)
+    source.playback.pause(101.0)
+    fed(source, scene, 101.0)
+    assert_alike(scene, after(deployed, scene.t_ns))
 
 
-def refusal(path: Path) -> str:
-    with pytest.raises(RecordingError) as caught:
-        Recording(path)
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.startswith(str(path))
-    return text
-
-
-def test_what_is_no_recording_is_one_clear_line(deployed: Deployment, tmp_path: Path) -> None:
+def test_what_does_not_decode_is_left_out_and_counted(deployed: Deployment, tmp_path: Path) -> None:
     told = story(deployed)[:6]
-    junk = tmp_path / "junk.mcap"
-    junk.write_bytes(b"this is not what you look for" * 9)
-    assert "is no recording" in refusal(junk)
-    empty = tmp_path / "empty.mcap"
-    empty.write_bytes(b"")
-    assert "is no recording" in refusal(empty)
-    other = write(tmp_path / "other.mcap", deployed, told, attached=None)
-    assert "another program" in refusal(other)
-    newer = write(tmp_path / "newer.mcap", deployed, told, metadata={"schema": "2"})
-    assert "schema 2" in refusal(newer)
-    strange = write(tmp_path / "strange.mcap", deployed, told, attached=b'{"name": "x", "gadget": 1}')
-    assert "another version of skinnet" in refusal(strange)
-    broken = write(tmp_path / "broken.mcap", deployed, told, attached=b"{")
-    assert "another version of skinnet" in refusal(broken)
-    silent = write(tmp_path / "silent.mcap", deployed, [])
-    assert "has no message" in refusal(silent)
-    with pytest.raises(FileNotFoundError):
-        Recording(tmp_path / "none.mcap")
+    strange: Any = msgspec.msgpack.encode({"type": "joints", "schema": 9})
+    told += [joints(5_000 + i, 0.0, 0.0)._replace(message=junk) for i, junk in enumerate((strange, b"\xc1"))]
+    source = RecordedSource(write(tmp_path / "run.mcap", deployed, told), None, 0.0)
+    scene = Scene(deployed, draw_atlas(deployed))
+    fed(source, scene, 10.0)
+    assert source.facts()["unreadable messages"] == "2"
+    assert scene.malformed == 0
+    assert_alike(scene, after(deployed, told[5].t_ns), history=False)
 
 
-def test_a_message_of_another_schema_is_counted(deployed: Deployment, tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    told = story(deployed)[:4]
-    stream = io.BytesIO()
-    writer = Writer(stream)
-    writer.start()
-    writer.add_attachment(0, 0, "deployment.json", "application/json", resolved_json(deployed))
-    channel = writer.register_channel(key(told[2]), "msgpack", 0)
-    for payload in (
-        encode(told[2].message),
-        b"\xc1",
-        msgspec.msgpack.encode({"type": "joints", "schema": 9}),
-    ):
-        writer.add_message(channel, 5, payload, 5)
-    writer.finish()
-    path.write_bytes(stream.getvalue())
-    with closing(Recording(path)) as recording:
-        assert len(list(recording.messages(0))) == 1
-        assert recording.malformed == 2
+def test_a_recording_without_a_message_has_nothing_to_show(deployed: Deployment, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="nothing to see"):
+        RecordedSource(write(tmp_path / "run.mcap", deployed, []), None, 0.0)
+
+
+def test_a_recorded_run_is_played_as_it_was(tmp_path: Path) -> None:
+    """What the recorder of a run wrote: every state of the controller is there, and why it came."""
+    summary = record("touch", tmp_path, "--in-process", "--no-plots")
+    source = RecordedSource(tmp_path / "run.mcap", None, 0.0)
+    scene = Scene(source.deployment, draw_atlas(source.deployment))
+    source.playback.set_rate(1000.0, 0.0)
+    fed(source, scene, 1000.0)
+    assert scene.malformed == source.malformed == 0
+    assert scene.network.found.all()
+    assert [move.to for move in scene.mind.moves] == ["map", "force_guidance"]
+    assert "finger" in scene.world
+    assert scene.happenings.total > 0
+    scene.digest()
+    assert scene.missed == 0
+    assert scene.t_ns == pytest.approx(summary["sim_s"] * 1e9, rel=0.01)

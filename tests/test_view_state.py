@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from view_scene import MS, SHEETS, event, joints, scene, state, stream, told, topology
 
-from skinnet.messages import Command, ControllerState, Events, Message, Modality, Stream
+from skinnet.messages import Command, ControllerState, Events, Modality, Stream
+from skinnet.record_messages import Counters, World
 from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW, Regions
 from skinnet.view.happenings import FULL_READING, Happenings, Trends
 from skinnet.view.machinery import Machinery
@@ -373,15 +374,20 @@ def test_a_scene_comes_back_to_what_it_was() -> None:
 
 
 def test_what_moves_freely_is_known_from_the_world() -> None:
-    class World(Message, frozen=True, kw_only=True, tag="world"):
-        t_ns: int
-        poses: dict[str, list[float]]
-
     view, _ = scene()
     for t_ms, name in ((5, "object"), (10, "finger")):
-        message = World(t_ns=t_ms * MS, poses={name: [0.0] * 7})
+        message = World(t_ns=t_ms * MS, covered_ns=0, poses={name: [0.0] * 7})
         view.take(told("world", message, t_ms * MS), 0.0)
     assert set(view.world) == {"object", "finger"}
+
+
+def test_losses_that_only_hosts_count_are_losses() -> None:
+    view, _ = scene()
+    for t_ms, lost in ((1000, 3), (2000, 10), (2600, 10)):
+        counts = {"event.queue_full": lost, "event.delivered": 1000 * lost, "event.offered": 2000}
+        message = Counters(host="host0", t_ns=t_ms * MS, counts=counts)
+        view.take(told("counters", message, t_ms * MS), 0.0)
+    assert view.trends.trend().dropped.sum() * 0.25 == 7
 
 
 def test_a_recording_of_the_loop_has_commands_for_states() -> None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -184,21 +183,3 @@ async def test_processes_tell_what_they_use(monkeypatch: pytest.MonkeyPatch) -> 
     assert last.cores[0] >= 0.0
     async with telling_loads({"me": os.getpid()}, None, Progress(Console(), quiet=True)):
         pass  # nobody can watch
-
-
-def test_the_base_of_a_recording_needs_no_run(tmp_path: Path) -> None:
-    """A whole run in one process, recorded by the plain writer, is what the page reads."""
-    from recordings import BASE, record
-
-    from skinnet.view.recording import Recording
-
-    short = ('controller.program=["structure"]', "controller.structure.average_s=0.05")
-    deployment = load(BASE / "two_link_arm.toml", (*short, "controller.structure.settle_s=0.05"))
-    counts = record(deployment, tmp_path / "run.mcap")
-    recording = Recording(tmp_path / "run.mcap")
-    found: dict[str, int] = {}
-    for told in recording.messages(0):
-        found[told.channel] = found.get(told.channel, 0) + 1
-    recording.close()
-    assert found == counts
-    assert {"joints", "command", "topology", "stream", "machine", "state"} <= set(counts)

@@ -16,9 +16,10 @@ from controller.nursing.program import NursingCommand, NursingProgram
 from controller.nursing.skin_input import BoardInput, sheets_of
 from controller.offers import nursing_machine
 from controller.requests import Reply, Requests
+from controller.state_record import StateRecord
 from controller.touch.safety import SafetyClamp, SafetyLimits
 from skinnet.body.model import load_model
-from skinnet.channels import Keys, Role
+from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import BOARDS
@@ -61,7 +62,7 @@ class NursingNode:
         self._boards = Upstream(BOARDS, BOARDS)
         self.upstreams: Mapping[str, Upstream] = {"body": self._body, BOARDS: self._boards}
         self.senders = frozenset({"body", BOARDS})
-        self.peers = frozenset({"body", name, *deployment.hosts_of_skin()})
+        self.peers: frozenset[str] = frozenset({"body", name, *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         self._state_key, self._command_key = keys.of("state"), keys.of("command")
@@ -94,6 +95,7 @@ class NursingNode:
         self._requests = Requests(keys, self.counters)
         self._state_s = -1e9
         self._told = ""
+        self._record = StateRecord(keys)
         self._log = hashlib.sha256()
 
     def start(self, put: Put) -> None:
@@ -160,6 +162,8 @@ class NursingNode:
             stage=said.state.value,
             end_ns=next_multiple(effect_ns, self._frame_ns) if self._finished else None,
         )
+        if RECORDER in self.peers:
+            self._record.tick(put, self._state(t_ns), self._requests.answers, last=self._finished)
         payload = encode(command)
         put(self._command_key, payload)
         self._log.update(position.tobytes())
@@ -176,11 +180,12 @@ class NursingNode:
         now_s, stage = time.monotonic(), self._said.state.value
         if stage != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = stage, now_s
-            state = ControllerState(
-                t_ns=self._t_ns, stage=stage, progress=self._program.progress, text=self._said.reason
-            )
-            news.append((self._state_key, encode(state)))
+            news.append((self._state_key, encode(self._state(self._t_ns))))
         return news
+
+    def _state(self, t_ns: int) -> ControllerState:
+        stage, text = self._said.state.value, self._said.reason
+        return ControllerState(t_ns=t_ns, stage=stage, progress=self._program.progress, text=text)
 
     def result(self) -> Part:
         """What the program found, and the course of every contact."""

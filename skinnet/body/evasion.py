@@ -19,6 +19,8 @@ Indices = NDArray[np.int64]
 
 _LEAST_NORM = 0.1
 """A cell with a shorter vector cannot move along its normal, as in the robot's own map (assumed)."""
+_LEAST_LEVER_M = 1e-3
+"""A DoF that gives a cell less motion than this per radian does not move it (assumed)."""
 _TELLING_RAD = 0.02
 """A motion of the joints that shows how a cell evades (assumed)."""
 _AT_LIMIT_RAD = 0.005
@@ -59,7 +61,7 @@ def evading_weights(jacobian_m: Floats) -> Floats:
     Rows have norm one, or zero where a cell cannot move along its normal.
     """
     total = np.abs(jacobian_m).sum(axis=2)
-    shares = np.divide(-jacobian_m[:, :, 2], total, out=np.zeros(total.shape), where=total > 0.0)
+    shares = np.divide(-jacobian_m[:, :, 2], total, out=np.zeros(total.shape), where=total > _LEAST_LEVER_M)
     norm = np.linalg.norm(shares, axis=1, keepdims=True)
     weights: Floats = np.divide(shares, norm, out=np.zeros_like(shares), where=norm > _LEAST_NORM)
     return weights

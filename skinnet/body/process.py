@@ -4,6 +4,7 @@ import hashlib
 import math
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,15 @@ from numpy.typing import NDArray
 
 from skinnet.body.scripted_body import ScriptedBody
 from skinnet.body.simulation import Body
-from skinnet.body.world import World
-from skinnet.channels import Keys, Role
+from skinnet.body.world import World as BodyWorld
+from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import Command, Joints, Stimulus, decode, encode
 from skinnet.part import Part
+from skinnet.record_messages import World
 from skinnet.sheet_messages import Pressures
 from skinnet.upstream import Upstream
 
@@ -37,7 +39,7 @@ class BodyNode:
     role = Role.BODY.value
     paced = True
 
-    def __init__(self, deployment: Deployment, name: str, body: World) -> None:
+    def __init__(self, deployment: Deployment, name: str, body: BodyWorld) -> None:
         self.name = name
         keys = Keys(deployment.robot)
         self.subscriptions = (keys.of("command"),)
@@ -46,7 +48,7 @@ class BodyNode:
         self.upstreams = {"controller": self._controller}
         self.senders = frozenset({"controller"})
         hosts = deployment.host_patches()
-        self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
+        self.peers: frozenset[str] = frozenset({"body", "controller", *deployment.hosts_of_skin()})
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         self._body = body
@@ -59,6 +61,8 @@ class BodyNode:
         self._patches = hosts
         self._stage = ""
         self._joints_key = keys.of("joints")
+        self._world_key = keys.of("world")
+        self._heard: Callable[[str], bool] = _never
         self._pressures_key = keys.of("pressures") if deployment.sheets else None
         self._hosts = [
             (host, keys.of("stimulus", host), np.concatenate([self._rows(patch) for patch in patches]))
@@ -72,6 +76,10 @@ class BodyNode:
     def _rows(self, patch: str) -> NDArray[np.int64]:
         cells = self._body.cells[patch]
         return np.arange(cells.start, cells.stop, dtype=np.int64)
+
+    def listen_for(self, heard: Callable[[str], bool]) -> None:
+        """Poses in the world are sent while somebody hears them."""
+        self._heard = heard
 
     def start(self, put: Put) -> None:
         """Sends what is felt and measured at time zero."""
@@ -151,6 +159,10 @@ class BodyNode:
                 put(self._pressures_key, encode(pressures))
                 self._log.update(values)
         if t_ns % self._joints_ns == 0:
+            if RECORDER in self.peers or self._heard(self._world_key):
+                poses = self._body.loose()
+                if poses:
+                    put(self._world_key, encode(World(t_ns=t_ns, covered_ns=t_ns, poses=poses)))
             position = self._body.joints()
             joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())
             put(self._joints_key, encode(joints))
@@ -182,6 +194,11 @@ class BodyNode:
             **truth.arrays,
         }
         return Part(self.name, self.role, facts, arrays)
+
+
+def _never(_key: str) -> bool:
+    """Nobody hears anything."""
+    return False
 
 
 def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> BodyNode:

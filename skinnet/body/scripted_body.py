@@ -124,6 +124,10 @@ class ScriptedBody:
         """Positions (D,) of the controlled joints now [rad], a copy."""
         return self._position_rad.copy()
 
+    def loose(self) -> dict[str, list[float]]:
+        """Nothing: touches are prescribed, and nobody is there who touches."""
+        return {}
+
     def truth(self) -> GroundTruth:
         """Crossings, refused commands and forces; the presses that began."""
         facts = {

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skinnet.body.actuation import Actuation
 from skinnet.body.foundation import Foundation, elastic_bodies, foam_of
 from skinnet.body.grasp_truth import GraspTruth
+from skinnet.body.loose import LooseBodies
 from skinnet.body.model import load_model, resting_targets_rad
 from skinnet.body.payload import Closing, Payload
 from skinnet.body.scene import motion_of, scene_of
@@ -23,7 +24,7 @@ from skinnet.body.surface import Surface, skin_surface
 from skinnet.body.sway import Sway
 from skinnet.body.teacher import Skin, Teacher
 from skinnet.body.things import presented_by
-from skinnet.body.truth import ForceTrace, TouchTruth, reaction_truth
+from skinnet.body.truth import ForceTrace, reaction_truth
 from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
@@ -54,6 +55,7 @@ class Body:
         sheet_foundation: Their foam.
         actuation: The control interface.
         teacher: The finger, and what its touches really were.
+        loose: Poses of finger, payload, stand and object now, by name.
         payload: The object in the robot's arms, if there is one.
         stand: The stand in front of the robot, if there is one.
         grasp: What really becomes of the object on it.
@@ -85,8 +87,7 @@ class Body:
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}
 
-        self._step_ns = spec.physics_ns
-        self._step_s = spec.physics_ns / NS_PER_S
+        self._step_ns, self._step_s = spec.physics_ns, spec.physics_ns / NS_PER_S
         self._sway = Sway(spec.sway, deployment.seed)
         self.data = self._at_home()
         resting_rad = resting_targets_rad(self.data, self.model.sway_actuator)
@@ -104,6 +105,7 @@ class Body:
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
         self.forces = ForceTrace(spec.joints_ns)
+        self.loose = LooseBodies(self.data).poses
         self._evaluated = self._watched = False
         self._stimulus: NDArray[np.float64] | None = None
         self.stand: Stand | None = None
@@ -194,7 +196,7 @@ class Body:
         self._evaluate()
         self._watch()
         facts = {
-            "touches": [self._touch_facts(touch) for touch in self.teacher.truth],
+            "touches": [touch.facts(self._touches) for touch in self.teacher.truth],
             "lessons": [asdict(lesson) for lesson in self.teacher.lessons],
             "strokes": [asdict(stroke) for stroke in self.teacher.strokes],
             "reaction_crossings": self.crossings.facts(),
@@ -209,11 +211,6 @@ class Body:
             facts |= self.grasp.facts()
             arrays |= self.grasp.arrays()
         return GroundTruth(facts, arrays)
-
-    def _touch_facts(self, touch: TouchTruth) -> dict[str, Any]:
-        by_depth = self._touches[touch.touch].depth_m is not None
-        public = {key: value for key, value in vars(touch).items() if not key.startswith("_")}
-        return public | {"by_depth": by_depth}
 
     def _at_home(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model.mj)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.schema import CellSpec, ForceSpec, ProximitySpec, StageSpec
+from skinnet.deployment.schema import CellSpec, ForceSpec, ProximitySpec, StageSpec, TouchSpec
 from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES, Modality
 
 __all__ = [
@@ -210,6 +210,11 @@ class TouchTruth:
     held_n: float = math.nan
     impulse_n_s: float = 0.0
     _held_steps: int = 0
+
+    def facts(self, touches: Sequence[TouchSpec]) -> dict[str, Any]:
+        """All that is public of it, and whether the script gave it a depth or a force."""
+        public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
+        return public | {"by_depth": touches[self.touch].depth_m is not None}
 
     def observe(self, t_ns: int, step_s: float, finger_n: float, aimed_n: float, holds: bool) -> None:
         """Takes in one physics step: force on the finger and on what it aims at [N]."""

@@ -48,5 +48,8 @@ class World(Protocol):
     def joints(self) -> NDArray[np.float64]:
         """Positions (D,) of the controlled joints now [rad], a copy."""
 
+    def loose(self) -> dict[str, list[float]]:
+        """Poses of what moves freely in the world now: position [m] and quaternion (w, x, y, z) by name."""
+
     def truth(self) -> GroundTruth:
         """What really happened so far."""

@@ -19,9 +19,13 @@ Examples:
 
   skinnet bridge ros2 tcp/127.0.0.1:7448 --domain 3 --router tcp/192.168.0.7:7447 --rate 20
 
-The first needs a router of ROS 2, rmw_zenohd. This one is the router itself:
+They need a router of ROS 2, rmw_zenohd. This one is the router itself:
 
   skinnet bridge ros2 tcp/127.0.0.1:7448 --listen tcp/127.0.0.1:7447
+
+With --control, joint velocities come in. The run must let them:
+
+  skinnet run deployments/hrp2_touch.toml --pace realtime --set controller.outside_velocity=true
 """
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="A run as part of another system.")
@@ -45,6 +49,9 @@ def _ros2(
     rate: Annotated[
         float, typer.Option(min=0.1, max=1000.0, help="Publishes at most so often [Hz]; markers at 10.")
     ] = 50.0,
+    control: Annotated[
+        bool, typer.Option("--control", help="Let ROS move the robot, if the run lets it.")
+    ] = False,
     base: Annotated[
         Path | None, typer.Option(help="Folder with the model; the one that the run names unless given.")
     ] = None,
@@ -54,12 +61,12 @@ def _ros2(
         from skinnet.ros2.bridge import Order, bridge
     except ModuleNotFoundError as error:
         raise SkinnetError(
-            f"no module {error.name}: install the extra, pip install 'skinnet[ros2]'"
+            f"{error.name} is missing; install the extra: pip install 'skinnet[ros2]'"
         ) from error
     terminal = console()
 
     def say(line: str) -> None:
         terminal.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    for topic, sent in bridge(Order(endpoint, domain, router, listen, rate, base), say).items():
+    for topic, sent in bridge(Order(endpoint, domain, router, listen, rate, base, control), say).items():
         say(f"  {topic}: {sent} messages")

@@ -1,5 +1,6 @@
 """What commands share: the terminal, options of the same name, and where results go."""
 
+import importlib.util
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +12,7 @@ from rich.console import Console
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
 
-__all__ = ["File", "Json", "Out", "Set", "console", "seed_range", "write_report"]
+__all__ = ["File", "Json", "Out", "Set", "console", "require_extra", "seed_range", "write_report"]
 
 _PLAIN_WIDTH = 120
 
@@ -28,6 +29,17 @@ def console(stderr: bool = False) -> Console:
     """The terminal; what is not one gets lines that are wide enough."""
     terminal = Console(stderr=stderr)
     return terminal if terminal.is_terminal else Console(stderr=stderr, width=_PLAIN_WIDTH)
+
+
+def require_extra(extra: str, *modules: str) -> None:
+    """Makes sure that what an extra brings is installed.
+
+    Raises:
+        DeploymentError: names the module that is missing, and the extra.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise DeploymentError(f"no module {module}: install the extra, pip install 'skinnet[{extra}]'")
 
 
 def write_report(report: dict[str, Any], target: str | None) -> None:

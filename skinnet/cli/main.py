@@ -10,6 +10,8 @@ import typer
 from skinnet import __version__
 from skinnet.cli import bench, bridge, memory, network, report, run
 from skinnet.cli.plan import EXAMPLES, plan
+from skinnet.cli.replay import EXAMPLES as REPLAY_EXAMPLES
+from skinnet.cli.replay import replay
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
 from skinnet.cli.stress import stress
@@ -29,6 +31,15 @@ from skinnet.errors import (
 __all__ = ["app", "main"]
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+_BAD_INPUTS = (
+    DeploymentError,
+    MemoryFileError,
+    ModelError,
+    PortInUseError,
+    RecordingError,
+    RunFolderError,
+    UnreachableError,
+)
 
 app = typer.Typer(
     add_completion=False,
@@ -46,6 +57,7 @@ app.command(epilog=report.EXAMPLES)(report.report)
 app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
 app.command(epilog=VIEW_EXAMPLES)(view)
+app.command(epilog=REPLAY_EXAMPLES)(replay)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 app.add_typer(bridge.app, name="bridge")
@@ -72,15 +84,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
     try:
         app()
-    except (
-        DeploymentError,
-        MemoryFileError,
-        ModelError,
-        PortInUseError,
-        RecordingError,
-        RunFolderError,
-        UnreachableError,
-    ) as error:
+    except _BAD_INPUTS as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

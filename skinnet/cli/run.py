@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skinnet.cli.console import File, Json, Out, Set, console, seed_range, write_report
+from skinnet.cli.console import File, Json, Out, Set, console, require_extra, seed_range, write_report
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
 from skinnet.run.explain import explain
@@ -29,6 +29,8 @@ Examples:
   skinnet run deployments/hrp2_touch.toml --seeds 1-20 --set 'controller.program=["structure"]' --json -
 
   skinnet run deployments/hrp2_touch.toml --set hosts=per_patch --out runs/seven_hosts
+
+  skinnet run deployments/hrp2_touch.toml --record --set run.max_s=20
 
   skinnet run deployments/hrp2_touch.toml --pace realtime --view --keep
 
@@ -53,6 +55,9 @@ def run(
         str | None,
         typer.Option(metavar="ENDPOINT", help="Where watchers join, e.g. tcp/127.0.0.1:7447."),
     ] = None,
+    record: Annotated[
+        bool, typer.Option("--record", help="Writes run.mcap: all that is said, to look at and to replay.")
+    ] = False,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots and a picture.")] = True,
     view: Annotated[bool, typer.Option("--view", help="Serve a live page; prints its address.")] = False,
     control: Annotated[bool, typer.Option("--control", help="The page has buttons for requests.")] = False,
@@ -64,7 +69,9 @@ def run(
     if keep and seeds is not None:
         raise DeploymentError("--keep and --seeds: a page that stays shows one run")
     overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
-    order = Order(file, overrides, in_process, listen, plots)
+    order = Order(file, overrides, in_process, listen, plots, record)
+    if record:
+        require_extra("record", "mcap", "zstandard", "foxglove")
     terminal = console(stderr=json == "-")
     folder = out or Path("runs") / f"{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     with contextlib.ExitStack() as pages:

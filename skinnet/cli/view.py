@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from skinnet.cli.console import console
-from skinnet.errors import SkinnetError
+from skinnet.cli.console import console, require_extra
 
 __all__ = ["EXAMPLES", "view"]
 
@@ -50,12 +49,9 @@ def view(
     """Serves a page with body, skin, network and controller of a run that goes on, or of a recording."""
     if hasattr(os, "nice"):
         os.nice(_NICE)
-    try:
-        from skinnet.view.show import Order, show
-    except ModuleNotFoundError as error:
-        raise SkinnetError(
-            f"no module {error.name}: install the extra, pip install 'skinnet[view]'"
-        ) from error
+    require_extra("view", "viser", "mcap", "zstandard")
+    from skinnet.view.show import Order, show
+
     terminal = console()
 
     def say(line: str) -> None:

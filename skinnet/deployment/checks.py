@@ -109,7 +109,7 @@ def _check_hosts(deployment: Deployment) -> None:
     left = [name for name in names if name not in placed]
     if left:
         raise DeploymentError(f"hosts: no host runs {', '.join(left)}")
-    known = {"body", "cells", "controller", *deployment.hosts_of_skin()}
+    known = {"body", "cells", "controller", "recorder", *deployment.hosts_of_skin()}
     for name in deployment.run.may_be_lost:
         if name not in known:
             raise DeploymentError(
@@ -151,6 +151,10 @@ def _check_program(deployment: Deployment) -> None:
     if (deployment.nursing is None) == (not control.program):
         raise DeploymentError(
             "controller.program, nursing: give a program of stages or [nursing], one of them"
+        )
+    if deployment.nursing is not None and control.outside_velocity:
+        raise DeploymentError(
+            "controller.outside_velocity = true: nursing takes no velocities from outside; leave it"
         )
     if deployment.nursing is not None and not deployment.sheets:
         raise DeploymentError("nursing: needs tactile sheets; give surfaces and sheets")

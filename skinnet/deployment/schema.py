@@ -370,6 +370,8 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
     map: MapSpec = field(default_factory=MapSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
     session: SessionSpec = field(default_factory=SessionSpec)
+    outside_velocity: bool = False
+    """Let users add joint velocities to the controller's own, before the safety clamp."""
     safety: SafetySpec = field(default_factory=SafetySpec)
 
     @property

@@ -20,8 +20,10 @@ from skinnet.clock import NS_PER_S, next_multiple
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import build
 from skinnet.errors import ProtocolError, SkinnetError
-from skinnet.messages import Deployed, decode
+from skinnet.messages import decode, encode
+from skinnet.outside_messages import Deployed, Velocity
 from skinnet.ros2 import types
+from skinnet.ros2.control import Control
 from skinnet.ros2.mirror import CHANNELS, Mirror
 from skinnet.ros2.node import RosNode, RosPublisher
 from skinnet.ros2.qos import Durability, Qos, Reliability
@@ -41,6 +43,7 @@ _REASONS = 20
 _NEWEST = Qos(reliability=Reliability.BEST_EFFORT, depth=1)
 _SENSOR = Qos(reliability=Reliability.BEST_EFFORT, depth=5)
 _RELIABLE = Qos()
+_LAST = Qos(depth=1)
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
 
 Say = Callable[[str], None]
@@ -57,6 +60,7 @@ class Order:
         listen: Be that router, at this endpoint.
         rate_hz: How often joints, transforms and skin are published at most.
         base: Folder that the model's path starts from, if not the one that the run names.
+        control: Let ROS move the robot.
     """
 
     endpoint: str
@@ -65,6 +69,7 @@ class Order:
     listen: str | None = None
     rate_hz: float = 50.0
     base: Path | None = None
+    control: bool = False
 
 
 @dataclass
@@ -91,6 +96,10 @@ def bridge(order: Order, say: Say) -> dict[str, int]:
         watch = OpenSession("client", order.endpoint)
         stack.callback(watch.close)
         deployment, base = _what_runs(watch, order)
+        if order.control and not deployment.controller.outside_velocity:
+            raise SkinnetError(
+                "--control: the run takes no velocities; start it with --set controller.outside_velocity=true"
+            )
         mirror = Mirror(deployment, Links(deployment, base))
         ros = _ros_side(order)
         stack.callback(ros.close)
@@ -132,6 +141,7 @@ class _Bridge:
         self._order, self._mirror, self._node, self._watch, self._say = order, mirror, node, watch, say
         self._inbox: deque[tuple[str, bytes]] = deque(maxlen=_WAITING)
         self._complaints: Counter[str] = Counter()
+        self._reasons: deque[str] = deque(maxlen=_WAITING)
         self._heard_ns = time.monotonic_ns()
         self._fixed = node.publisher("/tf_static", types.TRANSFORMS, _KEPT)
         self._fixed.publish(mirror.fixed_links())
@@ -140,6 +150,13 @@ class _Bridge:
             watch.subscribe(keys.of(name, *["*"] * channel(name).pattern.count("<")), self._put_aside)
         for key, payload in watch.ask(keys.of("topology", "*"), _ASK_S).items():
             self._put_aside(key, payload)
+        self._control = Control(mirror.n_dofs)
+        self._velocity_key = keys.of("velocity")
+        if order.control:
+            topic = f"/{mirror.robot}/joint_velocity_commands"
+            say(f"  {topic}  {types.VELOCITIES}, moves the robot")
+            node.watch_publishers(topic, self._control.see)
+            node.subscribe(topic, types.VELOCITIES, _LAST, self._on_velocity)
 
     def _declare(self, robot: str, hz: float) -> list[_Topic]:
         mirror = self._mirror
@@ -184,6 +201,8 @@ class _Bridge:
             now_ns = time.monotonic_ns()
             time.sleep((next_multiple(now_ns, tick_ns) - now_ns) / NS_PER_S)
         self._say(f"the run at {self._order.endpoint} is over")
+        for reason, count in self._complaints.items():
+            self._say(f"refused {count} times: {reason}")
         publishers = [self._fixed, *(topic.publisher for topic in self._topics)]
         return {publisher.entity.topic: publisher.sent for publisher in publishers}
 
@@ -194,6 +213,15 @@ class _Bridge:
             topic.t_ns = self._mirror.t_ns
             topic.publisher.publish(topic.make())
 
+    def _on_velocity(self, _key: str, payload: bytes, attachment: bytes | None) -> None:
+        """In a thread of Zenoh's. What makes no sense stops the robot."""
+        try:
+            velocity = self._control.velocity(payload, attachment)
+        except ProtocolError as error:
+            velocity = Velocity(velocity_rad_s=[0.0] * self._mirror.n_dofs)
+            self._reasons.append(str(error))
+        self._watch.tell(self._velocity_key, encode(velocity))
+
     def _take_in(self) -> None:
         """What the run has told since the last look."""
         before_ns = self._mirror.t_ns
@@ -202,19 +230,24 @@ class _Bridge:
             try:
                 self._mirror.take(key, payload)
             except ProtocolError as error:
-                self._complain(str(error))
+                self._reasons.append(str(error))
+        for _ in range(len(self._reasons)):
+            self._complain(self._reasons.popleft())
         if self._mirror.t_ns > before_ns:
             self._heard_ns = time.monotonic_ns()
 
     def _complain(self, reason: str) -> None:
         """Says a reason when it is new; counts it ever after."""
-        if reason in self._complaints or len(self._complaints) < _REASONS:
-            self._complaints[reason] += 1
-            if self._complaints[reason] == 1:
+        if reason not in self._complaints:
+            if len(self._complaints) >= _REASONS:
+                reason = "for other reasons"
+            else:
                 self._say(f"refused: {reason}")
+        self._complaints[reason] += 1
 
     def _diagnose(self) -> Any:
         silent_s = (time.monotonic_ns() - self._heard_ns) / NS_PER_S
-        return self._mirror.diagnostics(
-            silent_s, {t.publisher.entity.topic: t.publisher.sent for t in self._topics}
-        )
+        figures: dict[str, object] = {t.publisher.entity.topic: t.publisher.sent for t in self._topics}
+        if self._order.control:
+            figures |= {"velocities": self._control.taken, "refused_velocities": self._control.refused}
+        return self._mirror.diagnostics(silent_s, figures)

@@ -16,6 +16,7 @@ __all__ = [
     "Node",
     "demangled",
     "mangled",
+    "publishers_of",
     "ros_name",
     "topic_key",
     "wire_type",
@@ -128,6 +129,12 @@ def demangled(part: str) -> str:
 def topic_key(domain: int, topic: str, type_name: str, type_hash: str) -> str:
     """Key on which the messages of a topic travel."""
     return f"{domain}/{topic.removeprefix('/').removesuffix('/')}/{type_name}/{type_hash}"
+
+
+def publishers_of(domain: int, topic: str) -> str:
+    """Key expression of the tokens of whoever publishes on a topic, messages of any type."""
+    anyone = "*/*/*", Kind.PUBLISHER.value, "*/*/*", mangled(topic), "*/*/*"
+    return "/".join((_SPACE, str(domain), *anyone))
 
 
 def wire_type(name: str) -> str:

@@ -67,6 +67,11 @@ class Mirror:
         }
 
     @property
+    def n_dofs(self) -> int:
+        """Number of controlled joints."""
+        return len(self._joints)
+
+    @property
     def has_cells(self) -> bool:
         """Whether there are patches of cells."""
         return bool(self._places.sizes)

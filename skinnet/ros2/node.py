@@ -6,7 +6,7 @@ from typing import Any
 
 from skinnet.errors import SkinnetError
 from skinnet.ros2.attachment import Attachment, gid_of
-from skinnet.ros2.keys import Entity, Kind, Node, wire_type
+from skinnet.ros2.keys import Entity, Kind, Node, publishers_of, wire_type
 from skinnet.ros2.qos import Durability, Qos, Reliability
 from skinnet.ros2.types import encode, type_hash
 from skinnet.transport.open_session import OnSample, OpenSession, Publisher
@@ -80,6 +80,10 @@ class RosNode:
         entity = self._endpoint(Kind.SUBSCRIPTION, topic, type_name, qos)
         self._session.subscribe(entity.key, on_sample)
         self._session.announce(entity.token)
+
+    def watch_publishers(self, topic: str, on_change: Callable[[str, bool], None]) -> None:
+        """Calls `on_change` with the token of each publisher on `topic`, and whether it is there."""
+        self._session.on_alive(publishers_of(self._node.domain, topic), on_change)
 
     def _endpoint(self, kind: Kind, topic: str, type_name: str, qos: Qos) -> Entity:
         self._endpoints += 1

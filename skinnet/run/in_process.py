@@ -4,12 +4,12 @@ import asyncio
 import os
 from pathlib import Path
 
-from skinnet.channels import OUTSIDE, Keys
+from skinnet.channels import OUTSIDE, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.loop import run_loop
+from skinnet.loop import Keeping, Node, run_loop
 from skinnet.run.loads import telling_loads
-from skinnet.run.outcome import Outcome, ProcessReport
+from skinnet.run.outcome import Fault, Outcome, ProcessReport
 from skinnet.run.processes import processes
 from skinnet.run.progress import Progress
 from skinnet.run.watch import Watch
@@ -20,7 +20,12 @@ __all__ = ["run_in_process"]
 
 
 async def run_in_process(
-    deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None = None
+    deployment: Deployment,
+    base: Path,
+    out: Path,
+    progress: Progress,
+    watch: Watch | None = None,
+    record: bool = False,
 ) -> Outcome:
     """Runs `deployment` in this process.
 
@@ -30,6 +35,7 @@ async def run_in_process(
         out: Run folder.
         progress: Where to show how it goes.
         watch: Window for outsiders.
+        record: Whether to write a recording.
 
     Raises:
         SkinnetError: what a node could not go on with.
@@ -40,25 +46,40 @@ async def run_in_process(
     progress.follow(launcher, keys)
     if watch is not None:
         watch.open(launcher)
-    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment)]
+    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment, record)]
+    for node in nodes:
+        node.peers |= {RECORDER} if record else frozenset()
+    faults: list[Fault] = []
+
+    async def live(node: Node) -> None:
+        try:
+            await run_loop(
+                node,
+                hub.connect(node.name),
+                keys,
+                deadline_s=deployment.run.deadline_s,
+                realtime=deployment.run.pace == "realtime",
+            )
+        except SkinnetError as error:
+            if node.name != RECORDER or RECORDER not in deployment.run.may_be_lost:
+                raise
+            faults.append(Fault(node.name, str(error)))  # nobody waits for it
+            progress.say(f"{node.name}: {error}; the run goes on without it")
+
     try:
         async with telling_loads({"all": os.getpid()}, watch, progress), asyncio.TaskGroup() as group:
             for node in nodes:
-                group.create_task(
-                    run_loop(
-                        node,
-                        hub.connect(node.name),
-                        keys,
-                        deadline_s=deployment.run.deadline_s,
-                        realtime=deployment.run.pace == "realtime",
-                    )
-                )
+                group.create_task(live(node))
     except* SkinnetError as errors:
         raise errors.exceptions[0] from None
     finally:
+        for node in nodes:
+            if isinstance(node, Keeping):
+                node.end()
         if watch is not None:
             watch.leave()
-    parts = [part_of(node) for node in nodes]
+    lost = {fault.process for fault in faults}
+    parts = [part_of(node) for node in nodes if node.name not in lost]
     facts = parts[0].facts
     report = ProcessReport("all", "in_process", os.getpid(), facts["cpu_s"], facts["peak_mb"], 0)
-    return Outcome("completed", parts, [report])
+    return Outcome("completed_with_losses" if faults else "completed", parts, [report], faults)

@@ -15,8 +15,8 @@ from skinnet.deployment.checks import check
 from skinnet.deployment.recall import recall
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
-from skinnet.messages import Deployed
 from skinnet.network.faults import check_targets
+from skinnet.outside_messages import Deployed
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
 from skinnet.run.progress import Progress
@@ -40,6 +40,7 @@ class Order:
         in_process: Run everything in one process.
         listen: Endpoint for watchers; a free port unless given.
         plots: Draw plots and a picture.
+        record: Write all that is said into a file of the run folder.
         on_watch: Told the endpoint for watchers as soon as it is there.
     """
 
@@ -48,6 +49,7 @@ class Order:
     in_process: bool = False
     listen: str | None = None
     plots: bool = True
+    record: bool = False
     on_watch: Callable[[str], None] | None = None
 
 
@@ -119,8 +121,8 @@ async def _run(
     order: Order, deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
 ) -> Outcome:
     if order.in_process:
-        return await run_in_process(deployment, base, out, progress, watch)
-    return await run_processes(deployment, base, out, progress, watch)
+        return await run_in_process(deployment, base, out, progress, watch, order.record)
+    return await run_processes(deployment, base, out, progress, watch, order.record)
 
 
 def _draw(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from skinnet.channels import Role
+from skinnet.channels import RECORDER, Role
 from skinnet.deployment import Deployment
 
 __all__ = ["ProcessSpec", "processes"]
@@ -18,12 +18,14 @@ class ProcessSpec:
     may_be_lost: bool
 
 
-def processes(deployment: Deployment) -> tuple[ProcessSpec, ...]:
-    """All processes of a deployment; the body first, since it is the hub."""
+def processes(deployment: Deployment, record: bool = False) -> tuple[ProcessSpec, ...]:
+    """All processes of a deployment, with one that records if asked; the body first, since it is the hub."""
     spared = set(deployment.run.may_be_lost)
     hosts = [
         ProcessSpec(host, Role.CELLS, "cells", bool({host, "cells"} & spared))
         for host in deployment.hosts_of_skin()
     ]
     controller = ProcessSpec("controller", Role.CONTROLLER, "controller", "controller" in spared)
-    return (ProcessSpec("body", Role.BODY, "skinnet.body", False), *hosts, controller)
+    recorder = ProcessSpec(RECORDER, Role.RECORDER, "skinnet.recording", RECORDER in spared)
+    body = ProcessSpec("body", Role.BODY, "skinnet.body", False)
+    return (body, *hosts, controller, *([recorder] if record else []))

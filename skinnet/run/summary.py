@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from skinnet import __version__
+from skinnet.channels import RECORDER
 from skinnet.deployment import Deployment
 from skinnet.part import Part
 from skinnet.run.environment import environment
@@ -48,6 +49,15 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
         "processes": [asdict(report) for report in outcome.processes],
         "faults": [asdict(fault) for fault in outcome.faults],
         "counters": {part.name: part.facts["counters"] for part in outcome.parts if part.facts["counters"]},
-        "figures": compute_figures(deployment, base, parts),
+        "figures": compute_figures(deployment, base, parts) | _recording(parts.get(RECORDER)),
         "environment": environment(),
     }
+
+
+def _recording(part: Part | None) -> dict[str, int | float]:
+    """How large the recording is; nothing if there is none."""
+    if part is None:
+        return {}
+    counts = {f"recording.messages.{name}": count for name, count in part.facts["messages"].items() if count}
+    size, sim_s = part.facts["bytes"], part.facts["end_ns"] * 1e-9
+    return counts | {"recording.bytes": size, "recording.bytes_per_sim_s": size / sim_s if sim_s > 0 else 0.0}

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from skinnet.channels import OUTSIDE, Keys
+from skinnet.channels import OUTSIDE, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import ProcessFailedError, SkinnetError
 from skinnet.part import Part
@@ -61,7 +61,12 @@ def _hub_endpoint() -> Iterator[str]:
 
 
 async def run_processes(
-    deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
+    deployment: Deployment,
+    base: Path,
+    out: Path,
+    progress: Progress,
+    watch: Watch | None,
+    record: bool = False,
 ) -> Outcome:
     """Runs `deployment` in processes of its own.
 
@@ -71,6 +76,7 @@ async def run_processes(
         out: Run folder; has `deployment.json`, gets `logs/` and `parts/`.
         progress: Where to show how it goes.
         watch: Window for outsiders.
+        record: Whether to write a recording.
 
     Raises:
         ProcessFailedError: a process that may not be lost died; names it, with its last lines.
@@ -81,10 +87,11 @@ async def run_processes(
     with _hub_endpoint() as hub:
         children: list[_Child] = []
         try:
-            specs = processes(deployment)
+            specs = processes(deployment, record)
+            also = ("--also", RECORDER) if record else ()
             cpus = _cpus(len(specs)) if deployment.run.pin else [None] * len(specs)
             for spec, cpu in zip(specs, cpus, strict=True):
-                children.append(await _start(spec, hub, resolved, base, out, cpu))
+                children.append(await _start(spec, hub, resolved, base, out, cpu, also))
             follower = asyncio.create_task(_follow(deployment, hub, progress, watch))
             pids = {child.spec.name: child.process.pid for child in children}
             async with telling_loads(pids | {"launcher": os.getpid()}, watch, progress):
@@ -106,7 +113,13 @@ def _cpus(n: int) -> list[int | None]:
 
 
 async def _start(
-    spec: ProcessSpec, hub: str, resolved: Path, base: Path, out: Path, cpu: int | None
+    spec: ProcessSpec,
+    hub: str,
+    resolved: Path,
+    base: Path,
+    out: Path,
+    cpu: int | None,
+    also: tuple[str, ...],
 ) -> _Child:
     log = out / "logs" / f"{spec.name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
@@ -120,6 +133,7 @@ async def _start(
             *map(str, arguments),
             role,
             hub,
+            *also,
             *(() if cpu is None else ("--cpu", str(cpu))),
             stdin=asyncio.subprocess.PIPE,
             stdout=stderr,

@@ -15,7 +15,8 @@ import msgspec
 
 from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys, Role
 from skinnet.errors import PortInUseError, ProtocolError
-from skinnet.messages import Config, Deployed, decode, encode
+from skinnet.messages import Config, decode, encode
+from skinnet.outside_messages import Deployed
 from skinnet.run.requests import Clerk, RequestDesk
 from skinnet.transport.base import OnMessage, Transport
 from skinnet.transport.zenoh import ZenohTransport
@@ -60,6 +61,7 @@ class Watch:
         self.endpoint, self._outer = _open(keys, listen)
         self.copied = 0
         self.configs = 0
+        self.velocities = 0
         self._topologies: dict[str, bytes] = {}
         self._newest: dict[str, bytes] = {}
         self._wants_processes = False
@@ -72,7 +74,8 @@ class Watch:
     @property
     def counters(self) -> dict[str, int]:
         """What was copied to outsiders, and what they brought in; nothing if nobody came."""
-        counts = {"copied": self.copied, "configs": self.configs} | self._desk.counters
+        counts = {"copied": self.copied, "configs": self.configs, "velocities": self.velocities}
+        counts |= self._desk.counters
         return {name: count for name, count in counts.items() if count}
 
     def tell_deployment(self, deployed: Deployed) -> None:
@@ -88,10 +91,12 @@ class Watch:
             expression = self._expression(row)
             if row.name == "config":
                 self._outer.tap(expression, self._bring_in)
-            elif row.public and row.receivers:
-                self._outer.on_interest(expression, _Copier(inner.overhear, self, expression))
+            elif row.name == "velocity":
+                self._outer.tap(expression, self._bring_velocity)
             elif row.name == "links":
                 self._outer.on_interest(expression, _Copier(inner.tap, self, expression))
+            elif row.public and not row.told:
+                self._outer.on_interest(expression, _Copier(inner.overhear, self, expression))
         inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
         inner.tap(keys.of("state"), self._on_state)
         inner.tap(keys.of("answer"), self._on_answer)
@@ -119,6 +124,11 @@ class Watch:
         else:
             self.configs += 1
             self._hand_in(key, encode(config))
+
+    def _bring_velocity(self, key: str, payload: bytes) -> None:
+        """A velocity by a stranger; the controller decides on it."""
+        self.velocities += 1
+        self._hand_in(key, payload)
 
     def _hand_in(self, key: str, payload: bytes) -> None:
         """Puts into the loop, from any thread, what a stranger brings; in vain if the loop is over."""

@@ -26,7 +26,11 @@ class Transport(Protocol):
     """What a process needs of the wire; in-memory and Zenoh transports are twins behind it."""
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
-        """Delivers from now on what `senders` put on keys that match one of `expressions`."""
+        """Delivers from now on what `senders` put on keys that match one of `expressions`.
+
+        What a sender puts in one lane arrives in its order. So does what it puts in several, if the receiver
+        listens to several and all of them are recorded.
+        """
 
     def watch_alive(self, expression: str) -> None:
         """Delivers liveliness: an empty payload for each token there is or comes, None when it goes."""
@@ -39,6 +43,9 @@ class Transport(Protocol):
 
     def present(self, expression: str) -> frozenset[str]:
         """The liveliness tokens that are there now, this member's as well; waits for the hub to tell."""
+
+    def heard(self, key: str) -> bool:
+        """Whether anybody listens to the lane of `key`; it may take a moment to find out."""
 
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to those of this period."""

@@ -86,6 +86,10 @@ class _Board:
         for on_message in receivers:
             on_message(key, payload)
 
+    def heard(self, sender: str, key: str) -> bool:
+        found = self._found.get((sender, key))
+        return bool(self._find(sender, key) if found is None else found)
+
     def _find(self, sender: str, key: str) -> list[OnMessage]:
         with self._changing:
             receivers = self._found[sender, key] = [
@@ -131,6 +135,9 @@ class _MemoryTransport:
 
     def present(self, expression: str) -> frozenset[str]:
         return frozenset(token for token in self._hub.tokens() if matches(expression, token))
+
+    def heard(self, key: str) -> bool:
+        return self._loop.heard(self._name, key)
 
     def put(self, key: str, payload: bytes) -> None:
         self._loop.deliver(self._name, key, payload)

@@ -4,24 +4,25 @@ The loop's own transport knows the robot's keys and waits for receivers. Here ke
 may have an attachment, and nobody waits for a slow receiver.
 """
 
-import json
 import logging
-import threading
 from collections.abc import Callable
 from typing import Any, Literal, Protocol
 
 import zenoh
 from zenoh import ext
 
-from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
+from skinnet.transport.zenoh import collect, open_session
 
 __all__ = ["OnSample", "OpenSession", "Publisher"]
 
 OnSample = Callable[[str, bytes, bytes | None], None]
 """Called with key, payload and attachment, in a thread of Zenoh's: be quick."""
 
-_CONNECT_TIMEOUT_MS = 3_000
-_WAIT_BEFORE_CLOSE_US = 120_000_000
+_CONNECT_MS = 3_000
+_CLIENT = {"transport/link/tx/lease": 10_000, "timestamping/enabled": True}
+"""Zenoh's own lease; and time stamps, by which publishers that keep messages number them."""
+_ROUTER = _CLIENT | {"mode": "router", "scouting/gossip/enabled": True}
+"""Peers that know only a router learn of each other by its gossip, and by nothing else."""
 _HEARTBEAT_S = 0.5
 
 log = logging.getLogger(__name__)
@@ -52,7 +53,10 @@ class OpenSession:
     """
 
     def __init__(self, role: Literal["client", "router"], endpoint: str) -> None:
-        self._session = _open(role, endpoint)
+        if role == "router":
+            self._session = open_session(endpoint, None, more=_ROUTER)
+        else:
+            self._session = open_session(None, endpoint, _CONNECT_MS, _CLIENT)
         self._entities: list[Any] = []
 
     @property
@@ -76,16 +80,7 @@ class OpenSession:
 
     def ask(self, expression: str, timeout_s: float) -> dict[str, bytes]:
         """Answers to a query by their keys; empty if nobody answers."""
-        return self._collect(self._session.get, expression, timeout_s)
-
-    def _collect(self, get: Callable[..., Any], expression: str, timeout_s: float) -> dict[str, bytes]:
-        replies: list[Any] = []
-        complete = threading.Event()
-        # Zenoh's own handler holds back what comes after 256 replies
-        get(expression, zenoh.handlers.Callback(replies.append, complete.set), timeout=timeout_s)
-        complete.wait()
-        found = (reply.ok for reply in replies)
-        return {str(sample.key_expr): sample.payload.to_bytes() for sample in found if sample is not None}
+        return _samples(lambda handler: self._session.get(expression, handler, timeout=timeout_s))
 
     def announce(self, key: str) -> None:
         """Declares the liveliness token `key`."""
@@ -93,7 +88,8 @@ class OpenSession:
 
     def present(self, expression: str, timeout_s: float) -> frozenset[str]:
         """Liveliness tokens of others that are there now."""
-        return frozenset(self._collect(self._session.liveliness().get, expression, timeout_s))
+        get = self._session.liveliness().get
+        return frozenset(_samples(lambda handler: get(expression, handler, timeout=timeout_s)))
 
     def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
         """Calls `on_change` with each token that is there or comes, and True, and when it goes, and False."""
@@ -153,30 +149,7 @@ class _Publisher:
         self._publisher.put(payload, attachment=attachment)
 
 
-def _open(role: Literal["client", "router"], endpoint: str) -> Any:
-    """A session that never scouts by multicast. A router gossips: only so its peers learn of each other."""
-    settings: dict[str, Any] = {
-        "mode": role,
-        f"{'listen' if role == 'router' else 'connect'}/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": role == "router",
-        "timestamping/enabled": True,  # publishers that keep messages number them by it
-        "transport/shared_memory/enabled": False,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": _WAIT_BEFORE_CLOSE_US,
-        "connect/timeout_ms": _CONNECT_TIMEOUT_MS,
-        "connect/exit_on_failure": True,
-    }
-    config = zenoh.Config()
-    try:
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        if "in use" in str(error).lower():
-            raise PortInUseError(f"{endpoint}: that port is already taken; choose another") from error
-        if role == "router":
-            reason = str(error).splitlines()[0][:200]
-            raise SkinnetError(f"Zenoh cannot listen on {endpoint}: {reason}") from error
-        raise UnreachableError(
-            f"{endpoint}: no Zenoh endpoint, or nobody answers there; write it as in tcp/127.0.0.1:7447"
-        ) from error
+def _samples(start: Callable[[Any], None]) -> dict[str, bytes]:
+    """Payloads by key of the good replies to a query."""
+    found = (reply.ok for reply in collect(start))
+    return {str(sample.key_expr): sample.payload.to_bytes() for sample in found if sample is not None}

@@ -1,4 +1,4 @@
-"""The Zenoh transport; the only file that imports `zenoh`.
+"""The Zenoh transport of the loop.
 
 A star: the hub listens as a peer, everybody else is its client. In a mesh, messages of different senders
 overtake each other. Everything in the loop has one priority and BLOCK, since mixed priorities
@@ -16,13 +16,14 @@ import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from skinnet.channels import Keys
+from skinnet.channels import RECORDED, Keys
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 from skinnet.transport.base import Delivery, OnMessage, Query
 from skinnet.transport.envelope import TRANSIT_BINS, Arrivals, Messages, seal
@@ -40,9 +41,15 @@ log = logging.getLogger(__name__)
 
 
 def open_session(
-    listen: str | None, connect: str | None, connect_timeout_ms: int = _CONNECT_TIMEOUT_MS
+    listen: str | None,
+    connect: str | None,
+    connect_timeout_ms: int = _CONNECT_TIMEOUT_MS,
+    more: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """A Zenoh session that listens as a hub or connects as a client, and never scouts."""
+    """A Zenoh session that listens as a hub or connects as a client, and never scouts.
+
+    Settings of Zenoh in `more` go before those of the loop.
+    """
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
         "scouting/multicast/enabled": False,
@@ -57,6 +64,7 @@ def open_session(
         settings["listen/endpoints"] = [listen]
     if connect:
         settings["connect/endpoints"] = [connect]
+    settings |= more
     config = zenoh.Config()
     try:
         for key, value in settings.items():
@@ -137,6 +145,7 @@ class ZenohTransport:
         self._entities: list[Any] = []
         self._outbox: dict[str, Messages] = {}
         self._arrivals: list[Arrivals] = []
+        self._heard: dict[str, bool] = {}
         self.receive = self._mailbox.receive
         self.sent_bytes = 0
 
@@ -166,6 +175,8 @@ class ZenohTransport:
         """Takes the messages that match out of the envelopes of `senders`."""
         chosen = tuple(expressions)
         lanes = sorted({self._keys.lane(expression) for expression in chosen})
+        if len(lanes) > 1 and all(lane.endswith(RECORDED) for lane in lanes):
+            lanes = [f"$*{RECORDED}"]  # subscriptions have a thread each: order holds in one only
         for sender, lane in product(senders, lanes):
             self._unpack(f"{sender}/{lane}", Arrivals(chosen, self._mailbox.post_all))
 
@@ -217,6 +228,19 @@ class ZenohTransport:
         get = self._session.liveliness().get
         replies = collect(lambda handler: get(expression, handler, timeout=_PRESENT_S))
         return frozenset(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+
+    def heard(self, key: str) -> bool:
+        """Whether anybody subscribes to the envelopes of the lane of `key`."""
+        lane = self._keys.lane(key)
+        if lane not in self._heard:
+            publisher = self._session.declare_publisher(self._own_prefix + lane)
+            self._heard[lane] = publisher.matching_status.matching
+
+            def on_change(status: Any) -> None:
+                self._heard[lane] = status.matching
+
+            self._entities.extend((publisher, publisher.declare_matching_listener(on_change)))
+        return self._heard[lane]
 
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to the envelope of this period for its receivers."""

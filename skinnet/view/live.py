@@ -11,7 +11,8 @@ from skinnet.channels import channel as row_of
 from skinnet.deployment.load import build
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
-from skinnet.messages import Answer, Deployed, decode
+from skinnet.messages import Answer, decode
+from skinnet.outside_messages import Deployed
 from skinnet.transport.client import ask
 from skinnet.transport.open_session import OpenSession
 from skinnet.view.state import Scene, Told

@@ -5,12 +5,29 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from skinnet.channels import channel as row_of
+from skinnet.errors import ProtocolError, RecordingError
+from skinnet.messages import decode
+from skinnet.recording.reader import Recording
 from skinnet.view.playback import Playback
-from skinnet.view.recording import Recording
 from skinnet.view.state import RASTER_NS, Kept, Scene, Told
 
 __all__ = ["RecordedSource"]
 
+_SHOWN = {
+    "joints",
+    "world",
+    "command",
+    "events",
+    "bundle",
+    "stream",
+    "regions",
+    "topology",
+    "state",
+    "answer",
+    "counters",
+}
+"""Channels that the page shows; the others would only cost."""
 _KEEP_EVERY_NS = 5_000_000_000
 _BUDGET_S = 0.15
 """So long a call reads at most: the page moves on while it catches up."""
@@ -29,18 +46,22 @@ class RecordedSource:
         now_s: Present time of the wall's clock [s].
 
     Raises:
-        RecordingError: it is no recording that this program understands.
-        OSError: it cannot be read.
+        RecordingError: it is no recording that this program can read, or there is nothing in it.
+        DeploymentError: this program knows other keys than the one that recorded.
     """
 
     over = ""
 
     def __init__(self, path: Path, base: Path | None, now_s: float) -> None:
-        self.recording = Recording(path, base)
-        self.deployment, self.base = self.recording.deployment, self.recording.base
+        self.recording = Recording(path)
+        self.deployment, self.base = self.recording.deployment(), base or self.recording.base
         self.title = path.name
-        self.playback = Playback(self.recording.start_ns, self.recording.end_ns, now_s)
-        self._messages: Iterator[Told] = self.recording.messages(0)
+        self.malformed = 0
+        first = next(self._read(0), None)
+        if first is None:
+            raise RecordingError(f"{path}: there is no message in it: nothing to see")
+        self.playback = Playback(first.t_ns, self.recording.end_ns, now_s)
+        self._messages: Iterator[Told] = self._read(0)
         self._next: Told | None = None
         self._read_ns = -1
         self._jumps = 0
@@ -74,13 +95,25 @@ class RecordedSource:
         return count
 
     def facts(self) -> Mapping[str, str]:
-        """Where it is."""
+        """What there is of it."""
         facts = {"recording": str(self.recording.path), "length": f"{self.recording.end_ns * 1e-9:.1f} s"}
-        return facts | ({"it is cut": "it goes up to here"} if self.recording.cut else {})
+        if not self.recording.complete:
+            facts["it was cut"] = "it goes up to here"
+        return facts | ({"unreadable messages": f"{self.malformed}"} if self.malformed else {})
 
     def close(self) -> None:
-        """Closes the file."""
-        self.recording.close()
+        """Forgets what was kept."""
+        self._kept.clear()
+
+    def _read(self, from_ns: int) -> Iterator[Told]:
+        """Messages from a time on; those that this program does not understand are counted."""
+        for t_ns, _, channel, fields, payload in self.recording.messages(from_ns):
+            if channel not in _SHOWN:
+                continue
+            try:
+                yield Told(channel, fields, decode(payload, row_of(channel).message), t_ns)
+            except ProtocolError:
+                self.malformed += 1
 
     def _keep(self, scene: Scene, t_ns: int) -> None:
         self._kept_ns.append(t_ns)
@@ -93,5 +126,5 @@ class RecordedSource:
         if self._read_ns <= t_ns and self._kept_ns[kept] <= self._read_ns:
             return
         scene.recall(self._kept[kept])
-        self._messages, self._next = self.recording.messages(max(self._kept_ns[kept], 0)), None
+        self._messages, self._next = self._read(max(self._kept_ns[kept], 0)), None
         self._read_ns = self._kept_ns[kept]

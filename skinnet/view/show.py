@@ -1,5 +1,6 @@
 """From an order to a page that somebody can open."""
 
+import re
 import secrets
 import time
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from skinnet.view.source import Source
 __all__ = ["Order", "show"]
 
 _TOKEN_BYTES = 16
+_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream|serial)/")
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,10 @@ def show(order: Order, say: Callable[[str], None]) -> None:
 
 
 def _source(order: Order) -> Source:
-    if "/" in order.what and not order.what.endswith(".mcap"):
+    if _ENDPOINT.match(order.what) and not Path(order.what).exists():
         return LiveSource(order.what, order.base)
     path = Path(order.what)
-    if not path.exists() and not order.what.endswith(".mcap"):
+    if not path.exists() and path.suffix != ".mcap":
         raise DeploymentError(
             f"{order.what}: neither an endpoint, as tcp/127.0.0.1:7447, nor a recording, as run.mcap"
         )

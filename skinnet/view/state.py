@@ -5,7 +5,7 @@ import copy
 from array import array
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from skinnet.messages import (
     Stream,
     Topology,
 )
+from skinnet.network.records import Outcome
+from skinnet.record_messages import Counters, World
 from skinnet.sheet_messages import Regions
 from skinnet.view.atlas import Atlas
 from skinnet.view.happenings import FULL_READING, Happenings, Trends
@@ -41,6 +43,7 @@ TRENDS_NS = 60_000_000_000
 """Charts show so much [ns]."""
 _BIN_NS = 250_000_000
 _NO_LEVEL = 7
+_LOSSES = {outcome.name.lower() for outcome in Outcome} - {Outcome.DELIVERED.name.lower()}
 _STREAM_EVERY_NS = 50_000_000
 """Of a cell that streams, one reading in so long is enough for the raster."""
 _PRESSED_KPA = (1.0, 5.0, 20.0, 60.0)
@@ -65,12 +68,6 @@ class Kept(NamedTuple):
 
     t_ns: int
     parts: tuple[Any, ...]
-
-
-class _World(Protocol):
-    """Where free objects are, by name: position [m] and quaternion."""
-
-    poses: dict[str, list[float]]
 
 
 class Scene:
@@ -111,6 +108,7 @@ class Scene:
         self._host = {patch: host for host, patches in deployment.host_patches().items() for patch in patches}
         self._numbers: dict[str, Numbering] = defaultdict(Numbering)
         self._packets = array("q"), array("q")
+        self._lost: dict[str, int] = {}
         self._streamed_ns = np.full(atlas.n_cells, -_STREAM_EVERY_NS)
 
     def take(self, told: Told, now_s: float) -> None:
@@ -140,6 +138,7 @@ class Scene:
         self.happenings.clear()
         self.trends.clear()
         self._numbers.clear()
+        self._lost.clear()
         self._streamed_ns[:] = -_STREAM_EVERY_NS
         self._packets = array("q"), array("q")
         self.missed = 0
@@ -176,8 +175,10 @@ class Scene:
                 self.mind.machine = machine
             case Answer() as answer:
                 self.answer = answer
-            case message if told.channel == "world":
-                self._take_world(message)  # type: ignore[arg-type]
+            case World() as world:
+                self.world = self.world | world.poses
+            case Counters() as counters:
+                self._take_counters(counters)
 
     def _take_joints(self, joints: Joints) -> None:
         if len(joints.position_rad) != len(self.position_rad):
@@ -186,8 +187,15 @@ class Scene:
             )
         self.position_rad = joints.position_rad
 
-    def _take_world(self, message: _World) -> None:
-        self.world = self.world | message.poses
+    def _take_counters(self, counters: Counters) -> None:
+        """What a host has counted: losses, unless its links tell of theirs."""
+        if self.network.measured_ns >= 0:
+            return
+        lost = sum(n for name, n in counters.counts.items() if name.rpartition(".")[2] in _LOSSES)
+        before = self._lost.get(counters.host)
+        self._lost[counters.host] = lost
+        if before is not None:
+            self.trends.dropped(counters.t_ns, max(lost - before, 0))
 
     def digest(self) -> None:
         """Brings up to date what need not be so after each message: losses, trends, inferred loads."""

@@ -1,5 +1,6 @@
 """Grasps: did it succeed, how hard did it press, what did the object meet."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -59,14 +60,11 @@ def _course(grasp: list[StateSpan]) -> dict[str, Any]:
         figures.setdefault(f"grasp.begin_s.{span.state}", span.start_ns * 1e-9)
         if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
             figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
-    failed = [span for span in grasp if span.event in _CAUSES]
+    failed = [span for span, after in pairwise(grasp) if after.state in ("set_down", "safe")]
     figures["grasp.cancelled_in"] = failed[0].state if failed else ""
     figures["grasp.cancelled_by"] = failed[0].event if failed else ""
     figures["grasp.ends_in"] = grasp[-1].state
     return figures
-
-
-_CAUSES = ("cancel", "stalled", "timed out", "pain", "skin lost", "an arm lost the object")
 
 
 def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Part) -> dict[str, Any]:
@@ -79,7 +77,9 @@ def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Pa
     told = controller.arrays["patch_felt"][(ticks >= start_ns) & (ticks <= end_ns), :, 0]
     t_move = controller.arrays["t_ns"]
     speed = np.abs(controller.arrays["velocity_rad_s"][(t_move >= start_ns) & (t_move <= end_ns)])
-    return {
+    stages = {name.rpartition(".")[2]: n for name, n in body.facts["peak_cell_n"].items()}
+    by_state = {f"grasp.{span.state}.peak_force_n": stages.get(span.state, 0.0) for span in grasp}
+    return by_state | {
         "grasp.peak_force_n": peak_n,
         "grasp.peak_reading": float(np.interp(peak_n, force.calibration_n, force.calibration_reading)),
         "grasp.peak_reading_told": float(told.max(initial=0.0)),

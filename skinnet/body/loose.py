@@ -1,0 +1,49 @@
+"""Where what moves freely in the world is: the finger, the stand and its object, a payload."""
+
+import mujoco
+import numpy as np
+
+from skinnet.body.model import FINGER, PAYLOAD
+from skinnet.body.things import OBJECT, STAND
+
+__all__ = ["LOOSE", "LooseBodies"]
+
+LOOSE = {"finger": FINGER, "payload": PAYLOAD, "stand": STAND, "object": OBJECT}
+"""Names on the wire, and those of the bodies in the model."""
+
+
+class LooseBodies:
+    """Reads poses from the state as it is between two steps, when nothing that MuJoCo derives of it holds.
+
+    Args:
+        data: MuJoCo's state; read, never written.
+    """
+
+    def __init__(self, data: mujoco.MjData) -> None:
+        self._data = data
+        mj = data.model
+        self._body: dict[str, int] = {}
+        for name, body in LOOSE.items():
+            index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, body)
+            if index >= 0:
+                self._body[name] = index
+
+    def poses(self) -> dict[str, list[float]]:
+        """Position [m] and quaternion (w, x, y, z) of each, world."""
+        return {name: self._pose(body) for name, body in self._body.items()}
+
+    def _pose(self, body: int) -> list[float]:
+        data, mj = self._data, self._data.model
+        mocap = mj.body_mocapid[body]
+        if mocap >= 0:
+            return [*data.mocap_pos[mocap].tolist(), *data.mocap_quat[mocap].tolist()]
+        joint = mj.body_jntadr[body]
+        at = mj.jnt_qposadr[joint] if joint >= 0 else -1
+        if joint >= 0 and mj.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            return list(data.qpos[at : at + 7].tolist())
+        position_m = np.array(mj.body_pos[body])
+        if joint >= 0:  # the stand slides, and never turns
+            position_m += data.qpos[at] * mj.jnt_axis[joint]
+        elif mj.body_parentid[body] != 0:  # what is stuck to the stand goes with it
+            position_m += self._pose(int(mj.body_parentid[body]))[:3]
+        return [*position_m.tolist(), *mj.body_quat[body].tolist()]

@@ -1,0 +1,152 @@
+"""`skinnet replay`: a recording again, for a controller that has changed or for watchers."""
+
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+import typer
+
+from skinnet.cli.console import Json, Set, console, require_extra, write_report
+from skinnet.deployment import Deployment, load
+from skinnet.deployment.checks import check
+from skinnet.deployment.load import apply_override, build
+from skinnet.errors import DeploymentError
+from skinnet.run.watch import free_endpoint
+
+__all__ = ["EXAMPLES", "replay"]
+
+EXAMPLES = """
+Examples:
+
+  skinnet replay runs/one/run.mcap --into controller
+
+  skinnet replay runs/one/run.mcap --into controller --set controller.safety.joint_speed_rad_s=0.1
+
+  skinnet replay runs/one/run.mcap --publish --rate 0.5 --from 70 --until 90 --loop
+"""
+
+
+def replay(
+    recording: Annotated[Path, typer.Argument(metavar="RUN.MCAP", help="Recording of a run.")],
+    into: Annotated[
+        str | None, typer.Option(metavar="controller", help="Feeds it to a controller and compares commands.")
+    ] = None,
+    deployment: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Whose controller; the recorded one unless given.")
+    ] = None,
+    settings: Set = None,
+    publish: Annotated[
+        bool, typer.Option("--publish", help="Plays it to whoever watches over Zenoh.")
+    ] = False,
+    rate: Annotated[
+        float, typer.Option(min=0.001, max=1000.0, help="Simulated seconds per second of wall time.")
+    ] = 1.0,
+    begin_s: Annotated[float, typer.Option("--from", min=0.0, metavar="S", help="Begins there [s].")] = 0.0,
+    end_s: Annotated[
+        float | None, typer.Option("--until", min=0.0, metavar="S", help="Ends there [s].")
+    ] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="Begins again at the end.")] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="Begins when the first watcher is there.")] = False,
+    listen: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="Where watchers join, e.g. tcp/127.0.0.1:7447.")
+    ] = None,
+    base: Annotated[
+        Path | None, typer.Option(help="Folder with the model; the one of the recorded run unless given.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Replays a recording into a controller, or publishes it; exit code 1 if a command differs."""
+    if (into is None) == (not publish):
+        raise DeploymentError("give --into controller, or else --publish")
+    require_extra("record", "mcap", "zstandard")
+    if into is not None:
+        _into(recording, into, _Changes(deployment, tuple(settings or ()), base), json)
+        return
+    if deployment is not None or settings:
+        raise DeploymentError("--deployment and --set are for --into: what is published was recorded")
+    _publish(recording, (begin_s, end_s, rate, loop), listen, base, wait)
+
+
+class _Changes(NamedTuple):
+    """What is to be different from the recorded run."""
+
+    file: Path | None
+    settings: tuple[str, ...]
+    base: Path | None
+
+
+def _into(path: Path, into: str, changes: _Changes, json: str | None) -> None:
+    from skinnet.recording.reader import Recording
+    from skinnet.recording.replay import replay_into, require_same_robot, with_memory
+
+    if into != "controller":
+        raise DeploymentError(f"--into {into}: allowed: controller")
+    recording = Recording(path)
+    recorded = recording.deployment()
+    deployment = _deployment(recording.raw, path, changes)
+    require_same_robot(recorded, deployment)
+    base = changes.base or (recording.base if changes.file is None else changes.file.parent)
+    with with_memory(recording, deployment) as remembering:
+        verdict = replay_into(recording, remembering, base)
+    difference = verdict.difference
+    if difference is not None:
+        typer.echo(
+            f"different at {difference.t_ns * 1e-9:.3f} s, stage {difference.stage or 'none'}, "
+            f"after {verdict.ticks - 1} equal commands: {difference.what} was {difference.recorded}, "
+            f"is {difference.replayed}"
+        )
+    elif verdict.ticks:
+        note = f"; {verdict.note}" if verdict.note else ""
+        typer.echo(f"no difference in {verdict.ticks} commands up to {verdict.t_ns * 1e-9:.3f} s{note}")
+    else:
+        typer.echo(f"nothing to compare: {verdict.note or 'the recording has no commands'}")
+    write_report({**verdict._asdict(), "difference": difference and difference._asdict()}, json)
+    raise typer.Exit(0 if difference is None else 1)
+
+
+def _deployment(raw: dict[str, Any], path: Path, changes: _Changes) -> Deployment:
+    """The recorded deployment or another one, with its settings."""
+    if changes.file is not None:
+        deployment = load(changes.file, changes.settings)
+    else:
+        changed = msgspec.json.decode(msgspec.json.encode(raw))
+        for setting in changes.settings:
+            apply_override(changed, setting)
+        deployment = build(changed, str(path))
+    check(deployment)
+    return deployment
+
+
+def _publish(
+    path: Path,
+    stretch: tuple[float, float | None, float, bool],
+    listen: str | None,
+    base: Path | None,
+    wait: bool,
+) -> None:
+    from skinnet.recording.publish import Stretch, publish
+    from skinnet.recording.reader import Recording
+
+    begin_s, end_s, rate, loop = stretch
+    if end_s is not None and end_s <= begin_s:
+        raise DeploymentError(f"--until {end_s:g}: must be later than --from {begin_s:g}")
+    recording = Recording(path)
+    if begin_s > recording.end_ns * 1e-9:
+        raise DeploymentError(f"--from {begin_s:g}: the recording ends at {recording.end_ns * 1e-9:.3f} s")
+    terminal = console()
+
+    def say(line: str) -> None:
+        terminal.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    if not recording.complete:
+        say(f"the recording is cut; its last chunk ends at {recording.end_ns * 1e-9:.3f} s")
+    until_ns = None if end_s is None else round(end_s * 1e9)
+    count = publish(
+        recording,
+        Stretch(round(begin_s * 1e9), until_ns, rate, loop),
+        listen or free_endpoint(),
+        base=base or recording.base,
+        wait=wait,
+        say=say,
+    )
+    say(f"{count} messages")

@@ -1,0 +1,194 @@
+"""The skin as Foxglove draws it: one primitive for each cell and each element of a sheet, in its colour.
+
+The scene is encoded once. Afterwards only colours change, and they have places of their own in the bytes: so
+a scene of a thousand cells takes microseconds.
+"""
+
+import struct
+from collections import deque
+
+import numpy as np
+from foxglove import messages as fox
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skinnet.deployment import Deployment
+from skinnet.messages import READING_NAMES, STREAM_ROW, Events, Stream, decode, unpack
+from skinnet.recording.solids import pose_of, vector
+from skinnet.sheet_messages import BOARD_FRAME, REGION_ROW, Regions
+from skinnet.skin.lattice import pitch_m
+from skinnet.skin.placement import PlacedPatch, place_all
+from skinnet.skin.sheet import PlacedSheet, place_sheets
+
+__all__ = ["PaintedSkin"]
+
+_THICK_M = 0.004
+_GAP = 0.93
+"""Cells are drawn a little smaller than they are, so that their edges show."""
+_MARK = 0.123456789
+"""Stands where a colour's red will be; green, blue and alpha follow, each a byte and eight bytes further."""
+_COLUMN = np.array([0, 3, 4, 7])
+"""First column of a reading by modality."""
+_FORCES, _PROXIMITY = slice(0, 3), 3
+_IDLE = np.array([0.16, 0.17, 0.20])
+_NEAR, _TOUCHED, _PRESSED = (
+    np.array([0.10, 0.45, 0.95]),
+    np.array([1.0, 0.75, 0.05]),
+    np.array([0.90, 0.05, 0.05]),
+)
+_STRONG = 0.45
+"""A force reading of pain, by Table I [M14]."""
+_STRONG_KPA = 20.0
+"""So a pressure has the colour of pain (assumed)."""
+_SHADES = 255
+_LAST = 2
+"""Every cell that streams is in these many periods, also one whose readings need a little more than one."""
+
+Floats = NDArray[np.float64]
+
+
+class PaintedSkin:
+    """Knows the newest reading of each cell and element, as far as the skin told it.
+
+    Args:
+        deployment: What is run.
+    """
+
+    def __init__(self, deployment: Deployment) -> None:
+        patches = place_all(deployment.patches, deployment.cells, deployment.bridges)
+        sheets = place_sheets(deployment.surfaces, deployment.sheets)
+        sizes = np.cumsum([0, *(patch.n_cells for patch in patches)]).tolist()
+        self._first = {patch.name: first for patch, first in zip(patches, sizes, strict=False)}
+        self._readings = np.zeros((sizes[-1], len(READING_NAMES)), dtype=np.float32)
+        self._sheets = sheets
+        self._regions: list[NDArray[np.void]] = [np.zeros(0, dtype=REGION_ROW) for _ in sheets]
+        self._felt: list[tuple[str, bytes]] = []
+        self._streams: dict[str, deque[bytes]] = {}
+        self._shades: NDArray[np.uint8] | None = None
+        thickness_m = deployment.body.foam.thickness_m
+        across_m = _GAP * pitch_m(deployment.cells.side_m)
+        entities = [_cells(patch, thickness_m, across_m) for patch in patches]
+        entities += [_elements(sheet, thickness_m) for sheet in sheets]
+        self._scene = np.frombuffer(fox.SceneUpdate(entities=entities).encode(), dtype=np.uint8).copy()
+        self._places = _places(self._scene, sizes[-1] + sum(sheet.n_elements for sheet in sheets))
+
+    def feel(self, channel: str, key: str, payload: bytes) -> None:
+        """A message of the skin; it is opened when somebody looks, and of a stream only the last ones are."""
+        if channel == "stream":
+            streams = self._streams.get(key)
+            if streams is None:
+                streams = self._streams[key] = deque(maxlen=_LAST)
+            streams.append(payload)
+        else:
+            self._felt.append((channel, payload))
+
+    def paint(self) -> bytes | None:
+        """The scene as it is now, if it has changed since the last time."""
+        for channel, payload in self._felt:
+            if channel == "regions":
+                self._take_regions(decode(payload, Regions))
+            else:
+                self._take_events(decode(payload, Events))
+        self._felt.clear()
+        for streams in self._streams.values():
+            for payload in streams:
+                self._take_stream(decode(payload, Stream))
+            streams.clear()
+        shades = np.rint(np.concatenate([self._cell_colours(), *self._sheet_colours()]) * _SHADES).astype(
+            np.uint8
+        )
+        if self._shades is not None and np.array_equal(shades, self._shades):
+            return None
+        self._shades = shades
+        colours = (shades / _SHADES).astype("<f8")
+        self._scene[self._places] = colours.view(np.uint8).reshape(len(colours), 3 * 8)
+        return self._scene.tobytes()
+
+    def _take_stream(self, stream: Stream) -> None:
+        rows = unpack(stream.rows, STREAM_ROW)
+        self._readings[self._first[stream.patch] + rows["cell"].astype(np.int64)] = rows["values"]
+
+    def _take_events(self, events: Events) -> None:
+        column = _COLUMN[events.modality] + np.array(events.channel)
+        self._readings[self._first[events.patch] + np.array(events.cell), column] = events.value
+
+    def _take_regions(self, regions: Regions) -> None:
+        rows, at = unpack(regions.rows, REGION_ROW), 0
+        for frame in unpack(regions.frames, BOARD_FRAME):
+            self._regions[int(frame["board"])] = rows[at : at + int(frame["rows"])]
+            at += int(frame["rows"])
+
+    def _cell_colours(self) -> Floats:
+        force = np.clip(self._readings[:, _FORCES].max(axis=1, initial=0.0) / _STRONG, 0.0, 1.0)
+        near = np.clip(self._readings[:, _PROXIMITY], 0.0, 1.0)
+        return _colours(np.sqrt(near), force)
+
+    def _sheet_colours(self) -> list[Floats]:
+        """Elements in a circle of a region's area have the colour of its peak."""
+        colours = []
+        for sheet, regions in zip(self._sheets, self._regions, strict=True):
+            pressure = np.zeros(sheet.n_elements)
+            for region in regions:
+                way_m = sheet.xi_m - (float(region["xi1_m"]), float(region["xi2_m"]))
+                inside = np.pi * (way_m**2).sum(axis=1) <= region["area_m2"]
+                pressure[inside] = np.maximum(pressure[inside], region["peak_kpa"] / _STRONG_KPA)
+            colours.append(_colours(np.zeros(sheet.n_elements), np.clip(pressure, 0.0, 1.0)))
+        return colours
+
+
+def _colours(near: Floats, force: Floats) -> Floats:
+    """(n, 3) red, green, blue of skin that something is `near` to and presses with `force`, both 0 to 1."""
+    near, force = near[:, None], force[:, None]
+    pressed = _TOUCHED + force * (_PRESSED - _TOUCHED)
+    idle = _IDLE + near * (_NEAR - _IDLE)
+    share = np.sqrt(force)
+    colours: Floats = idle + share * (pressed - idle)
+    return colours
+
+
+def _cells(patch: PlacedPatch, thickness_m: float, across_m: float) -> fox.SceneEntity:
+    size = vector(across_m, across_m, _THICK_M)
+    cylinders = [
+        fox.CylinderPrimitive(pose=pose, size=size, bottom_scale=1.0, top_scale=1.0, color=_MARKED)
+        for pose in _poses(patch.position_m, patch.R_body_cell, thickness_m)
+    ]
+    return fox.SceneEntity(
+        frame_id=patch.body, id=f"skin {patch.name}", frame_locked=True, cylinders=cylinders
+    )
+
+
+def _elements(sheet: PlacedSheet, thickness_m: float) -> fox.SceneEntity:
+    side_m = _GAP * sheet.area_m2**0.5
+    size = vector(side_m, side_m, _THICK_M)
+    cubes = [
+        fox.CubePrimitive(pose=pose, size=size, color=_MARKED)
+        for pose in _poses(sheet.position_m, sheet.R_body_element, thickness_m)
+    ]
+    return fox.SceneEntity(
+        frame_id=sheet.surface.body, id=f"sheet {sheet.name}", frame_locked=True, cubes=cubes
+    )
+
+
+_MARKED = fox.Color(r=_MARK, g=0.5, b=0.5, a=1.0)
+
+
+def _poses(position_m: Floats, rotation: Floats, height_m: float) -> list[fox.Pose]:
+    """On the face of the foam."""
+    middle_m = position_m + (height_m - 0.5 * _THICK_M) * rotation[:, :, 2]
+    quaternions = (
+        Rotation.from_matrix(rotation).as_quat(scalar_first=True) if len(rotation) else np.zeros((0, 4))
+    )
+    return [pose_of(at_m, turn) for at_m, turn in zip(middle_m, quaternions, strict=True)]
+
+
+def _places(scene: NDArray[np.uint8], count: int) -> NDArray[np.int64]:
+    """(count, 24) where the bytes of each colour's red, green and blue are."""
+    content, mark = scene.tobytes(), struct.pack("<d", _MARK)
+    found, at = [], content.find(mark)
+    while at >= 0:
+        found.append(at)
+        at = content.find(mark, at + 8)
+    assert len(found) == count, "a colour for each cell and element, and no other"
+    within = np.concatenate([start + np.arange(8) for start in (0, 9, 18)])
+    places: NDArray[np.int64] = np.array(found, dtype=np.int64)[:, None] + within
+    return places

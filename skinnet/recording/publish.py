@@ -1,0 +1,135 @@
+"""Plays a recording to watchers: the same messages on the same keys, at the pace that is asked for."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from skinnet.channels import OUTSIDE, Keys
+from skinnet.clock import NS_PER_S
+from skinnet.messages import encode
+from skinnet.outside_messages import Deployed
+from skinnet.recording.reader import Recorded, Recording
+from skinnet.transport.zenoh import ZenohTransport
+
+__all__ = ["Playback", "Stretch", "publish"]
+
+_KEPT = ("topology", "state")
+"""Channels whose newest message answers queries, as in a run."""
+_AHEAD_S = 0.001
+"""So early a message may be: shorter waits are lost time."""
+
+
+class Stretch(NamedTuple):
+    """What to play.
+
+    Attributes:
+        from_ns: Begin [ns].
+        until_ns: End, which belongs to it [ns]; None for that of the recording.
+        rate: Simulated seconds per second of wall time.
+        loop: Begin again at the end.
+    """
+
+    from_ns: int = 0
+    until_ns: int | None = None
+    rate: float = 1.0
+    loop: bool = False
+
+
+class Playback:
+    """The messages of a stretch, each with the time at which it is due. No I/O but the file's."""
+
+    def __init__(self, recording: Recording, stretch: Stretch) -> None:
+        self._recording, self._stretch = recording, stretch
+        self.newest: dict[str, bytes] = {}
+        """The newest message on each key that answers queries."""
+
+    @property
+    def length_s(self) -> float:
+        """How long a round takes [s]."""
+        until_ns = self._recording.end_ns if self._stretch.until_ns is None else self._stretch.until_ns
+        return max(until_ns - self._stretch.from_ns, 0) / NS_PER_S / self._stretch.rate
+
+    def rounds(self) -> Iterator[tuple[float, Recorded]]:
+        """Messages with their times since the beginning [s]; without an end if they loop."""
+        start_s = 0.0
+        while True:
+            yield from self._round(start_s)
+            if not self._stretch.loop or self.length_s <= 0.0:
+                return
+            start_s += self.length_s
+
+    def _round(self, start_s: float) -> Iterator[tuple[float, Recorded]]:
+        stretch = self._stretch
+        before = True
+        earlier: dict[str, Recorded] = {}
+        for message in self._recording.messages(0, stretch.until_ns):
+            if message.t_ns < stretch.from_ns:
+                if message.channel in _KEPT:
+                    earlier[message.key] = message
+                continue
+            if before:  # whoever comes in the middle needs to know what holds there
+                before = False
+                for kept in earlier.values():
+                    self.newest[kept.key] = kept.payload
+                    yield start_s, kept
+            if message.channel in _KEPT:
+                self.newest[message.key] = message.payload
+            yield start_s + (message.t_ns - stretch.from_ns) / NS_PER_S / stretch.rate, message
+
+
+def publish(
+    recording: Recording,
+    stretch: Stretch,
+    listen: str,
+    *,
+    base: Path,
+    wait: bool,
+    say: Callable[[str], None],
+) -> int:
+    """Listens at an endpoint and tells whoever comes what was recorded; returns how many messages.
+
+    Args:
+        recording: What to play.
+        stretch: Which part of it, and how fast.
+        listen: Endpoint to listen on.
+        base: Folder that relative paths in the deployment start from, for whoever asks.
+        wait: Begin when the first watcher is there.
+        say: Called with lines for the user.
+
+    Raises:
+        PortInUseError: the endpoint is taken.
+        RecordingError: the recording is damaged.
+    """
+    keys = Keys(recording.robot)
+    playback = Playback(recording, stretch)
+    transport = ZenohTransport(keys, OUTSIDE, listen=listen)
+    try:
+        text = msgspec.json.encode(recording.raw).decode()
+        deployed = {keys.deployment: encode(Deployed(deployment=text, base=str(base)))}
+        transport.serve(keys.deployment, lambda: deployed)
+        for channel, stars in (("topology", 1), ("state", 0)):
+            transport.serve(keys.of(channel, *["*"] * stars), playback.newest.copy)
+        somebody = threading.Event()
+        transport.on_interest(f"{keys.prefix}**", lambda there: somebody.set() if there else None)
+        say(f"watch with any Zenoh client: connect to {listen}, subscribe to {keys.prefix}**")
+        if wait:
+            somebody.wait()
+        return _play(playback, transport)
+    finally:
+        transport.close()
+
+
+def _play(playback: Playback, transport: ZenohTransport) -> int:
+    begin_s = time.monotonic()
+    count = 0
+    for due_s, message in playback.rounds():
+        early_s = begin_s + due_s - time.monotonic()
+        if early_s > _AHEAD_S:
+            time.sleep(early_s)
+        transport.tell(message.key, message.payload)
+        count += 1
+    return count

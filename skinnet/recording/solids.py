@@ -1,0 +1,90 @@
+"""The body as Foxglove draws it: shapes that go with their frames."""
+
+import numpy as np
+from foxglove import messages as fox
+from numpy.typing import NDArray
+
+from skinnet.body.drawing import Shape
+
+__all__ = ["pose_of", "scene", "vector"]
+
+Floats = NDArray[np.float64]
+_ENDLESS_M, _THIN_M = 20.0, 0.002
+"""So wide a plane without an end is drawn, and so thin."""
+
+
+def scene(shapes: list[Shape]) -> bytes:
+    """The body as it is drawn: one entity for each frame, which goes with the frame."""
+    frames = dict.fromkeys(shape.frame for shape in shapes)
+    update: bytes = fox.SceneUpdate(
+        entities=[_entity(frame, [s for s in shapes if s.frame == frame]) for frame in frames]
+    ).encode()
+    return update
+
+
+def _entity(frame: str, shapes: list[Shape]) -> fox.SceneEntity:
+    cubes, spheres, cylinders, triangles = [], [], [], []
+    for shape in shapes:
+        x, y, z = shape.half_m.tolist()
+        pose = pose_of(shape.position_m, shape.quaternion)
+        red, green, blue, alpha = shape.rgba.tolist()
+        colour = fox.Color(r=red, g=green, b=blue, a=alpha)
+        match shape.kind:
+            case "box":
+                cubes.append(fox.CubePrimitive(pose=pose, size=vector(2 * x, 2 * y, 2 * z), color=colour))
+            case "plane":  # of no size is endless
+                wide = vector(2 * x or _ENDLESS_M, 2 * y or _ENDLESS_M, _THIN_M)
+                cubes.append(fox.CubePrimitive(pose=pose, size=wide, color=colour))
+            case "sphere":
+                spheres.append(fox.SpherePrimitive(pose=pose, size=vector(2 * x, 2 * x, 2 * x), color=colour))
+            case "ellipsoid":
+                spheres.append(fox.SpherePrimitive(pose=pose, size=vector(2 * x, 2 * y, 2 * z), color=colour))
+            case "cylinder" | "capsule":
+                cylinders.append(_cylinder(pose, vector(2 * x, 2 * x, 2 * y), colour))
+            case "mesh":
+                triangles.append(_triangles(shape, pose, colour))
+        if shape.kind == "capsule":
+            axis = _axis(shape.quaternion)
+            for end in (shape.position_m - y * axis, shape.position_m + y * axis):
+                size = vector(2 * x, 2 * x, 2 * x)
+                spheres.append(
+                    fox.SpherePrimitive(pose=pose_of(end, shape.quaternion), size=size, color=colour)
+                )
+    return fox.SceneEntity(
+        frame_id=frame,
+        id=f"body {frame}",
+        frame_locked=True,
+        cubes=cubes,
+        spheres=spheres,
+        cylinders=cylinders,
+        triangles=triangles,
+    )
+
+
+def _cylinder(pose: fox.Pose, size: fox.Vector3, colour: fox.Color) -> fox.CylinderPrimitive:
+    return fox.CylinderPrimitive(pose=pose, size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
+
+
+def _triangles(shape: Shape, pose: fox.Pose, colour: fox.Color) -> fox.TriangleListPrimitive:
+    points = [fox.Point3(x=x, y=y, z=z) for x, y, z in shape.corners_m.tolist()]
+    return fox.TriangleListPrimitive(
+        pose=pose, points=points, color=colour, indices=shape.triangles.ravel().tolist()
+    )
+
+
+def _axis(quaternion: Floats) -> Floats:
+    """The z axis of a frame that is turned by `quaternion` (w, x, y, z)."""
+    w, x, y, z = quaternion.tolist()
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])
+
+
+def pose_of(position_m: Floats, quaternion: Floats) -> fox.Pose:
+    """Pose of a position [m] and a quaternion (w, x, y, z)."""
+    x, y, z = position_m.tolist()
+    qw, qx, qy, qz = quaternion.tolist()
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def vector(x: float, y: float, z: float) -> fox.Vector3:
+    """A vector."""
+    return fox.Vector3(x=x, y=y, z=z)
