@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cells.damage import impairments, outages_of
 from cells.deliveries import Delivered
 from cells.encoding import Emission, Encoder
+from cells.link_report import LinkReport
 from cells.outages import outages
 from cells.packets import PacketKind
 from cells.publisher import PatchPublisher
@@ -104,6 +105,8 @@ class HostNode:
             impairments=impairments(faults, self._wiring, loss=deployment.network.loss, seed=seed),
         )
         self._formed: list[tuple[str, bytes]] = []
+        self.reported = keys.of("links", "*")
+        self._links = LinkReport(self._wiring, keys)
         self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
 
     def _feeds(self, deployment: Deployment) -> list[int]:
@@ -253,6 +256,11 @@ class HostNode:
         """Topologies that were formed, for those who come later and ask."""
         news, self._formed = self._formed, []
         return news
+
+    def report(self) -> list[tuple[str, bytes]]:
+        """What the links carried."""
+        network = self._network
+        return self._links.messages(network.kernel, network.formation.powered, network.kernel.now_ns)
 
     def result(self) -> Part:
         """Counters of the network and its latencies."""

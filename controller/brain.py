@@ -13,6 +13,7 @@ from controller.drive_log import DriveLog
 from controller.grasping.memory import LongTermMemory
 from controller.grasping.session import Session
 from controller.knowledge import Knowledge
+from controller.offers import FORMING
 from controller.requests import Asked, Reply
 from controller.skin_input import SkinInput, SkinRows
 from controller.stages import Stage, make_stage
@@ -83,7 +84,7 @@ class Brain:
     @property
     def state(self) -> str:
         """The present stage for watchers, to whom it is a state as well that none has begun."""
-        return self.stage or "forming"
+        return self.stage or FORMING
 
     @property
     def why(self) -> str:

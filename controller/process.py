@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from controller.brain import Brain, Tick
 from controller.grasping.memory import LongTermMemory
 from controller.grasping.report import session_facts
+from controller.offers import Offers
 from controller.outside import OutsideVelocity
 from controller.patch_trace import PatchTrace
 from controller.rehearsal import rehearse
@@ -91,6 +92,7 @@ class ControllerNode:
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._requests = Requests(keys, self.counters)
+        self._offers = Offers(keys)
         allowed = deployment.controller.outside_velocity
         self._outside = OutsideVelocity(allowed, self._n_dofs, self.counters)
         self._state_s = -1e9
@@ -233,8 +235,9 @@ class ControllerNode:
 
     def news(self) -> list[tuple[str, bytes]]:
         """Answers to requests; and what goes on, when it changes and by the wall clock. Never in the log."""
-        news = self._requests.news()
         brain, now_s = self._brain, time.monotonic()
+        news = self._requests.news()
+        news += self._offers.news(self._deployment.controller, brain.knowledge.poses, self._t_ns)
         if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = brain.state, now_s
             news.append((self._keys.of("state"), encode(self._state(self._t_ns))))

@@ -110,7 +110,7 @@ def _channels() -> str:
         )
         for row in CHANNELS
     ]
-    roles = ", ".join(role.value for role in Role)
+    roles = ", ".join(role.value for role in Role if role is not Role.LAUNCHER)
     told = f"[{Deployed.__name__}](#{Deployed.__name__.lower()})"
     rows.append((f"`{Keys('<robot>').deployment}`", told, "launcher", "", "when asked", "yes", ""))
     rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", "", ""))

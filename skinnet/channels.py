@@ -25,6 +25,7 @@ from skinnet.messages import (
 from skinnet.outside_messages import Velocity
 from skinnet.record_messages import Counters, Fault, World
 from skinnet.sheet_messages import Pressures, Regions
+from skinnet.watch_messages import LinkLoad, Machine, ProcessLoad
 
 __all__ = [
     "ALIVE",
@@ -41,11 +42,12 @@ __all__ = [
 
 
 class Role(Enum):
-    """Who takes part in a run."""
+    """Who takes part in a run; the launcher looks on."""
 
     BODY = "body"
     CELLS = "cells"
     CONTROLLER = "controller"
+    LAUNCHER = "launcher"
     RECORDER = "recorder"
 
 
@@ -82,6 +84,7 @@ class Channel:
 
 
 _GROUND_TRUTH = {"public": False, "recorded": False}
+_TOLD = {"recorded": False, "told": True}
 CHANNELS = (
     Channel(
         "stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
@@ -101,6 +104,9 @@ CHANNELS = (
     Channel("velocity", "controller/velocity", Velocity, None, (Role.CONTROLLER,), "at will"),
     Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", told=True),
     Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz", told=True),
+    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change", **_TOLD),
+    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if watched", **_TOLD),
+    Channel("processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if watched", **_TOLD),
     Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
     Channel("fault", "run/fault", Fault, Role.RECORDER, (), "on change", public=False),
 )

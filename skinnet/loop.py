@@ -20,7 +20,7 @@ from skinnet.part import Part
 from skinnet.transport.base import Delivery, Transport
 from skinnet.upstream import Upstream
 
-__all__ = ["Keeping", "Node", "Put", "Sparing", "run_loop"]
+__all__ = ["Keeping", "Node", "Put", "Reporter", "Sparing", "run_loop"]
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +94,21 @@ class Keeping(Protocol):
         """The run is over, or ends here."""
 
 
+@runtime_checkable
+class Reporter(Protocol):
+    """A node that reports to watchers now and then, by the clock on the wall and only if there are any.
+
+    Attributes:
+        reported: Key expression of its reports.
+    """
+
+    reported: str
+
+    def report(self) -> Iterable[tuple[str, bytes]]:
+        """Keys and payloads of a report."""
+
+
+_REPORT_EVERY_S = 0.5
 _GRACE_S = 0.2
 """Liveliness may overtake the last messages of a process, which come through another thread."""
 
@@ -203,6 +218,26 @@ def _claim(name: str, transport: Transport, keys: Keys) -> None:
         )
 
 
+class _Reports:
+    """Sends the reports of a node that makes some."""
+
+    def __init__(self, node: Node, transport: Transport) -> None:
+        self._tell = transport.tell
+        self._reporter = node if isinstance(node, Reporter) else None
+        if self._reporter is not None:
+            self._wanted = transport.audience(self._reporter.reported)
+        self._due_s = time.monotonic()
+
+    def tell(self) -> None:
+        """Sends one if it is time, and somebody wants it."""
+        if self._reporter is None or (now_s := time.monotonic()) < self._due_s:
+            return
+        self._due_s = now_s + _REPORT_EVERY_S
+        if self._wanted():
+            for key, payload in self._reporter.report():
+                self._tell(key, payload)
+
+
 async def run_loop(
     node: Node,
     transport: Transport,
@@ -229,6 +264,7 @@ async def run_loop(
     loop = _Loop(node, transport, keys, deadline_s)
     await loop.gather()
     pace = WallPace() if realtime and node.paced else None
+    reports = _Reports(node, transport)
     node.start(transport.put)
     transport.flush()
     while True:
@@ -242,3 +278,4 @@ async def run_loop(
             on_period(due_ns)
         for key, payload in node.news():
             transport.tell(key, payload)
+        reports.tell()

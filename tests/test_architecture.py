@@ -50,7 +50,10 @@ def test_the_contracts_of_imports_hold() -> None:
     [
         ("zenoh", ("skinnet/transport/zenoh.py", "skinnet/transport/open_session.py")),
         ("rosbags", ("skinnet/ros2/",)),
-        ("asyncio", ("skinnet/transport/mailbox.py", "skinnet/worker.py", "skinnet/run/")),
+        (
+            "asyncio",
+            ("skinnet/transport/mailbox.py", "skinnet/worker.py", "skinnet/run/", "skinnet/view/gate.py"),
+        ),
         ("mujoco", ("skinnet/body/", "controller/nursing/kinematics.py")),
         ("typer", ("skinnet/cli/",)),
         ("numba", ("skinnet/compiled.py",)),

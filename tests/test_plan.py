@@ -27,10 +27,10 @@ from skinnet.plan.plan import Plan, make
 from skinnet.plan.report import report
 from skinnet.plan.search import breaches
 from skinnet.plan.traffic import Source, Traffic, send_ns, traffic_of
-from skinnet.plan.unroll import unroll
 from skinnet.plan.waiting import mean_wait_ns
 from skinnet.plan.words import problems
 from skinnet.skin.placement import place
+from skinnet.skin.unroll import unroll
 
 PERIOD_NS = 4_000_000
 CLOCK = {"encoding": {"kind": "clock"}}

@@ -1,6 +1,7 @@
 """The session: what users ask for and what the skin feels move the state machine, which moves the robot."""
 
 import re
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from controller.touch.fusion import TactilePicture
 from controller.touch.posture import PoseTarget
 from skinnet.deployment.schema import ControllerSpec
 
-__all__ = ["Session", "Transition"]
+__all__ = ["Session", "Transition", "requests_of"]
 
 _ACCELERATION = slice(4, 7)
 _POSE_NAME = re.compile(r"[A-Za-z0-9_\-]{1,64}")
@@ -41,6 +42,12 @@ _PLAIN = {
     "cancel": Event.CANCEL,
     "end": Event.END,
 }
+
+
+def requests_of(poses: Iterable[str]) -> dict[str, list[str]]:
+    """The arguments that each request takes: [""] for none, an empty list for a name of one's choice."""
+    requests = {what: list(arguments) for what, arguments in _ARGUMENTS.items()}
+    return requests | {what: [""] for what in _PLAIN} | {"remember": [], "go": list(poses)}
 
 
 class Transition(NamedTuple):

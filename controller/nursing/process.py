@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from controller.nursing.own_model import own_model
 from controller.nursing.program import NursingCommand, NursingProgram
 from controller.nursing.skin_input import BoardInput, sheets_of
+from controller.offers import nursing_machine
 from controller.requests import Reply, Requests
 from controller.state_record import StateRecord
 from controller.touch.safety import SafetyClamp, SafetyLimits
@@ -65,6 +66,7 @@ class NursingNode:
         self.tolerated = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         self._state_key, self._command_key = keys.of("state"), keys.of("command")
+        self._machine_key = keys.of("machine")
         control, spec = deployment.controller, deployment.nursing
         self._period_ns, self._delay_ns = control.period_ns, control.command_delay_ns
         self._frame_ns, self._max_ns = deployment.frame_ns, deployment.max_ns
@@ -173,6 +175,8 @@ class NursingNode:
     def news(self) -> list[tuple[str, bytes]]:
         """Refusals of requests; and what goes on, when it changes and by the wall clock. Never in the log."""
         news = self._requests.news()
+        if not self._told:
+            news.append((self._machine_key, encode(nursing_machine(self._t_ns))))
         now_s, stage = time.monotonic(), self._said.state.value
         if stage != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = stage, now_s

@@ -15,6 +15,8 @@ from skinnet.cli.replay import replay
 from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
 from skinnet.cli.request import request
 from skinnet.cli.stress import stress
+from skinnet.cli.view import EXAMPLES as VIEW_EXAMPLES
+from skinnet.cli.view import view
 from skinnet.errors import (
     DeploymentError,
     MemoryFileError,
@@ -54,6 +56,7 @@ app.command()(stress)
 app.command(epilog=report.EXAMPLES)(report.report)
 app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
+app.command(epilog=VIEW_EXAMPLES)(view)
 app.command(epilog=REPLAY_EXAMPLES)(replay)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")

@@ -1,11 +1,12 @@
 """`skinnet run` and `skinnet check`: one deployment, for one seed or many."""
 
+import contextlib
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from skinnet.cli.console import File, Json, Out, Set, console, require_extra, seed_range, write_report
 from skinnet.errors import DeploymentError
@@ -14,6 +15,7 @@ from skinnet.run.explain import explain
 from skinnet.run.launch import Order, prepare, run_once
 from skinnet.run.progress import Progress
 from skinnet.run.table import print_summary
+from skinnet.run.viewer import Viewer
 
 __all__ = ["EXAMPLES", "check", "run"]
 
@@ -29,6 +31,8 @@ Examples:
   skinnet run deployments/hrp2_touch.toml --set hosts=per_patch --out runs/seven_hosts
 
   skinnet run deployments/hrp2_touch.toml --record --set run.max_s=20
+
+  skinnet run deployments/hrp2_touch.toml --pace realtime --view --keep
 
   skinnet check my_robot.toml
 """
@@ -55,33 +59,42 @@ def run(
         bool, typer.Option("--record", help="Writes run.mcap: all that is said, to look at and to replay.")
     ] = False,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots and a picture.")] = True,
+    view: Annotated[bool, typer.Option("--view", help="Serve a live page; prints its address.")] = False,
+    control: Annotated[bool, typer.Option("--control", help="The page has buttons for requests.")] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="The page stays when the run is over.")] = False,
 ) -> None:
     """Runs a deployment."""
+    if (control or keep) and not view:
+        raise DeploymentError("--control and --keep are about the live page: give --view too")
+    if keep and seeds is not None:
+        raise DeploymentError("--keep and --seeds: a page that stays shows one run")
     overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
     order = Order(file, overrides, in_process, listen, plots, record)
     if record:
         require_extra("record", "mcap", "zstandard", "foxglove")
     terminal = console(stderr=json == "-")
     folder = out or Path("runs") / f"{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
-    if seeds is None:
-        report = _run_seed(order, seed, folder, terminal)
-        print_summary(terminal, report, folder)
-    else:
-        if seed is not None:
-            raise DeploymentError("--seed and --seeds: give one of them")
-        reports = [
-            _run_seed(order, number, folder / f"seed-{number}", terminal) for number in seed_range(seeds)
-        ]
-        for number, single in zip(seed_range(seeds), reports, strict=True):
-            print_summary(terminal, single, folder / f"seed-{number}")
-        report = {"runs": reports}
-        write_json(folder / "summary.json", report)
-    write_report(report, json)
+    with contextlib.ExitStack() as pages:
 
+        def run_seed(number: int | None, where: Path) -> dict[str, Any]:
+            deployment, progress, asked = prepare(order, number), Progress(terminal), order
+            if view:
+                page = pages.enter_context(Viewer(progress.say, keep=keep, control=control))
+                asked = replace(order, on_watch=page.start)
+            return run_once(asked, deployment, where, progress)
 
-def _run_seed(order: Order, seed: int | None, folder: Path, terminal: Console) -> dict[str, Any]:
-    deployment = prepare(order, seed)
-    return run_once(order, deployment, folder, Progress(terminal))
+        if seeds is None:
+            report = run_seed(seed, folder)
+            print_summary(terminal, report, folder)
+        else:
+            if seed is not None:
+                raise DeploymentError("--seed and --seeds: give one of them")
+            reports = [run_seed(number, folder / f"seed-{number}") for number in seed_range(seeds)]
+            for number, single in zip(seed_range(seeds), reports, strict=True):
+                print_summary(terminal, single, folder / f"seed-{number}")
+            report = {"runs": reports}
+            write_json(folder / "summary.json", report)
+        write_report(report, json)
 
 
 def check(file: File, settings: Set = None) -> None:

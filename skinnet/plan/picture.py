@@ -1,7 +1,6 @@
 """A picture of the whole skin, unrolled: what every link carries, and what voltage every cell has."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,8 +12,8 @@ from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
 from skinnet.plan.plan import Plan
-from skinnet.plan.unroll import unroll
 from skinnet.skin.lattice import PORT_ANGLES_RAD
+from skinnet.skin.paper import Paper, lay_out
 
 __all__ = ["draw"]
 
@@ -22,108 +21,52 @@ Floats = NDArray[np.float64]
 
 _WIDTH_IN, _PITCH_IN = 14.0, 0.44
 """Width of the skin on paper, and the largest size of a cell."""
-_ASPECT = 1.75
 _INK, _PALE, _GATEWAY, _BRIDGE, _BAD = "#1f2d3d", "#c3ccd5", "#0b6e4f", "#6a3d9a", "#3b0a45"
 _LOAD = LinearSegmentedColormap.from_list("load", ["#eef3f7", "#fbe3a2", "#f2a33c", "#d9481c", "#8e0b1d"])
 _VOLTAGE = LinearSegmentedColormap.from_list(
     "voltage", ["#7a1230", "#d9704a", "#f7e3b5", "#8fc3c9", "#1d5b79"]
 )
 _TOPS = (0.05, 0.1, 0.25, 0.5, 1.0)
-_MARGIN, _LABEL, _NARROWEST = 0.8, 1.7, 5.6
-"""Around a patch, below it for its name, and the least width of its box, in pitches."""
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """Where everything lies on paper, in pitches: all cells (n, 2) and (n,), and the boxes of the patches."""
-
-    at: Floats
-    turn: Floats
-    boxes: list[tuple[float, float, float]]
-    width: float
-    height: float
 
 
 def draw(plan: Plan) -> Figure:
     """The skin coloured by load; and by voltage, if the deployment has power wires."""
-    layout = _lay_out(plan)
+    paper = lay_out(plan.skin.patches)
     panels = 1 if plan.budget.power is None else 2
-    inch = min(_WIDTH_IN / layout.width, _PITCH_IN)  # of a pitch
-    size = (layout.width * inch + 1.1, panels * (layout.height * inch + 0.6))
+    inch = min(_WIDTH_IN / paper.width, _PITCH_IN)  # of a pitch
+    size = (paper.width * inch + 1.1, panels * (paper.height * inch + 0.6))
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
-    _draw_load(figure, axes[0], plan, layout, inch)
+    _draw_load(figure, axes[0], plan, paper, inch)
     if panels == 2:
-        _draw_voltage(figure, axes[1], plan, layout, inch)
+        _draw_voltage(figure, axes[1], plan, paper, inch)
     return figure
 
 
-def _lay_out(plan: Plan) -> _Layout:
-    """Patches in their order on shelves, as wide as makes a picture of good shape."""
-    sheets = [unroll(patch) for patch in plan.skin.patches]
-    boxes = [
-        (max(w + 1.0 + 2 * _MARGIN, _NARROWEST), h + 1.16 + 2 * _MARGIN + _LABEL)
-        for w, h in (np.ptp(sheet, axis=0).tolist() for sheet, _ in sheets)
-    ]
-    area = sum(w * h for w, h in boxes)
-    widths = [math.sqrt(area * _ASPECT) * stretch for stretch in np.linspace(0.8, 1.5, 36)]
-    tries = [_shelves(boxes, max(width, max(w for w, _ in boxes))) for width in widths]
-    spots, width, height = min(tries, key=lambda t: abs(math.log(t[1] / t[2] / _ASPECT)) + t[1] * t[2] / area)
-    at = [
-        sheet + np.array([x + w / 2, y + h / 2 + _LABEL / 2])
-        for (sheet, _), (x, y), (w, h) in zip(sheets, spots, boxes, strict=True)
-    ]
-    frames = [(x, y, w) for (x, y), (w, _) in zip(spots, boxes, strict=True)]
-    return _Layout(np.vstack(at), np.concatenate([turn for _, turn in sheets]), frames, width, height)
-
-
-def _shelves(
-    boxes: list[tuple[float, float]], width: float
-) -> tuple[list[tuple[float, float]], float, float]:
-    """Lower left corners of boxes in rows from the top, the rows' common width, and the height of all."""
-    rows: list[list[int]] = [[]]
-    for index, (w, _) in enumerate(boxes):
-        if rows[-1] and sum(boxes[i][0] for i in rows[-1]) + w > width + 1e-9:
-            rows.append([])
-        rows[-1].append(index)
-    spots = [(0.0, 0.0)] * len(boxes)
-    widest = max(sum(boxes[i][0] for i in row) for row in rows)
-    y = 0.0
-    for row in rows:
-        tall = max(boxes[i][1] for i in row)
-        y -= tall
-        gap = (widest - sum(boxes[i][0] for i in row)) / len(row)
-        x = gap / 2
-        for i in row:
-            spots[i] = (x, y)
-            x += boxes[i][0] + gap
-    return spots, widest, -y
-
-
-def _draw_load(figure: Figure, axes: Axes, plan: Plan, layout: _Layout, inch: float) -> None:
+def _draw_load(figure: Figure, axes: Axes, plan: Plan, paper: Paper, inch: float) -> None:
     budget = plan.budget
     load = budget.utilisation
     top = next((top for top in _TOPS if top >= load.max()), 1.0)
     colours, norm = _LOAD.with_extremes(over=_BAD), Normalize(0.0, top)
-    _prepare(axes, layout)
-    _wires(axes, plan, layout, inch)
-    _cells(axes, layout, load, colours, norm, inch)
+    _prepare(axes, paper)
+    _wires(axes, plan, paper, inch)
+    _cells(axes, paper, load, colours, norm, inch)
     sends = np.flatnonzero(budget.forest.parent >= 0)
-    ends = np.stack([layout.at[sends], layout.at[budget.forest.parent[sends]]], axis=1)
+    ends = np.stack([paper.at[sends], paper.at[budget.forest.parent[sends]]], axis=1)
     near = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) < 1.5  # else it crosses a cut, or is a bridge
     ends, sends = ends[near], sends[near]
     points = 72 * inch
     widths = _thickness(load[sends], top, points)
     axes.add_collection(LineCollection(list(ends), linewidths=widths, colors=_INK, capstyle="round"))
-    axes.plot(*layout.at.T, "o", color=_INK, markersize=0.16 * points, zorder=3, markeredgewidth=0)
-    _gateways(axes, plan, layout, points, top)
+    axes.plot(*paper.at.T, "o", color=_INK, markersize=0.16 * points, zorder=3, markeredgewidth=0)
+    _gateways(axes, plan, paper, points, top)
     texts = []
-    for patch in range(len(layout.boxes)):
+    for patch in range(len(paper.boxes)):
         cells = _cells_of(plan, patch)
         worst = float(budget.worst_ns[cells].max()) * 1e-6
         late = f"≤ {worst:.1f} ms" if math.isfinite(worst) else "no bound"
         texts.append(f"{len(cells)} cells · {load[cells].max():.0%} · {late}")
-    _labels(axes, plan, layout, texts, points)
+    _labels(axes, plan, paper, texts, points)
     _bar(
         figure,
         axes,
@@ -141,27 +84,27 @@ def _draw_load(figure: Figure, axes: Axes, plan: Plan, layout: _Layout, inch: fl
     )
 
 
-def _draw_voltage(figure: Figure, axes: Axes, plan: Plan, layout: _Layout, inch: float) -> None:
+def _draw_voltage(figure: Figure, axes: Axes, plan: Plan, paper: Paper, inch: float) -> None:
     power, spec = plan.budget.power, plan.deployment.power
     assert power is not None
     assert spec is not None
     colours = _VOLTAGE.with_extremes(under="#111111")
     norm = Normalize(spec.minimum_v, spec.supply_v)
-    _prepare(axes, layout)
-    _wires(axes, plan, layout, inch)
-    _cells(axes, layout, power.voltage_v, colours, norm, inch)
-    gone = layout.at[power.browned_out]
+    _prepare(axes, paper)
+    _wires(axes, plan, paper, inch)
+    _cells(axes, paper, power.voltage_v, colours, norm, inch)
+    gone = paper.at[power.browned_out]
     axes.plot(*gone.T, "x", color="black", markersize=30 * inch, markeredgewidth=7 * inch, linestyle="none")
-    feeds = layout.at[np.unique(plan.feeds)]
+    feeds = paper.at[np.unique(plan.feeds)]
     axes.plot(
         *feeds.T, "o", color="white", markeredgecolor=_INK, markersize=26 * inch, markeredgewidth=5 * inch
     )
     texts = []
-    for patch in range(len(layout.boxes)):
+    for patch in range(len(paper.boxes)):
         cells = _cells_of(plan, patch)
         out = int(power.browned_out[cells].sum())
         texts.append(f"≥ {power.voltage_v[cells].min():.2f} V" + (f" · {out} out" if out else ""))
-    _labels(axes, plan, layout, texts, 72 * inch)
+    _labels(axes, plan, paper, texts, 72 * inch)
     _bar(
         figure,
         axes,
@@ -179,24 +122,22 @@ def _draw_voltage(figure: Figure, axes: Axes, plan: Plan, layout: _Layout, inch:
     )
 
 
-def _prepare(axes: Axes, layout: _Layout) -> None:
+def _prepare(axes: Axes, paper: Paper) -> None:
     axes.set_aspect("equal")
     axes.set_axis_off()
-    axes.set_xlim(0.0, layout.width)
-    axes.set_ylim(-layout.height, 0.0)
+    axes.set_xlim(0.0, paper.width)
+    axes.set_ylim(-paper.height, 0.0)
 
 
 def _cells_of(plan: Plan, patch: int) -> NDArray[np.int64]:
     return np.arange(plan.skin.first_cell[patch], plan.skin.first_cell[patch + 1])
 
 
-def _cells(
-    axes: Axes, layout: _Layout, values: Floats, colours: Colormap, norm: Normalize, inch: float
-) -> None:
-    corners = layout.turn[:, None] + np.pi / 6 + np.pi / 3 * np.arange(6)
+def _cells(axes: Axes, paper: Paper, values: Floats, colours: Colormap, norm: Normalize, inch: float) -> None:
+    corners = paper.turn[:, None] + np.pi / 6 + np.pi / 3 * np.arange(6)
     ring = 0.965 / math.sqrt(3.0) * np.stack([np.cos(corners), np.sin(corners)], axis=2)
     hexagons = PolyCollection(
-        list(layout.at[:, None] + ring),
+        list(paper.at[:, None] + ring),
         facecolors=colours(norm(values)),
         edgecolors=_PALE,
         linewidths=4 * inch,
@@ -204,26 +145,26 @@ def _cells(
     axes.add_collection(hexagons)
 
 
-def _wires(axes: Axes, plan: Plan, layout: _Layout, inch: float) -> None:
+def _wires(axes: Axes, plan: Plan, paper: Paper, inch: float) -> None:
     """Bridges across the paper, and the ends of wires that lead across a cut."""
-    bridges = layout.at[plan.skin.bridges[:, [0, 2]]]
+    bridges = paper.at[plan.skin.bridges[:, [0, 2]]]
     axes.add_collection(
         LineCollection(list(bridges), colors=_BRIDGE, linewidths=9 * inch, linestyles="dashed")
     )
     inner = plan.skin.wires[: len(plan.skin.wires) - len(plan.skin.bridges)]
-    far = np.linalg.norm(layout.at[inner[:, 0]] - layout.at[inner[:, 2]], axis=1) > 1.5
+    far = np.linalg.norm(paper.at[inner[:, 0]] - paper.at[inner[:, 2]], axis=1) > 1.5
     stubs = [
-        _outwards(layout, int(cell), int(port), 0.72)
+        _outwards(paper, int(cell), int(port), 0.72)
         for a, port_a, b, port_b in inner[far].tolist()
         for cell, port in ((a, port_a), (b, port_b))
     ]
     axes.add_collection(LineCollection(stubs, colors=_PALE, linewidths=10 * inch))
 
 
-def _outwards(layout: _Layout, cell: int, port: int, reach: float) -> list[tuple[float, float]]:
+def _outwards(paper: Paper, cell: int, port: int, reach: float) -> list[tuple[float, float]]:
     """From the middle of a cell out of one of its ports."""
-    angle = layout.turn[cell] + PORT_ANGLES_RAD[port]
-    x, y = layout.at[cell]
+    angle = paper.turn[cell] + PORT_ANGLES_RAD[port]
+    x, y = paper.at[cell]
     return [(x, y), (x + reach * math.cos(angle), y + reach * math.sin(angle))]
 
 
@@ -233,22 +174,30 @@ def _thickness(load: Floats, top: float, points: float) -> Floats:
     return widths
 
 
-def _gateways(axes: Axes, plan: Plan, layout: _Layout, points: float, top: float) -> None:
-    ways = [_outwards(layout, cell, port, 0.98) for cell, port in plan.skin.gateways.tolist()]
+def _gateways(axes: Axes, plan: Plan, paper: Paper, points: float, top: float) -> None:
+    ways = [_outwards(paper, cell, port, 0.98) for cell, port in plan.skin.gateways.tolist()]
     load = plan.budget.utilisation[plan.skin.gateways[:, 0]]
     widths = _thickness(load, top, points)
     axes.add_collection(LineCollection(ways, colors=_GATEWAY, linewidths=widths, zorder=3))
     axes.plot(*np.array([way[1] for way in ways]).T, "s", color=_GATEWAY, markersize=0.34 * points, zorder=4)
 
 
-def _labels(axes: Axes, plan: Plan, layout: _Layout, texts: list[str], points: float) -> None:
+def _labels(axes: Axes, plan: Plan, paper: Paper, texts: list[str], points: float) -> None:
     """Name and text below every patch, all in one size that fits, and is no larger than need be."""
     names = [patch.name for patch in plan.skin.patches]
     for lines, most, height, colour in ((names, 0.6, 1.75, _INK), (texts, 0.5, 1.05, "#5b6b7a")):
-        fit = min(width / (0.58 * len(line)) for (_, _, width), line in zip(layout.boxes, lines, strict=True))
+        fit = min(box.width / (0.58 * len(line)) for box, line in zip(paper.boxes, lines, strict=True))
         size = min(points * min(most, fit), 13.0)
-        for (x, y, width), line in zip(layout.boxes, lines, strict=True):
-            axes.text(x + width / 2, y + height, line, fontsize=size, ha="center", va="center", color=colour)
+        for box, line in zip(paper.boxes, lines, strict=True):
+            axes.text(
+                box.x + box.width / 2,
+                box.y + height,
+                line,
+                fontsize=size,
+                ha="center",
+                va="center",
+                color=colour,
+            )
 
 
 def _bar(

@@ -62,7 +62,13 @@ def _channels(deployment: Deployment) -> Table:
             row.period,
             "yes" if row.public else "",
         )
-    table.add_row("alive/<role>/<name>", "liveliness", ", ".join(r.value for r in Role), "all", "on change")
+    table.add_row(
+        "alive/<role>/<name>",
+        "liveliness",
+        ", ".join(r.value for r in Role if r is not Role.LAUNCHER),
+        "all",
+        "on change",
+    )
     return table
 
 

@@ -8,6 +8,7 @@ from skinnet.channels import OUTSIDE, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
 from skinnet.loop import Keeping, Node, run_loop
+from skinnet.run.loads import telling_loads
 from skinnet.run.outcome import Fault, Outcome, ProcessReport
 from skinnet.run.processes import processes
 from skinnet.run.progress import Progress
@@ -66,7 +67,7 @@ async def run_in_process(
             progress.say(f"{node.name}: {error}; the run goes on without it")
 
     try:
-        async with asyncio.TaskGroup() as group:
+        async with telling_loads({"all": os.getpid()}, watch, progress), asyncio.TaskGroup() as group:
             for node in nodes:
                 group.create_task(live(node))
     except* SkinnetError as errors:

@@ -41,6 +41,7 @@ class Order:
         listen: Endpoint for watchers; a free port unless given.
         plots: Draw plots and a picture.
         record: Write all that is said into a file of the run folder.
+        on_watch: Told the endpoint for watchers as soon as it is there.
     """
 
     file: Path
@@ -49,6 +50,7 @@ class Order:
     listen: str | None = None
     plots: bool = True
     record: bool = False
+    on_watch: Callable[[str], None] | None = None
 
 
 def prepare(order: Order, seed: int | None = None) -> Deployment:
@@ -90,6 +92,8 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
         if watch is not None:
             stack.callback(watch.close)
             watch.tell_deployment(Deployed(deployment=resolved_json(deployment).decode(), base=str(base)))
+            if order.on_watch is not None:
+                order.on_watch(watch.endpoint)
         stack.enter_context(progress)
         outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
@@ -103,7 +107,7 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
 
 
 def _watch(order: Order, deployment: Deployment, progress: Progress) -> Watch | None:
-    if order.in_process and order.listen is None:
+    if order.in_process and order.listen is None and order.on_watch is None:
         return None
     watch = Watch(Keys(deployment.robot), order.listen)
     progress.say(

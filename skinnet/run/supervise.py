@@ -19,6 +19,7 @@ from skinnet.channels import OUTSIDE, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import ProcessFailedError, SkinnetError
 from skinnet.part import Part
+from skinnet.run.loads import telling_loads
 from skinnet.run.outcome import Fault, Outcome, ProcessReport
 from skinnet.run.processes import ProcessSpec, processes
 from skinnet.run.progress import Progress
@@ -92,10 +93,12 @@ async def run_processes(
             for spec, cpu in zip(specs, cpus, strict=True):
                 children.append(await _start(spec, hub, resolved, base, out, cpu, also))
             follower = asyncio.create_task(_follow(deployment, hub, progress, watch))
-            try:
-                faults = await _wait(children, progress)
-            finally:
-                await _leave(follower, watch)
+            pids = {child.spec.name: child.process.pid for child in children}
+            async with telling_loads(pids | {"launcher": os.getpid()}, watch, progress):
+                try:
+                    faults = await _wait(children, progress)
+                finally:
+                    await _leave(follower, watch)
         finally:
             await _stop(children)
     return _outcome(children, faults, out)

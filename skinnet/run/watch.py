@@ -2,8 +2,9 @@
 
 Whoever joins here gets best-effort copies of the public channels and can never hold up the run: the
 loop's sessions do not know them. Copies are made only of what somebody subscribes to. The newest topology
-of each patch and the newest state of the controller answer queries. Configuration of cells may come in; it
-takes effect as soon as it arrives. So may requests to the controller, as queries that its answer answers.
+of each patch, and the newest state of the controller with all states that there are, answer queries.
+Configuration of cells may come in; it takes effect as soon as it arrives. So may requests to the controller,
+as queries that its answer answers.
 """
 
 import socket
@@ -17,8 +18,9 @@ from skinnet.errors import PortInUseError, ProtocolError
 from skinnet.messages import Config, decode, encode
 from skinnet.outside_messages import Deployed
 from skinnet.run.requests import Clerk, RequestDesk
-from skinnet.transport.base import Transport
+from skinnet.transport.base import OnMessage, Transport
 from skinnet.transport.zenoh import ZenohTransport
+from skinnet.watch_messages import ProcessLoad
 
 __all__ = ["Watch", "free_endpoint"]
 
@@ -61,7 +63,8 @@ class Watch:
         self.configs = 0
         self.velocities = 0
         self._topologies: dict[str, bytes] = {}
-        self._state: dict[str, bytes] = {}
+        self._newest: dict[str, bytes] = {}
+        self._wants_processes = False
         self._inner: Transport | None = None
         self._entrance = threading.Lock()
         self._desk = RequestDesk(keys, self._hand_in)
@@ -90,14 +93,19 @@ class Watch:
                 self._outer.tap(expression, self._bring_in)
             elif row.name == "velocity":
                 self._outer.tap(expression, self._bring_velocity)
+            elif row.name == "links":
+                self._outer.on_interest(expression, _Copier(inner.tap, self, expression))
             elif row.public and not row.told:
-                self._outer.on_interest(expression, _Copier(inner, self, expression))
+                self._outer.on_interest(expression, _Copier(inner.overhear, self, expression))
         inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
         inner.tap(keys.of("state"), self._on_state)
         inner.tap(keys.of("answer"), self._on_answer)
         inner.on_alive(keys.alive(Role.CONTROLLER, "*"), self._on_controller)
         self._outer.serve(keys.of("topology", "*"), self._topologies.copy)
-        self._outer.serve(keys.of("state"), self._state.copy)
+        inner.tap(keys.of("machine"), self._on_machine)
+        self._outer.on_interest(keys.of("processes"), self._on_processes_wanted)
+        for name in ("state", "machine"):
+            self._outer.serve(keys.of(name), self._newest.copy)
 
     def _expression(self, row: Channel) -> str:
         return self._keys.of(row.name, *["*"] * row.pattern.count("<"))
@@ -130,9 +138,21 @@ class Watch:
                 self._inner.flush()
 
     def _on_state(self, key: str, payload: bytes) -> None:
-        self._state[key] = payload
+        self._newest[key] = payload
         self._clerk.begin()
         self.copy(key, payload)
+
+    def _on_machine(self, key: str, payload: bytes) -> None:
+        self._newest[key] = payload
+        self.copy(key, payload)
+
+    def _on_processes_wanted(self, wanted: bool) -> None:
+        self._wants_processes = wanted
+
+    def tell_processes(self, load: Callable[[], ProcessLoad]) -> None:
+        """Tells what the processes use, if somebody wants to know."""
+        if self._wants_processes:
+            self.copy(self._keys.of("processes"), encode(load()))
 
     def _on_answer(self, key: str, payload: bytes) -> None:
         self._clerk.answer(payload)
@@ -155,15 +175,17 @@ class Watch:
 
 
 class _Copier:
-    """Taps an expression of the loop while somebody is interested."""
+    """Listens for an expression, in its own way, while somebody is interested."""
 
-    def __init__(self, inner: Transport, watch: Watch, expression: str) -> None:
-        self._inner, self._watch, self._expression = inner, watch, expression
+    def __init__(
+        self, listen: Callable[[str, OnMessage], Callable[[], None]], watch: Watch, expression: str
+    ) -> None:
+        self._listen, self._watch, self._expression = listen, watch, expression
         self._undo: Callable[[], None] | None = None
 
     def __call__(self, interested: bool) -> None:
         if interested and self._undo is None:
-            self._undo = self._inner.overhear(self._expression, self._watch.copy)
+            self._undo = self._listen(self._expression, self._watch.copy)
         elif not interested and self._undo is not None:
             self._undo()
             self._undo = None

@@ -59,6 +59,12 @@ class Transport(Protocol):
     def tap(self, expression: str, on_message: OnMessage) -> Undo:
         """Calls `on_message` for what is told on keys that match, until the returned function is called."""
 
+    def audience(self, expression: str) -> Callable[[], bool]:
+        """Says, whenever it is called, whether somebody taps what is told on keys that match.
+
+        Who comes or goes is noticed a little later.
+        """
+
     def overhear(self, expression: str, on_message: OnMessage) -> Undo:
         """Like `tap`, for what is put in the loop, by anyone."""
 

@@ -75,6 +75,10 @@ class _Board:
 
         return undo
 
+    def has(self, expression: str) -> bool:
+        """Whether somebody listens for `expression` itself; as all do who listen for whole channels."""
+        return any(expression in ear.expressions for ear in tuple(self._ears))
+
     def deliver(self, sender: str, key: str, payload: bytes) -> None:
         receivers = self._found.get((sender, key))
         if receivers is None:
@@ -146,6 +150,9 @@ class _MemoryTransport:
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         return self._listen(self._beside, _Ear((expression,), None, on_message))
+
+    def audience(self, expression: str) -> Callable[[], bool]:
+        return lambda: self._beside.has(expression)
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         return self._listen(self._loop, _Ear((expression,), None, on_message))

@@ -263,6 +263,12 @@ class ZenohTransport:
         """Sends `payload` to whoever keeps up; never waits for a slow receiver."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
 
+    def audience(self, expression: str) -> Callable[[], bool]:
+        """Asks the hub once, and is kept informed by it."""
+        publisher = self._session.declare_publisher(expression)
+        self._entities.append(publisher)
+        return lambda: bool(publisher.matching_status.matching)
+
     def on_interest(self, expression: str, on_change: Callable[[bool], None]) -> None:
         """Calls `on_change` when the first subscriber for `expression` comes and when the last goes."""
         publisher = self._session.declare_publisher(expression)

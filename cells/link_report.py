@@ -1,0 +1,60 @@
+"""What a host tells to watchers of its links: what they carried, which are down, and who is without power."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.wiring import Wiring
+from skinnet.channels import Keys
+from skinnet.messages import encode
+from skinnet.network.network import Network
+from skinnet.watch_messages import LINK_INWARDS, LINK_ROW, LINK_UP, LinkLoad
+
+__all__ = ["LinkReport"]
+
+
+class LinkReport:
+    """Sorts the links of a host by the patches that they belong to; a bridge's links by their senders.
+
+    Args:
+        wiring: The host's cells and links.
+        keys: Keys of the robot.
+    """
+
+    def __init__(self, wiring: Wiring, keys: Keys) -> None:
+        self._wiring = wiring
+        self._keys = keys
+        topology = wiring.topology
+        cell_of_node = np.full(topology.n_nodes, -1)
+        cell_of_node[wiring.node_of_cell] = np.arange(wiring.n_cells)
+        sender, receiver = cell_of_node[topology.src], cell_of_node[topology.dst]
+        inwards = sender < 0  # from the computer
+        self._cell = np.where(inwards, receiver, sender)
+        patch = wiring.patch_of_cell[self._cell]
+        self._order = np.lexsort((np.arange(len(patch)), patch))
+        self._bounds = np.searchsorted(patch[self._order], np.arange(len(wiring.patches) + 1))
+        self._rows = np.zeros(topology.n_links, dtype=LINK_ROW)
+        self._rows["cell"] = self._cell - wiring.first_cell[patch]
+        self._rows["port"] = np.where(inwards, topology.dst_port, topology.src_port)
+        self._inwards = np.where(inwards, LINK_INWARDS, 0).astype(np.uint8)
+
+    def messages(self, network: Network, powered: NDArray[np.bool_], t_ns: int) -> list[tuple[str, bytes]]:
+        """Keys and messages of all patches.
+
+        Args:
+            network: The links.
+            powered: (cells,) whether each cell has power.
+            t_ns: How far the network has advanced [ns].
+        """
+        counters = network.link_counters
+        for name, column in counters._asdict().items():
+            self._rows[name] = column
+        self._rows["state"] = self._inwards | np.where(network.link_up, LINK_UP, 0).astype(np.uint8)
+        rows = self._rows[self._order]
+        told = []
+        first_cell = self._wiring.first_cell.tolist()
+        for number, patch in enumerate(self._wiring.patches):
+            dark = np.flatnonzero(~powered[first_cell[number] : first_cell[number + 1]]).tolist()
+            links = rows[self._bounds[number] : self._bounds[number + 1]]
+            load = LinkLoad(patch=patch.name, t_ns=t_ns, rows=links.tobytes(), dark=dark)
+            told.append((self._keys.of("links", patch.name), encode(load)))
+        return told

@@ -1,0 +1,74 @@
+"""What a controller tells users of itself: the states that it can be in, and what can be asked of it."""
+
+from collections.abc import Iterable
+
+from controller.grasping import state_machine
+from controller.grasping.session import requests_of
+from controller.nursing import states as nursing
+from skinnet.channels import Keys
+from skinnet.deployment.schema import ControllerSpec
+from skinnet.messages import encode
+from skinnet.watch_messages import Machine
+
+__all__ = ["FORMING", "Offers", "machine_of", "nursing_machine"]
+
+FORMING = "forming"
+"""Before the program begins, the network of the skin forms."""
+
+
+def machine_of(control: ControllerSpec, poses: Iterable[str], t_ns: int) -> Machine:
+    """States and requests of a program of stages, whose controller knows `poses`.
+
+    The states of a session are named after the stage and themselves, as commands name them.
+    """
+    states: list[str] = [FORMING]
+    moves: list[list[str]] = []
+    requests: dict[str, list[str]] = {}
+    ends = [(FORMING, "network formed")]
+    for stage in control.program:
+        if control.stages[stage].kind == "session":
+            own, inside, following = _session(stage)
+            requests = requests_of(poses)
+        else:
+            own, inside, following = [stage], [], [(stage, "done")]
+        moves += [[state, event, own[0]] for state, event in ends] + inside
+        states += own
+        ends = following
+    return Machine(t_ns=t_ns, states=list(dict.fromkeys(states)), moves=moves, requests=requests)
+
+
+def nursing_machine(t_ns: int) -> Machine:
+    """States of the nursing program, which takes no requests."""
+    moves = [[state.value, event.value, to.value] for (state, event), to in nursing.TABLE.items()]
+    return Machine(t_ns=t_ns, states=[state.value for state in nursing.State], moves=moves)
+
+
+class Offers:
+    """Tells users what there is, once and whenever it changes.
+
+    Args:
+        keys: Keys of the robot.
+    """
+
+    def __init__(self, keys: Keys) -> None:
+        self._key = keys.of("machine")
+        self._known: tuple[str, ...] | None = None
+
+    def news(self, control: ControllerSpec, poses: Iterable[str], t_ns: int) -> list[tuple[str, bytes]]:
+        """Key and message, if the controller knows other poses than before."""
+        known = tuple(poses)
+        if known == self._known:
+            return []
+        self._known = known
+        return [(self._key, encode(machine_of(control, known, t_ns)))]
+
+
+def _session(stage: str) -> tuple[list[str], list[list[str]], list[tuple[str, str]]]:
+    """States and moves of a session, and what ends it."""
+    states = [f"{stage}.{state.value}" for state in state_machine.State]
+    moves = [
+        [f"{stage}.{state.value}", event.value, f"{stage}.{to.value}"]
+        for state, row in state_machine.TABLE.items()
+        for event, to in row.items()
+    ]
+    return states, moves, [(f"{stage}.{state_machine.State.ENDED.value}", "done")]

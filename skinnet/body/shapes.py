@@ -1,0 +1,171 @@
+"""What a body looks like: its shapes, and where its links are for given joints. For those who draw it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.model import FINGER, PAYLOAD, load_model
+from skinnet.body.things import OBJECT, STAND, presented_by
+from skinnet.deployment.schema import Deployment
+
+__all__ = ["Camera", "Figure", "Pose", "Shape"]
+
+Floats = NDArray[np.float64]
+
+_KINDS = {
+    mujoco.mjtGeom.mjGEOM_PLANE: "plane",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+_SHOWN_GROUPS = 3
+"""MuJoCo draws the geoms of groups 0 to 2; what is above is there for contacts only."""
+_DISTANCE = 1.3
+"""Of the camera, in extents of the model."""
+_UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
+"""MuJoCo's colour of what has none; the material then has it."""
+_TOLD_AS = {"finger": FINGER, "payload": PAYLOAD, "object": OBJECT, "stand": STAND}
+"""What no joint of the robot moves is told under these names."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A solid that a link carries.
+
+    Attributes:
+        link: Name of the body that carries it.
+        kind: "plane", "sphere", "capsule", "ellipsoid", "cylinder", "box" or "mesh".
+        size_m: (3,) MuJoCo's `geom_size`: radius, half-lengths.
+        position_m: (3,) middle, frame of the link [m].
+        wxyz: (4,) its quaternion there.
+        rgba: (4,) colour, 0 to 1.
+        vertices_m: (v, 3) corners of a mesh, frame of the shape; empty for all others.
+        faces: (f, 3) triangles of a mesh; empty for all others.
+    """
+
+    link: str
+    kind: str
+    size_m: Floats
+    position_m: Floats
+    wxyz: Floats
+    rgba: Floats
+    vertices_m: Floats
+    faces: NDArray[np.int64]
+
+
+class Pose(NamedTuple):
+    """Where a link is: position (3,) [m] and quaternion (4,), world."""
+
+    position_m: Floats
+    wxyz: Floats
+
+
+class Camera(NamedTuple):
+    """Where the model wants to be looked at from: position (3,) and what it looks at (3,), world [m]."""
+
+    position_m: Floats
+    look_at_m: Floats
+
+
+class Figure:
+    """The shapes of a body, and its links' poses.
+
+    Attributes:
+        links: Names of all links, `world` first; those that the model does not name have their number.
+        free: Links that move by themselves, by the name under which they are told.
+        shapes: All that is drawn.
+        camera: Where to look from.
+    """
+
+    def __init__(self, deployment: Deployment, base_dir: Path) -> None:
+        """Compiles the model.
+
+        Raises:
+            ModelError: the model does not compile or lacks something.
+            DeploymentError: the deployment contradicts the model.
+        """
+        teacher = deployment.teacher
+        self._model = load_model(
+            deployment.body,
+            base_dir,
+            teacher.tip_radius_m,
+            teacher.temperature_c,
+            deployment.payload,
+            presented_by(deployment),
+        )
+        mj = self._model.mj
+        self._data = mujoco.MjData(mj)
+        self._data.qpos[:] = self._model.home_qpos
+        self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
+        self.free = {name: link for name, link in _TOLD_AS.items() if link in self.links}
+        drawn = np.flatnonzero((mj.geom_group < _SHOWN_GROUPS) & np.isin(mj.geom_type, [*map(int, _KINDS)]))
+        self.shapes = tuple(self._shape(i) for i in drawn.tolist())
+        self.camera = _camera(mj)
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of controlled joints."""
+        return len(self._model.joint)
+
+    def poses(self, position_rad: Sequence[float], told: Mapping[str, Sequence[float]]) -> dict[str, Pose]:
+        """Poses of all links.
+
+        Args:
+            position_rad: (D,) positions of the controlled joints [rad].
+            told: Positions and quaternions (7,) of what moves freely, by name; the rest is where it began.
+        """
+        self._data.qpos[self._model.qpos] = position_rad
+        mujoco.mj_kinematics(self._model.mj, self._data)
+        poses = {
+            link: Pose(self._data.xpos[i].copy(), self._data.xquat[i].copy())
+            for i, link in enumerate(self.links)
+        }
+        for name, numbers in told.items():
+            if name in self.free and len(numbers) == 7:
+                pose = np.array(numbers, dtype=np.float64)
+                poses[self.free[name]] = Pose(pose[:3], pose[3:])
+        return poses
+
+    def _shape(self, geom: int) -> Shape:
+        mj = self._model.mj
+        material = int(mj.geom_matid[geom])
+        own = material < 0 or (mj.geom_rgba[geom] != _UNSET_RGBA).any()
+        vertices, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+        if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = int(mj.geom_dataid[geom])
+            first, count = int(mj.mesh_vertadr[mesh]), int(mj.mesh_vertnum[mesh])
+            vertices = mj.mesh_vert[first : first + count].astype(np.float64)
+            first, count = int(mj.mesh_faceadr[mesh]), int(mj.mesh_facenum[mesh])
+            faces = mj.mesh_face[first : first + count].astype(np.int64)
+        return Shape(
+            link=self.links[mj.geom_bodyid[geom]],
+            kind=_KINDS[mujoco.mjtGeom(mj.geom_type[geom])],
+            size_m=mj.geom_size[geom].copy(),
+            position_m=mj.geom_pos[geom].copy(),
+            wxyz=mj.geom_quat[geom].copy(),
+            rgba=(mj.geom_rgba[geom] if own else mj.mat_rgba[material]).astype(np.float64),
+            vertices_m=vertices,
+            faces=faces,
+        )
+
+
+def _camera(mj: mujoco.MjModel) -> Camera:
+    """From where MuJoCo's own viewer begins to look, a little nearer."""
+    look_at = mj.stat.center.copy()
+    view = mj.vis.global_
+    azimuth, elevation = math.radians(view.azimuth), math.radians(view.elevation)
+    ahead = [
+        math.cos(elevation) * math.cos(azimuth),
+        math.cos(elevation) * math.sin(azimuth),
+        math.sin(elevation),
+    ]
+    return Camera(look_at - _DISTANCE * mj.stat.extent * np.array(ahead), look_at)

@@ -1,0 +1,59 @@
+"""The live page beside a run: a process of its own, which comes after the run in everything."""
+
+import contextlib
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+
+__all__ = ["Viewer"]
+
+_FAREWELL_S = 5.0
+
+
+class Viewer:
+    """`skinnet view` of a run.
+
+    Args:
+        say: Told what it says.
+        keep: It stays when the run is over.
+        control: It offers the controller's requests.
+    """
+
+    def __init__(self, say: Callable[[str], None], *, keep: bool = False, control: bool = False) -> None:
+        self._say, self._keep = say, keep
+        self._options = [name for name, given in (("--keep", keep), ("--control", control)) if given]
+        self._process: subprocess.Popen[str] | None = None
+        self._reader: threading.Thread | None = None
+
+    def start(self, endpoint: str) -> None:
+        """Begins to watch `endpoint`; how that goes is said, and never the run's affair."""
+        command = [sys.executable, "-m", "skinnet.cli", "view", endpoint, *self._options]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self._reader = threading.Thread(target=self._pass_on, name="viewer", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> "Viewer":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """The run is over: waits until the page has noticed or, if it is kept, until somebody ends it."""
+        if self._process is None or self._reader is None:
+            return
+        stays = self._keep and kind is None and self._process.poll() is None
+        if stays:
+            self._say("the page stays until Ctrl-C")
+        # to end what one has kept is no failure
+        with contextlib.suppress(subprocess.TimeoutExpired, *((KeyboardInterrupt,) if stays else ())):
+            self._process.wait(None if stays else _FAREWELL_S)
+        self._process.terminate()
+        self._process.wait()
+        self._reader.join()
+
+    def _pass_on(self) -> None:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._say(line.rstrip())

@@ -1,0 +1,107 @@
+"""What a deployment says of the skin, once: how cells are numbered and wired, and how they lie on paper."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.deployment.schema import Deployment
+from skinnet.skin.lattice import N_PORTS
+from skinnet.skin.paper import Paper, lay_out
+from skinnet.skin.placement import PlacedPatch, bridges_of, place_all
+from skinnet.skin.sheet import PlacedSheet, place_sheets
+from skinnet.skin.whole import join
+
+__all__ = ["Atlas", "draw_atlas"]
+
+Ints = NDArray[np.int64]
+
+_ASPECT = 0.86
+"""Panels beside the body are higher than wide."""
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """The skin as it was built. Spots are what has a colour: all cells, then all elements of tactile sheets.
+
+    Attributes:
+        patches: Patches of cells.
+        sheets: Tactile sheets.
+        names: Of all spots, "patch/cell" or "sheet/element".
+        first: Number of the first spot of each patch and sheet, by name.
+        n_cells: How many of the spots are cells.
+        wires: (m, 4) rows of (cell, port, cell, port), with the bridges between patches last.
+        n_bridges: How many of them are bridges.
+        gateways: (g, 2) rows of (cell, port).
+        paper: How everything lies on paper.
+    """
+
+    patches: tuple[PlacedPatch, ...]
+    sheets: tuple[PlacedSheet, ...]
+    names: tuple[str, ...]
+    first: Mapping[str, int]
+    n_cells: int
+    wires: Ints
+    n_bridges: int
+    gateways: Ints
+    paper: Paper
+
+    def __deepcopy__(self, _memo: dict[int, Any]) -> "Atlas":
+        return self
+
+    @property
+    def n_spots(self) -> int:
+        """Cells and elements."""
+        return len(self.names)
+
+    @property
+    def n_elements(self) -> int:
+        """Elements of all tactile sheets."""
+        return self.n_spots - self.n_cells
+
+    @cached_property
+    def wire_at(self) -> Ints:
+        """(cells, ports) wire at each port, −1 for none."""
+        found = np.full((self.n_cells, N_PORTS), -1)
+        found[self.wires[:, 0], self.wires[:, 1]] = np.arange(len(self.wires))
+        found[self.wires[:, 2], self.wires[:, 3]] = np.arange(len(self.wires))
+        return found
+
+    def beyond(self, cell: int, port: int) -> int:
+        """The cell at the other end of the wire at a port, −1 if there is none."""
+        if not 0 <= port < N_PORTS or (wire := int(self.wire_at[cell, port])) < 0:
+            return -1
+        a, port_a, b, _ = self.wires[wire].tolist()
+        return int(b if (a, port_a) == (cell, port) else a)
+
+
+def draw_atlas(deployment: Deployment) -> Atlas:
+    """The atlas of a deployment that holds.
+
+    Raises:
+        DeploymentError: cells, wires or sheets contradict each other.
+    """
+    patches = place_all(deployment.patches, deployment.cells, deployment.bridges)
+    sheets = place_sheets(deployment.surfaces, deployment.sheets)
+    pieces = [(patch.name, patch.n_cells) for patch in patches]
+    pieces += [(sheet.name, sheet.n_elements) for sheet in sheets]
+    starts = np.cumsum([0, *(count for _, count in pieces)]).tolist()
+    wires, bridges = np.empty((0, 4), dtype=np.int64), np.empty((0, 4), dtype=np.int64)
+    gateways = np.empty((0, 2), dtype=np.int64)
+    if patches:
+        skin = join(patches, bridges_of(deployment.bridges, patches))
+        wires, bridges, gateways = skin.wires, skin.bridges, skin.gateways
+    return Atlas(
+        patches=patches,
+        sheets=sheets,
+        names=tuple(f"{name}/{i}" for name, count in pieces for i in range(count)),
+        first={name: start for (name, _), start in zip(pieces, starts, strict=False)},
+        n_cells=sum(patch.n_cells for patch in patches),
+        wires=wires,
+        n_bridges=len(bridges),
+        gateways=gateways,
+        paper=lay_out(patches, sheets, _ASPECT),
+    )

@@ -1,0 +1,170 @@
+"""The body in the browser: its links, what moves freely, and its skin in colours."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skinnet.body.shapes import Figure, Pose
+from skinnet.deployment.schema import Deployment
+from skinnet.view.atlas import Atlas
+from skinnet.view.colours import palette
+from skinnet.view.solids import Triangles, join, plate, prism, solid
+
+__all__ = ["BodyView"]
+
+_GAP = 0.94
+"""Cells are drawn a little smaller than they are, so that their edges show."""
+_PLATE_M = 0.001
+_STILL_M = 1e-5
+"""A link that moved by less, or turned by a quaternion that differs by less, is not sent again."""
+_FLOOR_M = 6.0
+_HIDDEN = "finger"
+"""Not there before somebody tells where it is."""
+
+
+class BodyView:
+    """The body in the scene of `server`."""
+
+    def __init__(
+        self, server: viser.ViserServer, figure: Figure, atlas: Atlas, deployment: Deployment
+    ) -> None:
+        self._server = server
+        self._figure = figure
+        self._palette = palette()
+        self._poses: dict[str, Pose] = {}
+        self._shade = np.zeros(atlas.n_spots, dtype=np.int64)
+        self._light()
+        self._links = {
+            link: server.scene.add_frame(f"/body/{link}", show_axes=False) for link in figure.links
+        }
+        for name, link in figure.free.items():
+            self._links[link].visible = name != _HIDDEN
+        self._add_shapes()
+        self._skin = [
+            *self._add_cells(atlas, deployment.cells.side_m, deployment.body.foam.thickness_m + _PLATE_M),
+            *self._add_elements(atlas, deployment.body.foam.thickness_m + _PLATE_M),
+        ]
+
+    def place(self, position_rad: list[float], told: Mapping[str, list[float]]) -> int:
+        """Puts all links where they are; returns how many moved."""
+        moved = 0
+        for name in told:
+            there = self._links.get(self._figure.free.get(name, ""))
+            if there is not None and not there.visible:
+                there.visible = True
+        for link, pose in self._figure.poses(position_rad, told).items():
+            before = self._poses.get(link)
+            if before is not None and _still(before, pose):
+                continue
+            self._poses[link] = pose
+            handle = self._links[link]
+            handle.position, handle.wxyz = pose.position_m, pose.wxyz
+            moved += 1
+        return moved
+
+    def paint(self, shade: NDArray[np.int64]) -> int:
+        """Gives every spot its shade; returns how many of them changed."""
+        changed = shade != self._shade
+        for spots, handle in self._skin:
+            if changed[spots].any():
+                handle.batched_colors = self._palette[shade[spots]]
+        self._shade = shade
+        return int(changed.sum())
+
+    def _light(self) -> None:
+        """Light without shadows and reflections, which cost most of the time where no GPU helps."""
+        scene = self._server.scene
+        scene.configure_default_lights(enabled=False, cast_shadow=False)
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/light/all", intensity=0.6)
+        scene.add_light_hemisphere(
+            "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 135), intensity=0.8
+        )
+        for name, position, intensity in (("key", (2.0, 1.5, 4.0), 1.1), ("fill", (-2.0, -3.0, 2.0), 0.35)):
+            scene.add_light_directional(
+                f"/light/{name}", intensity=intensity, cast_shadow=False, position=position
+            )
+        camera = self._figure.camera
+        view = self._server.initial_camera
+        view.position, view.look_at = tuple(camera.position_m), tuple(camera.look_at_m)
+
+    def _add_shapes(self) -> None:
+        """The shapes of a link, those of one colour as one."""
+        groups: dict[tuple[str, tuple[int, ...]], list[Triangles]] = defaultdict(list)
+        for shape in self._figure.shapes:
+            if shape.kind == "plane":
+                self._server.scene.add_grid(
+                    f"/floor/{shape.link}",
+                    width=_FLOOR_M,
+                    height=_FLOOR_M,
+                    cell_size=0.25,
+                    section_size=1.0,
+                    cell_color=(228, 231, 235),
+                    section_color=(196, 202, 209),
+                    position=tuple(shape.position_m),
+                )
+                continue
+            rgba = tuple(round(255 * float(part)) for part in shape.rgba)
+            groups[shape.link, rgba].append(solid(shape))
+        for number, ((link, rgba), parts) in enumerate(groups.items()):
+            whole = join(parts)
+            self._server.scene.add_mesh_simple(
+                f"/body/{link}/shape{number}",
+                whole.vertices_m.astype(np.float32),
+                whole.faces.astype(np.uint32),
+                color=(rgba[0], rgba[1], rgba[2]),
+                opacity=None if rgba[3] == 255 else rgba[3] / 255.0,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+
+    def _add_cells(
+        self, atlas: Atlas, side_m: float, height_m: float
+    ) -> list[tuple[NDArray[np.int64], viser.BatchedMeshHandle]]:
+        shape = prism(_GAP * side_m, height_m)
+        of_link: dict[str, list[int]] = defaultdict(list)
+        for i, patch in enumerate(atlas.patches):
+            of_link[patch.body].append(i)
+        found = []
+        for link, numbers in of_link.items():
+            patches = [atlas.patches[i] for i in numbers]
+            spots = np.concatenate([atlas.first[p.name] + np.arange(p.n_cells) for p in patches])
+            positions = np.vstack([p.position_m for p in patches])
+            rotations = np.concatenate([p.R_body_cell for p in patches])
+            found.append((spots, self._add_batch(f"{link}/cells", shape, positions, rotations)))
+        return found
+
+    def _add_elements(
+        self, atlas: Atlas, height_m: float
+    ) -> list[tuple[NDArray[np.int64], viser.BatchedMeshHandle]]:
+        found = []
+        for sheet in atlas.sheets:
+            spots = atlas.first[sheet.name] + np.arange(sheet.n_elements)
+            shape = plate(_GAP * float(np.sqrt(sheet.area_m2)), height_m)
+            name = f"{sheet.surface.body}/{sheet.name}"
+            found.append((spots, self._add_batch(name, shape, sheet.position_m, sheet.R_body_element)))
+        return found
+
+    def _add_batch(
+        self, name: str, shape: Triangles, positions: NDArray[np.float64], rotations: NDArray[np.float64]
+    ) -> viser.BatchedMeshHandle:
+        return self._server.scene.add_batched_meshes_simple(
+            f"/body/{name}",
+            shape.vertices_m.astype(np.float32),
+            shape.faces.astype(np.uint32),
+            Rotation.from_matrix(rotations).as_quat(scalar_first=True).astype(np.float32),
+            positions.astype(np.float32),
+            batched_colors=np.repeat(self._palette[:1], len(positions), axis=0),
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+
+def _still(before: Pose, now: Pose) -> bool:
+    moved = np.abs(before.position_m - now.position_m).max(), np.abs(before.wxyz - now.wxyz).max()
+    return bool(max(moved) < _STILL_M)

@@ -1,0 +1,65 @@
+"""Charts over the last minute: latencies, packets that came, packets that were lost."""
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from viser import uplot
+
+from skinnet.view.happenings import Trend
+
+__all__ = ["Charts"]
+
+_EVERY_S = 0.5
+_HEIGHT_PX = 190
+_SERIES = {
+    "latency from sample to delivery [ms]": (
+        ("median", "#2563a8", "median_ms"),
+        ("95 %", "#f2a33c", "p95_ms"),
+        ("most", "#c92a2a", "max_ms"),
+    ),
+    "packets delivered [1/s]": (("delivered", "#0b6e4f", "delivered"),),
+    "lost [1/s]": (("by links", "#c92a2a", "dropped"), ("on the way to this page", "#6a3d9a", "missed")),
+}
+"""Title; then name, colour and field of `Trend` of each line."""
+
+
+class Charts:
+    """The charts of a panel."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._due_s = 0.0
+        nothing = np.array([0.0, 1.0])
+        self._charts = {
+            title: gui.add_uplot(
+                (nothing, *(np.zeros(2) for _ in lines)),
+                (
+                    uplot.Series(label="t [s]"),
+                    *(_line(name, colour) for name, colour, _ in lines),
+                ),
+                title=title,
+                scales={"x": {"time": False}},
+                height=_HEIGHT_PX,
+            )
+            for title, lines in _SERIES.items()
+        }
+
+    def due(self, now_s: float) -> bool:
+        """Whether it is time for new charts."""
+        if now_s < self._due_s:
+            return False
+        self._due_s = now_s + _EVERY_S
+        return True
+
+    def show(self, trend: Trend) -> None:
+        """Draws what was counted."""
+        if len(trend.t_s) < 2:
+            return
+        for title, lines in _SERIES.items():
+            columns: list[NDArray[np.float64]] = [getattr(trend, name) for _, _, name in lines]
+            known = np.isfinite(columns[0])
+            if known.any():
+                self._charts[title].data = (trend.t_s[known], *(column[known] for column in columns))
+
+
+def _line(name: str, colour: str) -> uplot.Series:
+    return uplot.Series(label=name, stroke=colour, width=1.5)

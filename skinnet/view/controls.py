@@ -1,0 +1,64 @@
+"""Buttons for what the controller offers to be asked for."""
+
+import html
+
+import viser
+
+from skinnet.view.live import LiveSource
+from skinnet.view.state import Scene
+
+__all__ = ["Controls"]
+
+
+class Controls:
+    """One button for each request, or one for each argument; without a source there are none.
+
+    Args:
+        gui: Where to put them.
+        source: Who passes requests on.
+    """
+
+    def __init__(self, gui: viser.GuiApi, source: LiveSource | None) -> None:
+        self._gui, self._source = gui, source
+        self._offered: dict[str, list[str]] | None = None
+        self._folder: viser.GuiFolderHandle | None = None
+
+    def show(self, scene: Scene) -> None:
+        """Follows what the controller offers."""
+        machine = scene.mind.machine
+        if self._source is None or (machine is None and self._folder is not None):
+            return
+        offered = machine.requests if machine is not None else {}
+        if offered == self._offered:
+            return
+        self._offered = dict(offered)
+        if self._folder is not None:
+            self._folder.remove()
+        self._folder = self._gui.add_folder("Requests")
+        with self._folder:
+            for what, arguments in offered.items():
+                self._add(what, arguments)
+            self._line = self._gui.add_html(_said("" if offered else "the controller takes no requests"))
+
+    def _add(self, what: str, arguments: list[str]) -> None:
+        if arguments == [""]:
+            button = self._gui.add_button(what)
+            button.on_click(lambda _: self._ask(what, ""))
+        elif arguments:
+            group = self._gui.add_button_group(what, arguments)
+            group.on_click(lambda event: self._ask(what, event.target.value))
+        else:
+            text = self._gui.add_text(what, "")
+            button = self._gui.add_button(f"{what} it")
+            button.on_click(lambda _: self._ask(what, text.value))
+
+    def _ask(self, what: str, argument: str) -> None:
+        """Waits for the answer; viser calls it in a thread of its own."""
+        assert self._source is not None
+        self._line.content = _said(f"{what} {argument} …")
+        answer = self._source.request(what, argument)
+        self._line.content = _said(f"{what} {argument}: {answer}")
+
+
+def _said(text: str) -> str:
+    return f'<div style="padding:2px 10px;font-size:12px;color:#1f2d3d">{html.escape(text)}</div>'

@@ -1,0 +1,214 @@
+"""The door in front of the page: who may come in, before a byte of theirs reaches the page's own server.
+
+viser asks nobody for anything, so it listens on loopback at a port that it tells to nobody, and this is what
+the world sees. The head of each connection is read here; what may pass is handed through, byte by byte. A
+browser that comes with `?token=` gets a cookie in return. A page of another site may not use the visitor's
+browser to come in: an `Origin` that is not ours is sent away, and on loopback a `Host` that is not loopback.
+"""
+
+import asyncio
+import contextlib
+import hmac
+import ipaddress
+import threading
+from collections.abc import Callable, Coroutine
+from typing import Any, NamedTuple
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from skinnet.errors import PortInUseError, SkinnetError
+
+__all__ = ["Gate", "Verdict", "is_loopback", "judge"]
+
+_HEAD_BYTES = 65_536
+_HEAD_S = 10.0
+_CHUNK_BYTES = 65_536
+_LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+
+class Verdict(NamedTuple):
+    """What becomes of a request: `answer` is sent and the door stays shut, or it is None and it may pass."""
+
+    answer: bytes | None
+    why: str = ""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach an address."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def judge(head: bytes, token: str | None, port: int, *, loopback: bool) -> Verdict:
+    """Reads the head of a request.
+
+    Args:
+        head: Request line and headers, up to the empty line.
+        token: What a visitor must know; None if nothing.
+        port: Where the page is; cookies know no ports, so it is part of the cookie's name.
+        loopback: Whether the page is for this machine only.
+    """
+    lines = head.decode("latin-1").split("\r\n")
+    words = lines[0].split(" ")
+    if len(words) != 3 or words[0] != "GET":
+        return _refusal(400, "not a request for a page")
+    fields = {name.strip().lower(): value.strip() for name, _, value in (x.partition(":") for x in lines[1:])}
+    host = fields.get("host", "")
+    if loopback and host.rpartition(":")[0] not in _LOOPBACK_NAMES and host not in _LOOPBACK_NAMES:
+        return _refusal(403, "the page is for this machine only")
+    origin = fields.get("origin")
+    if origin is not None and urlsplit(origin).netloc != host:
+        return _refusal(403, f"a page of {origin[:80]} may not come in")
+    if token is None:
+        return Verdict(None)
+    cookie = f"skinnet-{port}"
+    if _same(_cookies(fields.get("cookie", "")).get(cookie, ""), token):
+        return Verdict(None)
+    path, _, query = words[1].partition("?")
+    parameters = dict(parse_qsl(query))
+    if "token" not in parameters:
+        return _refusal(401, "a token is needed: open the address that skinnet view printed")
+    if not _same(parameters.pop("token"), token):
+        return _refusal(403, "the token is wrong")
+    there = path + ("?" + urlencode(parameters) if parameters else "")
+    return Verdict(
+        (
+            f"HTTP/1.1 303 See Other\r\nLocation: {there}\r\n"
+            f"Set-Cookie: {cookie}={token}; HttpOnly; SameSite=Strict; Path=/\r\n"
+            "Content-Length: 0\r\nConnection: close\r\n\r\n"
+        ).encode("latin-1")
+    )
+
+
+def _same(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode(), token.encode())
+
+
+def _cookies(text: str) -> dict[str, str]:
+    return dict(part.strip().partition("=")[::2] for part in text.split(";"))
+
+
+def _refusal(code: int, why: str) -> Verdict:
+    reason = {400: "Bad Request", 401: "Unauthorized", 403: "Forbidden"}[code]
+    body = f"skinnet: {why}\n".encode()
+    head = (
+        f"HTTP/1.1 {code} {reason}\r\nContent-Type: text/plain; charset=utf-8\r\n"
+        f"Content-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+    )
+    return Verdict(head.encode("latin-1") + body, why)
+
+
+class Gate:
+    """Listens at an address and hands through to a server on loopback, in a thread of its own.
+
+    Args:
+        host: Address to listen at.
+        port: Port; 0 for any that is free.
+        inner_port: Where the page's own server is, on 127.0.0.1.
+        token: What a visitor must know; None if nothing.
+        say: Told, once each, why visitors were sent away.
+
+    Raises:
+        PortInUseError: the port is taken.
+        SkinnetError: the address is none of this machine.
+    """
+
+    def __init__(
+        self, host: str, port: int, inner_port: int, token: str | None, say: Callable[[str], None]
+    ) -> None:
+        self.port = port
+        self._host, self._inner_port, self._token, self._say = host, inner_port, token, say
+        self._loopback = is_loopback(host)
+        self._said: set[str] = set()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="gate", daemon=True)
+        self._thread.start()
+        try:
+            self._server = self._wait(asyncio.start_server(self._visit, host, port, limit=_HEAD_BYTES))
+        except OSError as error:
+            self._stop()
+            if error.errno is not None and "in use" in str(error):
+                raise PortInUseError(
+                    f"--port {port}: that port is already taken; choose another, or 0 for any"
+                ) from error
+            raise SkinnetError(f"--host {host}: cannot listen there: {error}") from error
+        self.port = int(self._server.sockets[0].getsockname()[1])
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with its token."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+
+    def close(self) -> None:
+        """Lets nobody in any more, and sends away who is in."""
+        self._wait(self._clear())
+        self._stop()
+
+    async def _clear(self) -> None:
+        await asyncio.sleep(0)  # a connection that is being accepted would be lost to asyncio, and stay open
+        self._server.close()
+        while True:
+            await asyncio.sleep(0)  # a task that never began has nothing that it would close
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            if not others:
+                return
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+
+    async def _visit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            await self._serve(reader, writer)
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
+            pass  # whoever leaves in mid-stream has left
+        except asyncio.CancelledError:
+            pass  # the door closes; nobody waits for this task
+        finally:
+            writer.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        async with asyncio.timeout(_HEAD_S):
+            head = await reader.readuntil(b"\r\n\r\n")
+        verdict = judge(head, self._token, self.port, loopback=self._loopback)
+        if verdict.answer is not None:
+            self._complain(verdict.why)
+            writer.write(verdict.answer)
+            await writer.drain()
+            return
+        inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._inner_port)
+        inner_writer.write(head)
+        ways = [
+            asyncio.create_task(_hand_through(*way))
+            for way in ((reader, inner_writer), (inner_reader, writer))
+        ]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            inner_writer.close()  # first: what waits here may be told to stop once more
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+
+    def _complain(self, why: str) -> None:
+        if why and why not in self._said and len(self._said) < 100:
+            self._said.add(why)
+            self._say(f"somebody was sent away from the page: {why}")
+
+    def _wait(self, work: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+    def _stop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+async def _hand_through(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with contextlib.suppress(OSError):
+        while chunk := await reader.read(_CHUNK_BYTES):
+            writer.write(chunk)
+            await writer.drain()

@@ -1,0 +1,159 @@
+"""What happened lately: events for the raster, and trends of latencies and losses for the charts."""
+
+from array import array
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FULL_READING", "Happenings", "Trend", "Trends"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FULL_READING = 100
+"""Kind of a reading that was sent as a whole, because its cell streams."""
+_MOST = 150_000
+"""Events that are kept at most: memory of a page that runs for days."""
+_EDGES_MS = 10.0 ** np.linspace(-2, 3, 101)
+"""Latencies are counted in bins of 12 %, from 10 µs to 1 s."""
+
+
+class Happenings:
+    """The newest events, one row each: when, where, of which modality, at which level.
+
+    Args:
+        window_ns: How far back they matter [ns].
+    """
+
+    def __init__(self, window_ns: int) -> None:
+        self.window_ns = window_ns
+        self.total = 0
+        self._newest_ns = 0
+        self._t_ns, self._row, self._kind = array("q"), array("i"), array("b")
+
+    def add(self, t_ns: Sequence[int], rows: Sequence[int], kinds: Sequence[int]) -> None:
+        """Events at `t_ns`, each in a row of the raster, of a kind: 8 × modality + level, 7 for no level."""
+        if not len(t_ns):
+            return
+        self._t_ns.extend(t_ns)
+        self._row.extend(rows)
+        self._kind.extend(kinds)
+        self.total += len(t_ns)
+        self._newest_ns = max(self._newest_ns, t_ns[-1])
+        if len(self._t_ns) > 2 * _MOST:
+            self._forget(len(self._t_ns) - _MOST)
+
+    def since(self, t_ns: int) -> tuple[Ints, Ints, Ints]:
+        """Times [ns], rows and kinds of the events from `t_ns` on."""
+        times = np.array(self._t_ns, dtype=np.int64)
+        late = times >= t_ns
+        return times[late], np.array(self._row)[late].astype(np.int64), np.array(self._kind)[late].astype(int)
+
+    def tidy(self) -> None:
+        """Forgets what is older than the window; events of several patches are in order only roughly."""
+        times = np.array(self._t_ns, dtype=np.int64)
+        recent = np.flatnonzero(times >= self._newest_ns - self.window_ns)
+        self._forget(int(recent[0]) if len(recent) else len(times))
+
+    def clear(self) -> None:
+        """Nothing happened yet."""
+        self._newest_ns = 0
+        self._forget(len(self._t_ns))
+
+    def _forget(self, count: int) -> None:
+        for column in (self._t_ns, self._row, self._kind):
+            del column[:count]
+
+
+class Trend(NamedTuple):
+    """Trends over time, one value a bin, oldest first.
+
+    Attributes:
+        t_s: End of each bin, simulated time [s].
+        median_ms: Latency from a cell's sample to its delivery; NaN where nothing was delivered.
+        p95_ms: 95 % of it is below.
+        max_ms: The largest.
+        delivered: Packets that came from cells [1/s].
+        dropped: Packets that links lost [1/s].
+        missed: Messages that this page missed [1/s].
+    """
+
+    t_s: Floats
+    median_ms: Floats
+    p95_ms: Floats
+    max_ms: Floats
+    delivered: Floats
+    dropped: Floats
+    missed: Floats
+
+
+class Trends:
+    """Counts by bins of simulated time, as far back as there are bins.
+
+    Args:
+        bin_ns: Width of a bin [ns].
+        bins: How many there are.
+    """
+
+    def __init__(self, bin_ns: int, bins: int) -> None:
+        self._bin_ns, self._bins = bin_ns, bins
+        self._latency = np.zeros((bins, len(_EDGES_MS) + 1), dtype=np.int64)
+        self._max_ns = np.zeros(bins, dtype=np.int64)
+        self._counts = np.zeros((3, bins), dtype=np.int64)
+        self._last = -1
+
+    def clear(self) -> None:
+        """Nothing was counted yet."""
+        self._latency[:], self._max_ns[:], self._counts[:] = 0, 0, 0
+        self._last = -1
+
+    def delivered(self, t_sampled_ns: Ints, t_delivered_ns: Ints) -> None:
+        """Packets, sampled and delivered at these times."""
+        if not len(t_delivered_ns):
+            return
+        column = self._columns(t_delivered_ns)
+        late_ns = t_delivered_ns - t_sampled_ns
+        np.add.at(self._latency, (column, np.searchsorted(_EDGES_MS, late_ns * 1e-6)), 1)
+        np.maximum.at(self._max_ns, column, late_ns)
+        np.add.at(self._counts[0], column, 1)
+
+    def dropped(self, t_ns: int, packets: int) -> None:
+        """Links lost packets."""
+        self._counts[1, self._columns(np.array([t_ns]))] += packets
+
+    def missed(self, t_ns: int, messages: int) -> None:
+        """The page missed messages."""
+        self._counts[2, self._columns(np.array([t_ns]))] += messages
+
+    def trend(self) -> Trend:
+        """What was counted so far."""
+        n = max(min(self._last, self._bins - 1), 0)  # the newest bin is not full yet
+        number = np.arange(self._last - n, self._last)
+        column = number % self._bins
+        up_to = np.cumsum(self._latency[column], axis=1)
+        of = up_to[:, -1] if n else np.zeros(0)
+        nothing = of == 0
+        edges_ms = np.append(_EDGES_MS, _EDGES_MS[-1])
+        max_ms = np.where(nothing, np.nan, self._max_ns[column] * 1e-6)
+        median_ms, p95_ms = (
+            np.where(nothing, np.nan, np.minimum(edges_ms[(up_to < q * of[:, None]).sum(axis=1)], max_ms))
+            for q in (0.5, 0.95)
+        )
+        delivered, dropped, missed = self._counts[:, column] / (self._bin_ns * 1e-9)
+        t_s = (number + 1).astype(np.float64) * self._bin_ns * 1e-9
+        return Trend(t_s, median_ms, p95_ms, max_ms, delivered, dropped, missed)
+
+    def _columns(self, t_ns: Ints) -> Ints:
+        """Columns of these times, new ones emptied first; what is too old goes to the oldest."""
+        number = np.maximum(t_ns // self._bin_ns, 0)
+        newest = int(number.max())
+        if newest > self._last:
+            if self._last < 0:
+                self._last = newest - 1
+            fresh = np.arange(max(self._last + 1, newest - self._bins + 1), newest + 1) % self._bins
+            self._latency[fresh], self._max_ns[fresh], self._counts[:, fresh] = 0, 0, 0
+            self._last = newest
+        columns: Ints = np.maximum(number, self._last - self._bins + 1) % self._bins
+        return columns

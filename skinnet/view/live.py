@@ -1,0 +1,155 @@
+"""A run that goes on, heard at its watch endpoint: best effort, in a ring that counts what it loses."""
+
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from skinnet.channels import CHANNELS, DEPLOYMENT, Keys
+from skinnet.channels import channel as row_of
+from skinnet.deployment.load import build
+from skinnet.deployment.schema import Deployment
+from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
+from skinnet.messages import Answer, decode
+from skinnet.outside_messages import Deployed
+from skinnet.transport.client import ask
+from skinnet.transport.open_session import OpenSession
+from skinnet.view.state import Scene, Told
+
+__all__ = ["SHOWN", "LiveSource"]
+
+SHOWN = (
+    "joints",
+    "world",
+    "events",
+    "bundle",
+    "stream",
+    "regions",
+    "topology",
+    "state",
+    "answer",
+    "links",
+    "machine",
+    "processes",
+)
+"""Channels that the page shows; the others would only cost."""
+_ASKED = ("topology", "state", "machine")
+"""Channels whose newest messages the endpoint tells to those who come later."""
+_RING = 50_000
+"""Messages that wait at most: four seconds of the largest robot."""
+_AT_ONCE = 20_000
+"""Messages that are taken in at a time, so that the page still moves when it is behind."""
+_ANSWER_S = 3.0
+_LOOK_EVERY_S = 0.5
+
+
+class LiveSource:
+    """A client of a watch endpoint.
+
+    Args:
+        endpoint: As a run prints it.
+        base: Folder with the model, if it is not where the run has it.
+
+    Raises:
+        UnreachableError: nobody answers there.
+        SkinnetError: what answers is no run that this program understands.
+    """
+
+    def __init__(self, endpoint: str, base: Path | None = None) -> None:
+        self.title = endpoint
+        self.over = ""
+        self._endpoint = endpoint
+        try:
+            self._session = OpenSession("client", endpoint)
+        except UnreachableError:
+            raise
+        except SkinnetError as error:
+            raise UnreachableError(str(error)) from error
+        try:
+            self.deployment, told_base = self._what_runs()
+        except BaseException:
+            self._session.close()
+            raise
+        self.base = base or told_base
+        self._keys = Keys(self.deployment.robot)
+        self._ring: deque[tuple[str, bytes]] = deque(maxlen=_RING)
+        self._came = self._taken = 0
+        self._looked_s = 0.0
+        for row in CHANNELS:
+            if row.name in SHOWN:
+                self._session.subscribe(self._expression(row.name), self._put_aside)
+        for name in _ASKED:
+            if any(row.name == name for row in CHANNELS):
+                for key, payload in self._session.ask(self._expression(name), _ANSWER_S).items():
+                    self._put_aside(key, payload)
+
+    @property
+    def dropped(self) -> int:
+        """Messages that came and were never taken in, since the page was too slow."""
+        return self._came - self._taken - len(self._ring)
+
+    def feed(self, scene: Scene, now_s: float) -> int:
+        """Lets `scene` take what has come."""
+        count = 0
+        while self._ring and count < _AT_ONCE:
+            key, payload = self._ring.popleft()
+            count += 1
+            try:
+                row, fields = self._keys.parse(key)
+                message = decode(payload, row.message)
+            except ProtocolError as error:
+                scene.refuse(str(error))
+                continue
+            t_ns = getattr(message, "t_ns", None)
+            scene.take(Told(row.name, fields, message, scene.t_ns if t_ns is None else t_ns), now_s)
+        self._taken += count
+        if now_s - self._looked_s > _LOOK_EVERY_S:
+            self._looked_s = now_s
+            if not self._session.connected:
+                self.over = "the run is over"
+        return count
+
+    def facts(self) -> Mapping[str, str]:
+        """How many messages came and were lost here."""
+        return {"messages": f"{self._came}", "dropped by the page": f"{self.dropped}"}
+
+    def request(self, what: str, argument: str) -> str:
+        """Asks the controller for something; returns what became of it, in a line."""
+        try:
+            replies = ask(self._endpoint, self._keys.of("request", what), argument.encode(), 2 * _ANSWER_S)
+        except SkinnetError as error:
+            return str(error)
+        if not replies:
+            return "nobody takes requests"
+        if replies[0].error:
+            return str(replies[0].error)
+        try:
+            answer = decode(replies[0].payload, Answer)
+        except ProtocolError as error:
+            return str(error)
+        return f"accepted: {answer.state}" if answer.accepted else f"refused in {answer.state}: {answer.why}"
+
+    def close(self) -> None:
+        """Leaves the endpoint."""
+        self._session.close()
+
+    def _put_aside(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:
+        self._came += 1
+        self._ring.append((key, payload))
+
+    def _expression(self, name: str) -> str:
+        return self._keys.of(name, *["*"] * row_of(name).pattern.count("<"))
+
+    def _what_runs(self) -> tuple[Deployment, Path]:
+        answers = self._session.ask(DEPLOYMENT, _ANSWER_S)
+        if not answers:
+            raise UnreachableError(
+                f"{self._endpoint}: nobody there tells what runs; give an endpoint that a run prints"
+            )
+        try:
+            deployed = decode(next(iter(answers.values())), Deployed)
+            raw = msgspec.json.decode(deployed.deployment)
+        except (ProtocolError, msgspec.DecodeError) as error:
+            raise SkinnetError(f"{self._endpoint}: runs another version of skinnet: {error}") from error
+        return build(raw, self._endpoint), Path(deployed.base)

@@ -1,0 +1,175 @@
+"""What is known of the network: who is part of it, who hangs on whom, what links carry, what is cut."""
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.deployment.schema import NetworkSpec
+from skinnet.errors import ProtocolError
+from skinnet.messages import Topology, unpack
+from skinnet.skin.lattice import N_PORTS
+from skinnet.view.atlas import Atlas
+from skinnet.watch_messages import LINK_INWARDS, LINK_ROW, LINK_UP, LinkLoad
+
+__all__ = ["NetworkState"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_WINDOW_NS = 500_000_000
+"""Without `LinkLoad`, loads are those of the packets that were delivered in so long."""
+
+
+class NetworkState:
+    """The network as its cells found it out, and as its host tells of it.
+
+    Attributes:
+        formed: (patches,) whether a patch has told its topology.
+        found: (cells,) whether a cell is part of the network.
+        depth: (cells,) hops to its gateway.
+        parent: (cells,) the cell to which it sends what goes to the computer, −1 for the computer or nobody.
+        master_port: (cells,) port by which it does.
+        load: (cells, ports) share of the last interval in which the link out of a port sent.
+        load_inwards: (cells, ports) the same of links from the computer.
+        dropped: (cells, ports) packets that were lost on the link out of a port, since the run began.
+        high_water: (cells, ports) most packets that waited for it.
+        down: (cells, ports) whether its host says that the link is down.
+        dark: (cells,) whether its host says that the cell has no power.
+        measured_ns: When the hosts last told of their links [ns], −1 for never: loads are then inferred.
+    """
+
+    def __init__(self, atlas: Atlas, spec: NetworkSpec) -> None:
+        n, shape = atlas.n_cells, (atlas.n_cells, N_PORTS)
+        self._atlas, self._spec = atlas, spec
+        self._patch = {patch.name: i for i, patch in enumerate(atlas.patches)}
+        self.formed = np.zeros(len(atlas.patches), dtype=np.bool_)
+        self.found = np.zeros(n, dtype=np.bool_)
+        self.depth = np.full(n, -1)
+        self.parent = np.full(n, -1)
+        self.master_port = np.full(n, -1)
+        self.load, self.load_inwards = np.zeros(shape), np.zeros(shape)
+        self.dropped = np.zeros(shape, dtype=np.int64)
+        self.high_water = np.zeros(shape, dtype=np.int64)
+        self.down = np.zeros(shape, dtype=np.bool_)
+        self.dark = np.zeros(n, dtype=np.bool_)
+        self.measured_ns = -1
+        self._known = np.zeros(shape, dtype=np.bool_)
+        self._busy_ns = np.zeros((2, *shape), dtype=np.int64)
+        self._busy_at_ns = np.full(len(atlas.patches), -1)
+        self._delivered: deque[tuple[int, Sequence[int], float]] = deque()
+
+    def take_topology(self, topology: Topology) -> tuple[Ints, Ints]:
+        """What a patch found out; returns the cells that it lost, and those that it won."""
+        patch, cells = self._cells_of(topology.patch)
+        columns = (topology.network_id, topology.master_port, topology.depth, topology.neighbours)
+        if any(len(column) != len(cells) for column in columns):
+            raise ProtocolError(f"a topology of {topology.patch} that does not have its {len(cells)} cells")
+        before = self.found[cells].copy()
+        found = np.array(topology.network_id) > 0
+        lost, won = cells[before & ~found], cells[found & ~before]
+        self.formed[patch] = True
+        self.found[cells] = found
+        self.depth[cells] = topology.depth
+        self.master_port[cells] = np.where(found, topology.master_port, -1)
+        self._known[cells] = np.array(topology.neighbours).reshape(len(cells), -1)[:, :N_PORTS] >= 0
+        for cell, port, _ in topology.bridged:
+            self._known[cells[cell], port] = True
+        ports = self.master_port[cells].tolist()
+        self.parent[cells] = [
+            self._atlas.beyond(cell, port) for cell, port in zip(cells.tolist(), ports, strict=True)
+        ]
+        return lost, won
+
+    def take_load(self, load: LinkLoad) -> int:
+        """What the links of a patch carried; returns how many packets they lost since it last told."""
+        patch, cells = self._cells_of(load.patch)
+        rows = unpack(load.rows, LINK_ROW)
+        if rows["cell"].max(initial=0) >= len(cells) or rows["port"].max(initial=0) >= N_PORTS:
+            raise ProtocolError(f"links of {load.patch} that it does not have")
+        if any(not 0 <= cell < len(cells) for cell in load.dark):
+            raise ProtocolError(f"{load.patch} has no cell {max(load.dark)}")
+        cell, port = cells[rows["cell"]], rows["port"].astype(np.int64)
+        inwards = (rows["state"] & LINK_INWARDS).astype(bool)
+        direction = inwards.astype(np.int64)
+        passed_ns = load.t_ns - int(self._busy_at_ns[patch])
+        known = self._busy_at_ns[patch] >= 0
+        if known and passed_ns > 0:
+            share = np.clip((rows["busy_ns"] - self._busy_ns[direction, cell, port]) / passed_ns, 0.0, 1.0)
+            self.load[cell[~inwards], port[~inwards]] = share[~inwards]
+            self.load_inwards[cell[inwards], port[inwards]] = share[inwards]
+        self._busy_ns[direction, cell, port] = rows["busy_ns"]
+        self._busy_at_ns[patch] = load.t_ns
+        out = ~inwards
+        before = int(self.dropped[cells].sum())
+        self.dropped[cell[out], port[out]] = rows["dropped"][out]
+        self.high_water[cell[out], port[out]] = rows["queue_high_water"][out]
+        self.down[cell[out], port[out]] = (rows["state"][out] & LINK_UP) == 0
+        self.dark[cells] = False
+        self.dark[cells[load.dark]] = True
+        self.measured_ns = max(self.measured_ns, load.t_ns)
+        return max(int(self.dropped[cells].sum()) - before, 0) if known else 0
+
+    def note_delivered(self, t_ns: int, cells: Sequence[int], n_bytes: int) -> None:
+        """Packets of `n_bytes` each that came from `cells`, one for each entry."""
+        if self.measured_ns < 0 and cells:
+            self._delivered.append((t_ns, cells, float(n_bytes)))
+
+    def infer(self, t_ns: int) -> None:
+        """Loads of the links towards the computer, from what was delivered lately; unless hosts tell them."""
+        if self.measured_ns >= 0:
+            self._delivered.clear()
+            return
+        while self._delivered and not t_ns - _WINDOW_NS <= self._delivered[0][0] <= t_ns:
+            self._delivered.popleft()
+        self.load[:] = 0.0
+        if not self._delivered:
+            return
+        n_bytes = np.zeros(self._atlas.n_cells)
+        for _, cells, size in self._delivered:
+            np.add.at(n_bytes, cells, size)
+        for cell in np.argsort(-self.depth, kind="stable").tolist():  # from the leaves to the gateways
+            if (parent := int(self.parent[cell])) >= 0:
+                n_bytes[parent] += n_bytes[cell]
+        sends = np.flatnonzero(self.master_port >= 0)
+        share = n_bytes * self._spec.bits_per_byte / self._spec.bits_per_s / (_WINDOW_NS * 1e-9)
+        self.load[sends, self.master_port[sends]] = np.minimum(share[sends], 1.0)
+
+    @property
+    def cut(self) -> Bools:
+        """(wires,) cut wires: their host says so, or neither of two cells of the network knows it."""
+        a, port_a, b, port_b = self._atlas.wires.T
+        both = self.found[a] & self.found[b]
+        unknown = both & ~self._known[a, port_a] & ~self._known[b, port_b]
+        told: Bools = (self.down[a, port_a] | self.down[b, port_b]) & ~self.dark[a] & ~self.dark[b]
+        return told if self.measured_ns >= 0 else unknown
+
+    @property
+    def dead(self) -> Bools:
+        """(cells,) cells that are out: without power, or of a patch that has formed without them."""
+        formed = np.repeat(self.formed, [patch.n_cells for patch in self._atlas.patches])
+        gone: Bools = self.dark | (formed & ~self.found)
+        return gone
+
+    @property
+    def wire_load(self) -> Floats:
+        """(wires,) the larger load of the two directions."""
+        a, port_a, b, port_b = self._atlas.wires.T
+        load: Floats = np.maximum(self.load[a, port_a], self.load[b, port_b])
+        return load
+
+    @property
+    def in_tree(self) -> Bools:
+        """(wires,) whether the wire carries what goes to the computer."""
+        a, port_a, b, port_b = self._atlas.wires.T
+        used: Bools = (self.master_port[a] == port_a) | (self.master_port[b] == port_b)
+        return used
+
+    def _cells_of(self, name: str) -> tuple[int, Ints]:
+        patch = self._patch.get(name)
+        if patch is None:
+            raise ProtocolError(f"unknown patch {name!r}")
+        start = self._atlas.first[name]
+        return patch, np.arange(start, start + self._atlas.patches[patch].n_cells)

@@ -1,0 +1,33 @@
+"""PNG files with a palette, as small pictures in HTML need them."""
+
+import base64
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["data_url", "png"]
+
+
+def png(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
+    """A PNG of `pixels` (height, width), which are rows of `palette` (n, 3)."""
+    height, width = pixels.shape
+    lines = np.zeros((height, width + 1), dtype=np.uint8)  # each begins with its filter: none
+    lines[:, 1:] = pixels
+    head = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
+    chunks = (
+        (b"IHDR", head),
+        (b"PLTE", palette.astype(np.uint8).tobytes()),
+        (b"IDAT", zlib.compress(lines.tobytes(), 1)),
+        (b"IEND", b""),
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+
+
+def data_url(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str:
+    """The same, to be put into HTML."""
+    return "data:image/png;base64," + base64.b64encode(png(pixels, palette)).decode()

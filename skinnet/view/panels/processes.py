@@ -1,0 +1,49 @@
+"""The processes as a table: what each uses, and how fast it gets on; and what this page itself does."""
+
+import html
+from collections.abc import Mapping
+
+from skinnet.view.machinery import Machinery, Process
+
+__all__ = ["draw"]
+
+_STYLE = (
+    "<style>.sk-proc{border-collapse:collapse;width:calc(100% - 16px);margin:6px 8px}"
+    ".sk-proc td,.sk-proc th{padding:3px 8px;font-size:12.5px;text-align:right;"
+    "border-bottom:1px solid #e6ebef;color:#1f2d3d;font-variant-numeric:tabular-nums}"
+    ".sk-proc th{color:#5b6b7a;font-weight:500}"
+    ".sk-proc td:first-child,.sk-proc th:first-child{text-align:left}"
+    ".sk-bar{display:inline-block;height:8px;border-radius:2px;background:#4b8fd6;vertical-align:middle;"
+    "margin-right:6px}</style>"
+)
+_BAR_PX = 70
+
+
+def draw(machinery: Machinery, own: Mapping[str, str]) -> str:
+    """The table; below it, what the page says of itself, by name."""
+    rows = "".join(_row(process) for process in machinery.processes.values())
+    if not rows:
+        rows = '<tr><td colspan="5">nothing was told of the processes yet</td></tr>'
+    facts = "".join(
+        f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>" for name, value in own.items()
+    )
+    return (
+        f'{_STYLE}<table class="sk-proc"><thead><tr><th>process</th><th>pid</th><th>cores</th><th>memory</th>'
+        f"<th>× real time</th></tr></thead><tbody>{rows}</tbody></table>"
+        f'<table class="sk-proc"><thead><tr><th>this page</th><th></th></tr></thead>'
+        f"<tbody>{facts}</tbody></table>"
+    )
+
+
+def _row(process: Process) -> str:
+    cores = "" if process.cores is None else f"{process.cores:.2f}"
+    width = _BAR_PX * min(process.cores or 0.0, 1.0)
+    memory = (
+        "" if process.memory_mb is None else f"{process.memory_mb:.0f} MB" if process.memory_mb else "gone"
+    )
+    rate = "" if process.rate is None else f"{process.rate:.2f}"
+    return (
+        f"<tr><td>{html.escape(process.name)}</td><td>{process.pid or ''}</td>"
+        f'<td><span class="sk-bar" style="width:{width:.0f}px"></span>{cores}</td>'
+        f"<td>{memory}</td><td>{rate}</td></tr>"
+    )

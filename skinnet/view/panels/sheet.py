@@ -1,0 +1,85 @@
+"""A sheet of HTML on which the skin lies unrolled: places in percent of its size, a line that tells values.
+
+Elements are found by their class, `prefix` and number. `i` are spots, `b` wires, `u` gateways.
+"""
+
+import html
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+
+from skinnet.skin.paper import Paper
+
+__all__ = ["STYLE", "bar", "captions", "rules", "sheet", "spot", "tips"]
+
+STYLE = (
+    ".sk-paper{position:relative;width:100%;margin-bottom:30px}"
+    ".sk-paper i,.sk-paper b,.sk-paper u{position:absolute;display:block;text-decoration:none;"
+    "transform:translate(-50%,-50%)}"
+    ".sk-paper .cap{position:absolute;text-align:center;white-space:nowrap;overflow:hidden;"
+    "text-overflow:ellipsis;color:#495766;line-height:1.15}"
+    ".sk-tip{position:absolute;left:10px;right:0;top:calc(100% + 4px);margin:0;min-height:20px;"
+    "white-space:pre;font:12px ui-monospace,monospace;color:#1f2d3d}"
+    ".sk-tip::after{font:12px ui-monospace,monospace}"
+)
+"""Style that all sheets share."""
+
+
+def sheet(name: str, paper: Paper, parts: Iterable[str], hint: str) -> str:
+    """The sheet `name` with `parts` on it; `hint` stands in the line for values until one is asked for."""
+    return (
+        f'<div class="sk-paper {name}" style="aspect-ratio:{paper.width:.2f}/{paper.height:.2f}">'
+        f"{''.join(parts)}"
+        f'<p class="sk-tip">{html.escape(hint)}</p></div>'
+    )
+
+
+def spot(paper: Paper, tag: str, name: str, at: tuple[float, float], turn_rad: float = 0.0) -> str:
+    """An element whose middle is at `at` (in pitches), turned counterclockwise."""
+    turned = math.degrees(-turn_rad) % 60.0
+    turn = f";transform:translate(-50%,-50%) rotate({turned:.1f}deg)" if 0.1 < turned < 59.9 else ""
+    return f'<{tag} class="{name}" style="{_place(paper, at)}{turn}"></{tag}>'
+
+
+def bar(paper: Paper, tag: str, name: str, a: tuple[float, float], b: tuple[float, float]) -> str:
+    """A bar from `a` to `b` (in pitches); its thickness is a matter of style."""
+    middle = (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]))
+    length = 100 * math.dist(a, b) / paper.width
+    turn = math.degrees(math.atan2(a[1] - b[1], b[0] - a[0]))
+    return (
+        f'<{tag} class="{name}" style="{_place(paper, middle)};width:{length:.2f}%;'
+        f'transform:translate(-50%,-50%) rotate({turn:.1f}deg)"></{tag}>'
+    )
+
+
+def captions(paper: Paper, lines: Iterable[str], font_px: float) -> list[str]:
+    """A line below each piece; its class is `cap` and its number."""
+    return [
+        f'<div class="cap cap{i}" style="left:{100 * box.x / paper.width:.2f}%;'
+        f"width:{100 * box.width / paper.width:.2f}%;"
+        f'top:{100 * (-box.y - 2.0) / paper.height:.2f}%;font-size:{font_px:.1f}px">{html.escape(line)}</div>'
+        for i, (box, line) in enumerate(zip(paper.boxes, lines, strict=True))
+    ]
+
+
+def rules(prefix: str, looks: Iterable[tuple[int, str]]) -> str:
+    """Rules that give elements, by number, their looks; those of equal looks share one."""
+    by_look: dict[str, list[str]] = defaultdict(list)
+    for number, look in looks:
+        by_look[look].append(f".{prefix}{number}")
+    # two classes: more than what the sheet says of all of them
+    return "".join(f".sk-paper :is({','.join(names)}){{{look}}}" for look, names in by_look.items())
+
+
+def tips(sheet_name: str, prefix: str, texts: Iterable[tuple[int, str]]) -> str:
+    """Rules by which the line for values says a text while the pointer is on an element."""
+    found = []
+    for number, text in texts:
+        over = f".{prefix}{number}:hover~.sk-tip"
+        quoted = text.replace("\\", "\\\\").replace('"', '\\"').replace("<", "‹")
+        found.append(f'{over}::after{{content:"{quoted}"}}')
+    return f".{sheet_name}>:is(i,b,u):hover~.sk-tip{{font-size:0}}{''.join(found)}"
+
+
+def _place(paper: Paper, at: tuple[float, float]) -> str:
+    return f"left:{100 * at[0] / paper.width:.2f}%;top:{-100 * at[1] / paper.height:.2f}%"

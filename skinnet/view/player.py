@@ -1,0 +1,77 @@
+"""Time slider, pause, rate and loop of a recording."""
+
+from collections.abc import Callable
+
+import viser
+
+from skinnet.view.recorded import RecordedSource
+
+__all__ = ["Player"]
+
+_RATES = ("0.1", "0.25", "0.5", "1", "2", "5", "10", "50")
+_EVERY_S = 0.2
+_QUIET_S = 0.6
+"""So long after somebody has moved the slider it is left to them."""
+
+
+class Player:
+    """The controls of a recording; without one there are none.
+
+    Args:
+        gui: Where to put them.
+        source: The recording.
+        wish: Hands what somebody wants to the loop of the page, which calls it with the time.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        source: RecordedSource | None,
+        wish: Callable[[Callable[[float], None]], None],
+    ) -> None:
+        self._source = source
+        self._due_s = 0.0
+        if source is None:
+            return
+        playback, self._wish = source.playback, wish
+        with gui.add_folder("Recording"):
+            start_s, end_s = playback.start_ns * 1e-9, playback.end_ns * 1e-9
+            self._slider = gui.add_slider(
+                "Time [s]", min=start_s, max=max(end_s, start_s + 0.01), step=0.01, initial_value=start_s
+            )
+            self._button = gui.add_button("Pause")
+            rate = gui.add_dropdown("Rate", _RATES, initial_value="1")
+            loop = gui.add_checkbox("Loop", playback.loop)
+        self._slider.on_update(self._on_slider)
+        self._button.on_click(lambda _: wish(self._toggle))
+        rate.on_update(lambda event: wish(lambda now_s: playback.set_rate(float(event.target.value), now_s)))
+        loop.on_update(lambda event: wish(lambda _: setattr(playback, "loop", event.target.value)))
+
+    def show(self, now_s: float) -> None:
+        """Brings slider and button up to date."""
+        if self._source is None or now_s < self._due_s:
+            return
+        self._due_s = now_s + _EVERY_S
+        playback = self._source.playback
+        self._slider.value = round(playback.position_ns(now_s) * 1e-9, 2)  # type: ignore[misc]
+        self._button.label = "Pause" if playback.playing else "Play"
+
+    def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        if event.client is None or self._source is None:
+            return  # moved by this program
+        playback, t_ns = self._source.playback, round(event.target.value * 1e9)
+
+        def go(now_s: float) -> None:
+            playback.seek(t_ns, now_s)
+            self._due_s = now_s + _QUIET_S
+
+        self._wish(go)
+
+    def _toggle(self, now_s: float) -> None:
+        assert self._source is not None
+        playback = self._source.playback
+        if playback.playing:
+            playback.pause(now_s)
+        else:
+            playback.play(now_s)
+        self._due_s = 0.0

@@ -1,0 +1,130 @@
+"""A recording as a source: it is played, and one may go anywhere in it."""
+
+import bisect
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from skinnet.channels import channel as row_of
+from skinnet.errors import ProtocolError, RecordingError
+from skinnet.messages import decode
+from skinnet.recording.reader import Recording
+from skinnet.view.playback import Playback
+from skinnet.view.state import RASTER_NS, Kept, Scene, Told
+
+__all__ = ["RecordedSource"]
+
+_SHOWN = {
+    "joints",
+    "world",
+    "command",
+    "events",
+    "bundle",
+    "stream",
+    "regions",
+    "topology",
+    "state",
+    "answer",
+    "counters",
+}
+"""Channels that the page shows; the others would only cost."""
+_KEEP_EVERY_NS = 5_000_000_000
+_BUDGET_S = 0.15
+"""So long a call reads at most: the page moves on while it catches up."""
+_LOOK_EVERY = 200
+
+
+class RecordedSource:
+    """A recording that is played.
+
+    To go back, the scene becomes what it was at a moment that was kept, one raster before; from there on the
+    file is read again.
+
+    Args:
+        path: The file.
+        base: Folder with the model, if it is not where the run had it.
+        now_s: Present time of the wall's clock [s].
+
+    Raises:
+        RecordingError: it is no recording that this program can read, or there is nothing in it.
+        DeploymentError: this program knows other keys than the one that recorded.
+    """
+
+    over = ""
+
+    def __init__(self, path: Path, base: Path | None, now_s: float) -> None:
+        self.recording = Recording(path)
+        self.deployment, self.base = self.recording.deployment(), base or self.recording.base
+        self.title = path.name
+        self.malformed = 0
+        first = next(self._read(0), None)
+        if first is None:
+            raise RecordingError(f"{path}: there is no message in it: nothing to see")
+        self.playback = Playback(first.t_ns, self.recording.end_ns, now_s)
+        self._messages: Iterator[Told] = self._read(0)
+        self._next: Told | None = None
+        self._read_ns = -1
+        self._jumps = 0
+        self._kept_ns: list[int] = []
+        self._kept: list[Kept] = []
+
+    def feed(self, scene: Scene, now_s: float) -> int:
+        """Lets `scene` take what stands before the present position."""
+        position_ns = self.playback.position_ns(now_s)
+        if not self._kept:
+            self._keep(scene, -1)
+        if self.playback.jumps != self._jumps:
+            self._jumps = self.playback.jumps
+            self._go_to(scene, position_ns)
+        count, until_s = 0, time.monotonic() + _BUDGET_S
+        while (told := self._next or next(self._messages, None)) is not None:
+            self._next = told
+            if told.t_ns > position_ns:
+                break
+            self._next = None
+            if told.t_ns >= self._kept_ns[-1] + _KEEP_EVERY_NS:
+                self._keep(scene, told.t_ns)
+            scene.take(told, now_s)
+            self._read_ns = told.t_ns
+            count += 1
+            if count % _LOOK_EVERY == 0 and time.monotonic() > until_s:
+                if self.playback.playing:
+                    self.playback.wait_at(told.t_ns, now_s)
+                return count
+        scene.t_ns = position_ns
+        return count
+
+    def facts(self) -> Mapping[str, str]:
+        """What there is of it."""
+        facts = {"recording": str(self.recording.path), "length": f"{self.recording.end_ns * 1e-9:.1f} s"}
+        if not self.recording.complete:
+            facts["it was cut"] = "it goes up to here"
+        return facts | ({"unreadable messages": f"{self.malformed}"} if self.malformed else {})
+
+    def close(self) -> None:
+        """Forgets what was kept."""
+        self._kept.clear()
+
+    def _read(self, from_ns: int) -> Iterator[Told]:
+        """Messages from a time on; those that this program does not understand are counted."""
+        for t_ns, _, channel, fields, payload in self.recording.messages(from_ns):
+            if channel not in _SHOWN:
+                continue
+            try:
+                yield Told(channel, fields, decode(payload, row_of(channel).message), t_ns)
+            except ProtocolError:
+                self.malformed += 1
+
+    def _keep(self, scene: Scene, t_ns: int) -> None:
+        self._kept_ns.append(t_ns)
+        self._kept.append(scene.keep())
+
+    def _go_to(self, scene: Scene, t_ns: int) -> None:
+        """Puts the scene to a moment before `t_ns`, unless it stands there already."""
+        before_ns = t_ns - RASTER_NS
+        kept = max(bisect.bisect_right(self._kept_ns, before_ns) - 1, 0)
+        if self._read_ns <= t_ns and self._kept_ns[kept] <= self._read_ns:
+            return
+        scene.recall(self._kept[kept])
+        self._messages, self._next = self._read(max(self._kept_ns[kept], 0)), None
+        self._read_ns = self._kept_ns[kept]

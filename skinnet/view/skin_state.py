@@ -1,0 +1,156 @@
+"""What every cell and element was last heard to feel."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.errors import ProtocolError
+from skinnet.messages import READING_NAMES, STREAM_ROW, Events, Modality, Stream, unpack
+from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW, Regions
+from skinnet.view.atlas import Atlas
+
+__all__ = ["FIRST_COLUMN", "WIDTH", "SkinState"]
+
+Floats = NDArray[np.float64]
+
+FIRST_COLUMN = (0, 3, 4, 7)
+"""First column of each modality in a reading."""
+WIDTH = (3, 1, 3, 1)
+"""How many columns it has."""
+_MANY = 24
+"""From so many events on, arrays are faster than a loop."""
+_PATTERN_NS = 500_000_000
+"""So long a raw pattern counts more than the regions that its board tells of."""
+_HEARD = slice(0, 4)
+"""A cell that has a part in the network and says nothing feels neither force nor proximity."""
+
+
+class SkinState:
+    """Newest readings.
+
+    Attributes:
+        reading: (cells, 8) in `READING_NAMES` order, NaN where a cell never said.
+        told_ns: (cells,) when the newest of them was sampled [ns], −1 for never.
+        malformed: Messages that name what does not exist.
+    """
+
+    def __init__(self, atlas: Atlas) -> None:
+        self._atlas = atlas
+        self._cells = {patch.name: patch.n_cells for patch in atlas.patches}
+        self.reading = np.full((atlas.n_cells, len(READING_NAMES)), np.nan, dtype=np.float32)
+        self.told_ns = np.full(atlas.n_cells, -1, dtype=np.int64)
+        self._regions: list[NDArray[Any]] = [np.empty(0, dtype=REGION_ROW)] * len(atlas.sheets)
+        self._patterns: list[tuple[int, NDArray[np.float32]] | None] = [None] * len(atlas.sheets)
+        self._boards_ns = 0
+
+    def patch_start(self, patch: str, cell: int) -> int:
+        """Number of the first cell of a patch, which has this `cell`.
+
+        Raises:
+            ProtocolError: there is no such patch, or no such cell of it.
+        """
+        if patch not in self._cells:
+            raise ProtocolError(f"unknown patch {patch!r}")
+        if not 0 <= cell < self._cells[patch]:
+            raise ProtocolError(f"{patch} has cells 0 to {self._cells[patch] - 1}, not {cell}")
+        return self._atlas.first[patch]
+
+    def take_events(self, events: Events) -> None:
+        """Readings at which cells crossed a level, or moved by their delta."""
+        start = self.patch_start(events.patch, max(events.cell, default=0))
+        if len(events.cell) > _MANY:
+            cells = np.array(events.cell) + start
+            column = np.array(FIRST_COLUMN)[events.modality] + events.channel
+            self.reading[cells, column] = events.value
+            self.told_ns[cells] = events.t_sampled_ns
+            return
+        for cell, t_ns, modality, channel, value in zip(
+            events.cell, events.t_sampled_ns, events.modality, events.channel, events.value, strict=True
+        ):
+            self.reading[start + cell, FIRST_COLUMN[modality] + channel] = value
+            self.told_ns[start + cell] = t_ns
+
+    def take_stream(self, stream: Stream) -> NDArray[Any]:
+        """Full readings; returns their rows."""
+        rows = unpack(stream.rows, STREAM_ROW)
+        start = self.patch_start(stream.patch, int(rows["cell"].max(initial=0)))
+        cells = start + rows["cell"].astype(np.int64)
+        self.reading[cells] = rows["values"]
+        self.told_ns[cells] = rows["t_sampled_ns"]
+        return rows
+
+    def take_regions(self, regions: Regions) -> list[tuple[int, int, int, float]]:
+        """What boards tell of their sheets.
+
+        Returns:
+            Of each frame: when it was sampled and delivered [ns], its board, the peak of its regions [kPa].
+        """
+        frames, rows = unpack(regions.frames, BOARD_FRAME), unpack(regions.rows, REGION_ROW)
+        patterns = unpack(regions.patterns, PATTERN_ROW)
+        boards = len(self._regions)
+        if int(frames["rows"].sum()) != len(rows):
+            raise ProtocolError("regions that do not add up to their frames")
+        if max(frames["board"].max(initial=0), patterns["board"].max(initial=0)) >= max(boards, 1):
+            raise ProtocolError(f"a board beyond the {boards} that there are")
+        told, end = [], 0
+        peaks_kpa = rows["peak_kpa"].tolist()
+        for t_sampled_ns, t_delivered_ns, _, board, count in frames.tolist():
+            start, end = end, end + count
+            self._regions[board] = rows[start:end]
+            self._boards_ns = t_sampled_ns
+            told.append((t_sampled_ns, t_delivered_ns, board, max(peaks_kpa[start:end], default=0.0)))
+        for pattern in patterns:
+            pressure = pattern["pressure_kpa"][: pattern["elements"]]
+            self._patterns[pattern["board"]] = int(pattern["t_sampled_ns"]), pressure
+        return told
+
+    def lose(self, cells: NDArray[np.int64]) -> None:
+        """Cells that left the network: what they felt is not known any more."""
+        self.reading[cells] = np.nan
+
+    def values(self, modality: Modality) -> Floats:
+        """(spots,) what is shown of a modality, NaN where unknown.
+
+        Force: the largest of the force cells' readings; of elements, pressure [kPa]. Acceleration: its amount
+        [g].
+        """
+        first, width = FIRST_COLUMN[modality], WIDTH[modality]
+        columns = self.reading[:, first : first + width].astype(np.float64)
+        if modality is Modality.ACCELERATION:
+            of_cells = np.sqrt((columns**2).sum(axis=1))
+        else:
+            of_cells = np.where(np.isnan(columns), -np.inf, columns).max(axis=1)
+            of_cells[np.isneginf(of_cells)] = np.nan
+        unknown = np.full(self._atlas.n_elements, np.nan)
+        of_elements = self.pressure_kpa() if modality is Modality.FORCE else unknown
+        return np.concatenate([of_cells, of_elements])
+
+    def pressure_kpa(self) -> Floats:
+        """(elements,) from raw patterns, or as far as regions tell: a disc of their area and mean pressure.
+
+        The element nearest to the centre of a region has its peak.
+        """
+        if not self._atlas.sheets:
+            return np.empty(0)
+        of_sheets = []
+        for board, sheet in enumerate(self._atlas.sheets):
+            pattern = self._patterns[board]
+            if pattern is not None and self._boards_ns - pattern[0] < _PATTERN_NS:
+                of_sheets.append(pattern[1].astype(np.float64))
+                continue
+            pressure = np.zeros(sheet.n_elements)
+            for region in self._regions[board]:
+                if not region["elements"]:
+                    continue
+                away_m = np.linalg.norm(sheet.xi_m - [region["xi1_m"], region["xi2_m"]], axis=1)
+                inside = np.argsort(away_m, kind="stable")[: region["elements"]]
+                pressure[inside] = 1e-3 * region["force_n"] / max(float(region["area_m2"]), 1e-9)
+                pressure[inside[0]] = region["peak_kpa"]
+            of_sheets.append(pressure)
+        return np.concatenate(of_sheets)
+
+    def settle(self, found: NDArray[np.bool_]) -> None:
+        """Cells that came into the network: silence means that they feel nothing."""
+        silent = found[:, None] & np.isnan(self.reading[:, _HEARD])
+        self.reading[:, _HEARD][silent] = 0.0

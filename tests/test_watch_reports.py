@@ -1,0 +1,185 @@
+"""What is told to watchers only: it is right, it is told only if somebody wants it, and it changes no log."""
+
+import asyncio
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+from small_robot import SHIPPED, lattice, patch, small
+from test_brain import Wired
+from test_host_node import Host
+from test_transport import KEYS, LONG_S, Star, endpoint, star  # noqa: F401 -- fixtures
+
+from cells.link_report import LinkReport
+from controller.grasping import state_machine
+from controller.grasping.session import requests_of
+from controller.nursing import states as nursing
+from controller.offers import FORMING, machine_of, nursing_machine
+from skinnet.deployment import load
+from skinnet.messages import decode, unpack
+from skinnet.run.loads import telling_loads
+from skinnet.run.progress import Progress
+from skinnet.watch_messages import LINK_INWARDS, LINK_ROW, LINK_UP, LinkLoad, Machine, ProcessLoad
+
+LINKS = "skinnet/bot/skin/*/links"
+BRIDGED = small(
+    patch("arm", 3, 2, (0, 2)),
+    {"name": "hand", "body": "hand", "lattice": lattice(2, 1), "interfaces": []},
+    bridges=({"a": "arm/5:0", "b": "hand/0:2"},),
+    faults=(
+        {"kind": "link_cut", "target": "arm/1:0", "at_s": 0.05},
+        {"kind": "cell_dead", "target": "hand/1", "at_s": 0.05},
+    ),
+)
+
+
+def reports(host: Host) -> dict[str, Any]:
+    """Rows and cells without power by patch."""
+    loads = [decode(payload, LinkLoad) for _, payload in host.node.report()]
+    return {load.patch: (unpack(load.rows, LINK_ROW), load.dark, load.t_ns) for load in loads}
+
+
+def test_links_are_told_by_patch_cell_and_port() -> None:
+    host = Host(BRIDGED).run(10)
+    told = reports(host)
+    arm, dark, t_ns = told["arm"]
+    assert t_ns == host.t_ns
+    assert dark == []
+    ends = {(int(row["cell"]), int(row["port"]), bool(row["state"] & LINK_INWARDS)) for row in arm}
+    assert len(ends) == len(arm)
+    assert (0, 2, True) in ends, "the link from the computer"
+    assert (0, 2, False) in ends, "and the link to it"
+    assert (5, 0, False) in ends, "the bridge belongs to who sends over it"
+    hand, _, _ = told["hand"]
+    assert (0, 2) in {(int(row["cell"]), int(row["port"])) for row in hand}
+    assert (arm["state"] & LINK_UP).all()
+
+
+def test_what_links_carried_is_what_the_network_counted() -> None:
+    host = Host(BRIDGED).run(40)
+    counters = host.node._network.kernel.link_counters
+    told = reports(host)
+    rows = np.concatenate([rows for rows, _, _ in told.values()])
+    for name, column in counters._asdict().items():
+        assert rows[name].sum() == column.sum()
+    assert rows["packets"].sum() > 100
+    assert told["hand"][1] == [1], "its cell has no power any more"
+    down = {(int(row["cell"]), int(row["port"])) for row in told["arm"][0] if not row["state"] & LINK_UP}
+    assert (1, 0) in down
+
+
+def test_reports_change_no_log() -> None:
+    quiet, asked = Host(BRIDGED), Host(BRIDGED)
+    for _ in range(30):
+        quiet.run(1)
+        asked.run(1)
+        asked.node.report()
+    assert quiet.facts["logs"] == asked.facts["logs"]
+
+
+def test_a_report_needs_no_patch_of_its_own_wiring() -> None:
+    host = Host(small(patch("arm", 1, 1)))
+    report = LinkReport(host.node._wiring, KEYS)
+    (entry,) = report.messages(host.node._network.kernel, np.ones(1, dtype=bool), 0)
+    assert entry[0] == KEYS.of("links", "arm")
+    assert len(unpack(decode(entry[1], LinkLoad).rows, LINK_ROW)) == 2
+
+
+async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None:  # noqa: F811
+    hub, member = star.join("hub"), star.join("a")
+    wanted = member.audience(LINKS)
+
+    async def until(there: bool) -> None:
+        async with asyncio.timeout(LONG_S):
+            while wanted() != there:
+                await asyncio.to_thread(lambda: None)  # others have their turn
+
+    await until(False)
+    undo = hub.tap(LINKS, lambda _key, _payload: None)
+    await until(True)
+    undo()
+    await until(False)
+
+
+def test_a_machine_has_every_move_of_the_table_and_leads_through_the_program() -> None:
+    deployment = load(SHIPPED.parent / "hrp2_teach.toml")
+    machine = machine_of(deployment.controller, ("open", "closed"), 5)
+    moves = {tuple(move) for move in machine.moves}
+    stage = next(n for n, s in deployment.controller.stages.items() if s.kind == "session")
+    for state, row in state_machine.TABLE.items():
+        for event, to in row.items():
+            assert (f"{stage}.{state.value}", event.value, f"{stage}.{to.value}") in moves
+    assert machine.states[0] == FORMING
+    assert {state for state, _, _ in moves} | {to for _, _, to in moves} == set(machine.states)
+    reached, waiting = {FORMING}, [FORMING]
+    while waiting:
+        here = waiting.pop()
+        following = {to for state, _, to in moves if state == here} - reached
+        reached |= following
+        waiting += following
+    assert reached == set(machine.states), "every state can be reached"
+    assert machine.requests == requests_of(("open", "closed"))
+
+
+def test_requests_are_those_that_a_session_understands() -> None:
+    from controller.grasping.session import Session
+
+    requests = requests_of(("home",))
+    understand = Session._understand
+    for what, arguments in requests.items():
+        for argument in arguments or ["a_name"]:
+            event, why = understand(None, what, argument)  # type: ignore[arg-type]
+            assert event is not None, why
+            assert why == ""
+    assert set(requests) == {"guide", "attend", "remember", "go", "grasp", "release", "cancel", "end"}
+
+
+def test_the_nursing_program_has_a_machine_of_its_own() -> None:
+    machine = nursing_machine(0)
+    assert len(machine.moves) == len(nursing.TABLE)
+    assert machine.requests == {}
+
+
+def test_a_controller_tells_its_machine_once_and_when_it_has_learnt() -> None:
+    robot = Wired("bow", "home")
+    told: list[Machine] = []
+    for tick in range(6):
+        robot.step()
+        if tick == 3:
+            robot.node._brain.knowledge.poses["new"] = robot.position_rad
+        news = [payload for key, payload in robot.node.news() if key == KEYS.of("machine")]
+        told += [decode(payload, Machine) for payload in news]
+    assert len(told) == 2
+    assert told[0].states == [FORMING, "bow", "home"]
+    assert told[0].moves == [[FORMING, "network formed", "bow"], ["bow", "done", "home"]]
+
+
+class Window:
+    """What the launcher tells its window."""
+
+    def __init__(self) -> None:
+        self.told: list[ProcessLoad] = []
+        self.enough = asyncio.Event()
+
+    def tell_processes(self, load: Any) -> None:
+        self.told.append(load())
+        if len(self.told) == 3:
+            self.enough.set()
+
+
+async def test_processes_tell_what_they_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skinnet.run.loads._EVERY_S", 0.001)
+    window: Any = Window()
+    gone = 2**22 + 1  # beyond what a process can have
+    async with telling_loads({"me": os.getpid(), "gone": gone}, window, Progress(Console(), quiet=True)):
+        await asyncio.wait_for(window.enough.wait(), LONG_S)
+    last = window.told[-1]
+    assert last.name == ["me", "gone"]
+    assert last.pid == [os.getpid(), gone]
+    assert last.memory_mb[0] > 10.0
+    assert last.memory_mb[1] == 0.0
+    assert last.cores[0] >= 0.0
+    async with telling_loads({"me": os.getpid()}, None, Progress(Console(), quiet=True)):
+        pass  # nobody can watch
