@@ -1,9 +1,9 @@
 """The Zenoh transport of the loop.
 
 A star: the hub listens as a peer, everybody else is its client. In a mesh, messages of different senders
-overtake each other. Everything in the loop has one priority and BLOCK, since mixed priorities
-break causal order. A receiver that sticks would make Zenoh close the transport after five
-seconds, so the wait before closing is set beyond any deadline of ours.
+overtake each other. Everything in the loop has one priority and BLOCK, since mixed priorities break causal
+order. A receiver that sticks would make Zenoh close the transport after five seconds, so the wait before
+closing is set beyond any deadline of ours.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
 puts in one period leave as one envelope for each kind of receivers, under
@@ -34,8 +34,7 @@ __all__ = ["ZenohTransport", "collect", "open_session"]
 _LEASE_MS = 2_000
 _WAIT_BEFORE_CLOSE_US = 120_000_000
 _CONNECT_TIMEOUT_MS = 60_000
-_PRESENT_S = 10.0
-"""So long the hub may take to say who is there."""
+_PRESENT_S = 10.0  # the hub may take so long to say who is there
 
 log = logging.getLogger(__name__)
 
@@ -46,10 +45,7 @@ def open_session(
     connect_timeout_ms: int = _CONNECT_TIMEOUT_MS,
     more: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """A Zenoh session that listens as a hub or connects as a client, and never scouts.
-
-    Settings of Zenoh in `more` go before those of the loop.
-    """
+    """A Zenoh session that listens as a hub or connects as a client, never scouts, and has settings `more`."""
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
         "scouting/multicast/enabled": False,
