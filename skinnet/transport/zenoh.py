@@ -45,7 +45,7 @@ def open_session(
     connect_timeout_ms: int = _CONNECT_TIMEOUT_MS,
     more: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """A Zenoh session that listens as a hub or connects as a client, never scouts, and has settings `more`."""
+    """A Zenoh session that listens as a hub or connects as a client, never scouts, with settings `more`."""
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
         "scouting/multicast/enabled": False,
