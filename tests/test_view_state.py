@@ -396,3 +396,14 @@ def test_a_recording_of_the_loop_has_commands_for_states() -> None:
         command = Command(t_ns=t_ms * MS, effect_ns=0, covered_ns=0, velocity_rad_s=[0.0, 0.0], stage=stage)
         view.take(told("command", command, t_ms * MS), 0.0)
     assert [(m.state, m.to) for m in view.mind.moves] == [("map", "evade")]
+
+
+def test_without_a_machine_the_deployment_says_which_states_there_are() -> None:
+    stages = {"home": {"kind": "posture"}, "talk": {"kind": "session"}}
+    view, _ = scene(controller={"program": ("home", "talk"), "stages": stages})
+    assert view.mind.states[:3] == ("forming", "home", "talk.idle")
+    assert "talk.safe" in view.mind.states
+    view.take(state(5, "talk.idle"), 0.0)
+    view.take(state(6, "talk.odd", "why"), 0.0)
+    assert view.mind.states[-1] == "talk.odd"
+    assert view.mind.arrows == (("talk.idle", "why", "talk.odd"),)

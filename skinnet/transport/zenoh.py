@@ -141,7 +141,7 @@ class ZenohTransport:
         self._entities: list[Any] = []
         self._outbox: dict[str, Messages] = {}
         self._arrivals: list[Arrivals] = []
-        self._heard: dict[str, bool] = {}
+        self._heard: dict[str, Callable[[], bool]] = {}
         self.receive = self._mailbox.receive
         self.sent_bytes = 0
 
@@ -229,14 +229,8 @@ class ZenohTransport:
         """Whether anybody subscribes to the envelopes of the lane of `key`."""
         lane = self._keys.lane(key)
         if lane not in self._heard:
-            publisher = self._session.declare_publisher(self._own_prefix + lane)
-            self._heard[lane] = publisher.matching_status.matching
-
-            def on_change(status: Any) -> None:
-                self._heard[lane] = status.matching
-
-            self._entities.extend((publisher, publisher.declare_matching_listener(on_change)))
-        return self._heard[lane]
+            self._heard[lane] = self.audience(self._own_prefix + lane)
+        return self._heard[lane]()
 
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to the envelope of this period for its receivers."""
@@ -262,8 +256,10 @@ class ZenohTransport:
     def audience(self, expression: str) -> Callable[[], bool]:
         """Asks the hub once, and is kept informed by it."""
         publisher = self._session.declare_publisher(expression)
-        self._entities.append(publisher)
-        return lambda: bool(publisher.matching_status.matching)
+        there = [bool(publisher.matching_status.matching)]
+        listener = publisher.declare_matching_listener(lambda status: there.__setitem__(0, status.matching))
+        self._entities.extend((publisher, listener))
+        return lambda: there[0]
 
     def on_interest(self, expression: str, on_change: Callable[[bool], None]) -> None:
         """Calls `on_change` when the first subscriber for `expression` comes and when the last goes."""

@@ -1,6 +1,7 @@
 """What the controller does, how it got there, and what can be asked of it."""
 
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from skinnet.messages import ControllerState
@@ -32,7 +33,9 @@ class Mind:
         machine: States and requests, if the controller told them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, expected: Iterable[str] = ()) -> None:
+        """Knows nothing yet but the states that are `expected`, for want of a machine."""
+        self._expected = tuple(expected)
         self.state = ""
         self.since_ns = 0
         self.progress = 0.0
@@ -59,7 +62,7 @@ class Mind:
     @property
     def states(self) -> tuple[str, ...]:
         """All states that are known, in the controller's order or in that of their appearance."""
-        known = list(self.machine.states) if self.machine is not None else []
+        known = self._expected if self.machine is None else self.machine.states
         seen = [*(name for move in self.moves for name in (move.state, move.to)), self.state]
         return tuple(dict.fromkeys(name for name in (*known, *seen) if name))
 

@@ -4,12 +4,13 @@ import bisect
 import copy
 from array import array
 from collections import defaultdict
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from skinnet.deployment.schema import BOARDS, Deployment
+from skinnet.deployment.session import StateName
 from skinnet.errors import ProtocolError
 from skinnet.messages import (
     Answer,
@@ -97,7 +98,7 @@ class Scene:
         self.world: dict[str, list[float]] = {}
         self.skin = SkinState(atlas)
         self.network = NetworkState(atlas, deployment.network)
-        self.mind = Mind()
+        self.mind = Mind(_states(deployment))
         self.machinery = Machinery()
         self.happenings = Happenings(RASTER_NS)
         self.trends = Trends(_BIN_NS, TRENDS_NS // _BIN_NS)
@@ -259,3 +260,15 @@ class Scene:
         self._packets[1].extend(t_delivered_ns)
         if len(self._packets[0]) > _MOST_PACKETS:
             del self._packets[0][: _MOST_PACKETS // 2], self._packets[1][: _MOST_PACKETS // 2]
+
+
+def _states(deployment: Deployment) -> Iterator[str]:
+    """States that a program of stages goes through, named as its controller names them."""
+    control = deployment.controller
+    if control.program:
+        yield "forming"
+    for stage in control.program:
+        if control.stages[stage].kind == "session":
+            yield from (f"{stage}.{state}" for state in get_args(StateName))
+        else:
+            yield stage

@@ -13,8 +13,7 @@ _SHOWN_MOVES = 12
 
 def draw(mind: Mind, t_ns: int) -> str:
     """The present state is filled, its ways out are blue, the way by which it came is red."""
-    states = mind.states
-    if not states:
+    if not mind.state:
         return '<p style="padding:10px;color:#495766">nothing was heard of the controller yet</p>'
     ways: dict[tuple[str, str], list[str]] = {}
     for state, event, to in mind.arrows:
@@ -24,7 +23,7 @@ def draw(mind: Mind, t_ns: int) -> str:
         move = mind.moves[-1]
         last = move.state, move.to
         ways[last] = [move.why] if move.why else []
-    return f"{_heading(mind, t_ns)}{ring.draw(states, ways, mind.state, last)}{_table(mind)}"
+    return f"{_heading(mind, t_ns)}{ring.draw(mind.states, ways, mind.state, last)}{_table(mind)}"
 
 
 def _heading(mind: Mind, t_ns: int) -> str:
