@@ -33,13 +33,16 @@ def refusal(*overrides: str) -> str:
     return text
 
 
-def lesson(keys: str = "", stage: str = "map.hold") -> tuple[str, ...]:
+TALK = "controller.stages.talk={kind='session'}"
+
+
+def lesson(keys: str = "", stage: str = "talk.hold") -> tuple[str, ...]:
     goals = "goals=[{body='left_hand', at_m=[0.4, 0.2, 1.0]}]"
-    return (f"teacher.lessons=[{{{', '.join(filter(None, (f'stage={stage!r}', goals, keys)))}}}]",)
+    return (TALK, f"teacher.lessons=[{{{', '.join(filter(None, (f'stage={stage!r}', goals, keys)))}}}]")
 
 
-def stroke(cells: str, stage: str = "map.hold") -> tuple[str, ...]:
-    return (f"teacher.strokes=[{{stage={stage!r}, cells=[{cells}]}}]",)
+def stroke(cells: str, stage: str = "talk.hold") -> tuple[str, ...]:
+    return (TALK, f"teacher.strokes=[{{stage={stage!r}, cells=[{cells}]}}]")
 
 
 def test_lessons_and_strokes_may_belong_to_a_state_of_a_stage() -> None:
