@@ -109,8 +109,8 @@ def test_a_lost_gateway_in_any_state_ends_the_grasp_gently(state: str, tmp_path:
 
 @pytest.mark.processes
 def test_one_process_or_many_the_log_is_the_same(tmp_path: Path) -> None:
-    one = run(GRASP, tmp_path / "one", "--in-process", settings=("object=lid",))
-    many = run(GRASP, tmp_path / "many", settings=("object=lid",))
+    one = run(GRASP, tmp_path / "one", "--in-process", settings=("object=trash_bin",))
+    many = run(GRASP, tmp_path / "many", settings=("object=trash_bin",))
     assert one["log_sha256"] == many["log_sha256"]
     assert one["figures"] == many["figures"]
     assert one["figures"]["grasp.success"]
