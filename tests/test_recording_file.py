@@ -129,6 +129,7 @@ for number, message in enumerate(own.messages()):
 
 
 @pytest.mark.processes
+@pytest.mark.timeout(400)  # ten processes, one after the other
 def test_a_kill_at_any_moment_leaves_a_readable_file(recording: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(6)
     wanted = plain(recording)
