@@ -127,7 +127,7 @@ for number, message in enumerate(own.messages()):
         print(number, flush=True)
         sys.stdin.read()
 """
-"""A recorder that gets the messages of a recording again, and writes a chunk at every step; at a given number it
+"""A recorder that gets the messages of a recording again, and writes a chunk at every step; at a number it
 waits for its end, so that a slow reader does not let it come to its own."""
 
 
