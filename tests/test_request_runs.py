@@ -149,7 +149,8 @@ def test_a_flood_of_queries_changes_nothing(tmp_path: Path) -> None:
 def test_a_second_controller_refuses_to_start(tmp_path: Path) -> None:
     with listener(tmp_path) as (process, endpoint), client(endpoint) as session:
         line = child(process, "controller").cmdline()
-        line[line.index("--parts") + 1] = str(tmp_path / "twin")
+        (tmp_path / "twin").mkdir()  # in the same folder, the memory in use would stop it before
+        line[line.index("--parts") + 1] = str(tmp_path / "twin" / "parts")
         pipe = subprocess.PIPE
         with subprocess.Popen(line, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as twin:
             assert twin.wait(timeout=120) == 1  # its standard input stays open: a worker ends when it closes
@@ -160,7 +161,7 @@ def test_a_second_controller_refuses_to_start(tmp_path: Path) -> None:
         assert said.startswith(
             "controller: ERROR controller: there is a process of this name in the loop already"
         )
-        assert not (tmp_path / "twin").exists()
+        assert not (tmp_path / "twin" / "parts").exists()
         ticks_ns = [asked(session, "skinnet/arm/controller/request/go")["t_ns"] for _ in range(3)]
         assert ticks_ns == sorted(set(ticks_ns))
         assert process.poll() is None
