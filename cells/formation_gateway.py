@@ -47,6 +47,7 @@ class GatewayFormation:
         epoch: Number of the formation, modulo 4096.
         forest: What the cells have reported.
         version: How often what is known has changed, with the end of the first formation.
+        settled: Whether an epoch has ever come to its end, whatever has begun since.
         route_changes: Routes that are new: (ID, port); whoever reads them empties the list.
         ignored: Packets of other epochs, or out of turn, that were dropped.
     """
@@ -80,6 +81,7 @@ class GatewayFormation:
         self.epoch = 0
         self.forest = Forest()
         self.version = 0
+        self.settled = False
         self.route_changes: list[tuple[int, int]] = []
         self.ignored = 0
         self.links = LinkLayer(ports, resend_ns)
@@ -142,6 +144,7 @@ class GatewayFormation:
             if self.phase is Phase.REPORTS and self._all_told():
                 self.phase, self._deadline_ns, self._formed = Phase.COMPLETE, None, True
                 self.version += 1
+                self.settled = True
         return self._after(t_ns)
 
     def _dispatch(self, packet: FormationPacket, port: int, t_ns: int) -> None:
@@ -230,6 +233,7 @@ class GatewayFormation:
         self.phase, self._deadline_ns = Phase.FAILED, None
         self.forest.joined = set()
         self.version += 1
+        self.settled = True
 
     def _on_answer(self, tree_size: int, port: int, t_ns: int) -> None:
         self._unanswered.remove(port)

@@ -49,9 +49,9 @@ class Membership:
     def look(self, t_ns: int) -> None:
         """Sees who takes part at `t_ns`."""
         for group, gateway in enumerate(self._driver.gateways):
+            if gateway.settled and self.formed_ns[group] is None:  # also if another epoch has begun since
+                self.formed_ns[group] = t_ns
             if gateway.phase in _SETTLED and gateway.version != self._known[group].version:
-                if self.formed_ns[group] is None:
-                    self.formed_ns[group] = t_ns
                 members = [gateway.forest.members[i] for i in gateway.forest.joined]
                 uids, depth = frozenset(m.uid for m in members), max((m.hops for m in members), default=0)
                 self._known[group] = _Known(gateway.version, uids, depth)

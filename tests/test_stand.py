@@ -278,14 +278,18 @@ def test_contradictions_are_refused(changes, says):
         check(changed(changes))
 
 
-def changed(changes):
+def changed(changes, **guide):
     raw = msgspec.to_builtins(rig_deployment(lower_stage=None))
-    control = {"program": ["guide"], "stages": {"guide": {"kind": "listen", "duration_s": 1.0}}}
+    guide = guide or {"kind": "listen", "duration_s": 1.0}
+    control = {"program": ["guide"], "stages": {"guide": guide}}
     return msgspec.convert(raw | {"controller": raw["controller"] | control} | changes, Deployment)
 
 
 def test_states_of_a_session_are_stages_too():
-    check(changed({"stand": {"below_m": 0.1, "present_stage": "guide.open", "lower_stage": "guide.hold"}}))
+    stand = {"below_m": 0.1, "present_stage": "guide.open", "lower_stage": "guide.hold"}
+    check(changed({"stand": stand}, kind="session"))
+    with pytest.raises(DeploymentError, match="unknown stage"):
+        check(changed({"stand": stand}))
 
 
 def test_chunks_and_readings_change_nothing(tmp_path):

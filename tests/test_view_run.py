@@ -47,11 +47,11 @@ def test_what_cannot_be_shown_is_one_clear_line(tmp_path: Path) -> None:
         "skinnet: nowhere: neither an endpoint, as tcp/127.0.0.1:7447, nor a recording, as run.mcap",
     )
     missing = tmp_path / "run.mcap"
-    assert view(str(missing)) == (1, f"skinnet: {missing}: No such file or directory")
+    assert view(str(missing)) == (2, f"skinnet: {missing}: no such file or directory")
     missing.write_bytes(b"nothing of the kind")
     code, said = view(str(missing))
     assert code == 2
-    assert said.startswith(f"skinnet: {missing}: is no recording")
+    assert said.startswith(f"skinnet: {missing}: no recording")
 
 
 def test_options_of_the_page_are_for_a_page(tmp_path: Path) -> None:
@@ -75,7 +75,9 @@ def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
         wait_for(process, "log ")
         page.send_signal(signal.SIGCONT)
         _, errors = process.communicate(timeout=200)
-        assert (process.returncode, errors) == (0, "")
+        assert process.returncode == 0, errors
+        said = errors.splitlines()  # Zenoh waits for the page when the run's session closes, then says so
+        assert all(line.startswith("a peer did not answer when the session was closed") for line in said)
         assert gone(everybody)
     viewed = json.loads((tmp_path / "viewed" / "summary.json").read_text())
     assert viewed["log_sha256"] == reference["log_sha256"]
