@@ -1,6 +1,7 @@
 """What the robot knows of itself."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,24 @@ class Knowledge:
     poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     areas: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
+
+    def result(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Facts and arrays about what was explored, for the results of a run."""
+        facts: dict[str, Any] = {"map_problems": self.map_problems}
+        arrays: dict[str, NDArray[Any]] = {}
+        if self.structure is not None:
+            structure = self.structure
+            facts["structure"] = {
+                "parts": structure.parts,
+                "joints": structure.joints,
+                "parent_part": structure.parent_part,
+                "parent_joint": structure.parent_joint,
+                "problems": structure.problems,
+            }
+            arrays["activity"] = structure.activity
+        if len(self.map):
+            arrays |= {"map_pose_rad": self.map.poses_rad, "map": self.map.weights}
+        return facts, arrays
 
     def activity(self, n_cells: int, n_dofs: int) -> NDArray[np.bool_]:
         """(S, D) which DoF moves which cell; any may before the structure is explored."""

@@ -48,19 +48,20 @@ class Offers:
 
     Args:
         keys: Keys of the robot.
+        control: Program of the controller.
     """
 
-    def __init__(self, keys: Keys) -> None:
-        self._key = keys.of("machine")
+    def __init__(self, keys: Keys, control: ControllerSpec) -> None:
+        self._key, self._control = keys.of("machine"), control
         self._known: tuple[str, ...] | None = None
 
-    def news(self, control: ControllerSpec, poses: Iterable[str], t_ns: int) -> list[tuple[str, bytes]]:
+    def news(self, poses: Iterable[str], t_ns: int) -> list[tuple[str, bytes]]:
         """Key and message, if the controller knows other poses than before."""
         known = tuple(poses)
         if known == self._known:
             return []
         self._known = known
-        return [(self._key, encode(machine_of(control, known, t_ns)))]
+        return [(self._key, encode(machine_of(self._control, known, t_ns)))]
 
 
 def _session(stage: str) -> tuple[list[str], list[list[str]], list[tuple[str, str]]]:

@@ -92,7 +92,7 @@ class ControllerNode:
         self._finished = False
         self._joints: dict[int, NDArray[np.float64]] = {}
         self._requests = Requests(keys, self.counters)
-        self._offers = Offers(keys)
+        self._offers, self._offers_for_record = (Offers(keys, deployment.controller) for _ in range(2))
         allowed = deployment.controller.outside_velocity
         self._outside = OutsideVelocity(allowed, self._n_dofs, self.counters)
         self._state_s = -1e9
@@ -195,7 +195,9 @@ class ControllerNode:
             end_ns=end_ns if self._finished else None,
         )
         if RECORDER in self.peers:
-            self._record.tick(put, self._state(t_ns), self._requests.answers, last=self._finished)
+            offers = self._offers_for_record.news(self._brain.knowledge.poses, t_ns)
+            news = (*self._requests.answers, *offers)
+            self._record.tick(put, self._state(t_ns), news, last=self._finished)
         payload = encode(command)
         put(self._command_key, payload)
         self._note(position, events, stream, payload)
@@ -237,7 +239,7 @@ class ControllerNode:
         """Answers to requests; and what goes on, when it changes and by the wall clock. Never in the log."""
         brain, now_s = self._brain, time.monotonic()
         news = self._requests.news()
-        news += self._offers.news(self._deployment.controller, brain.knowledge.poses, self._t_ns)
+        news += self._offers.news(brain.knowledge.poses, self._t_ns)
         if brain.state != self._told or self._finished or now_s - self._state_s >= _STATE_EVERY_S:
             self._told, self._state_s = brain.state, now_s
             news.append((self._keys.of("state"), encode(self._state(self._t_ns))))
@@ -262,26 +264,14 @@ class ControllerNode:
             "missing_packets": brain.skin.gaps,
             "cells": self._patch_of_cell,
             "command_delay_ns": self._delay_ns,
-            "map_problems": knowledge.map_problems,
             "requests": self._requests.log,
         }
-        arrays = self._trace.arrays() | {"drives": brain.drives.rows}
+        explored, arrays = knowledge.result()
+        facts |= explored
+        arrays |= self._trace.arrays() | {"drives": brain.drives.rows}
         if brain.sessions:
             arrays |= self._patch_trace.arrays()
             facts |= session_facts(brain.sessions, knowledge)
-        if knowledge.structure is not None:
-            structure = knowledge.structure
-            facts["structure"] = {
-                "parts": structure.parts,
-                "joints": structure.joints,
-                "parent_part": structure.parent_part,
-                "parent_joint": structure.parent_joint,
-                "problems": structure.problems,
-            }
-            arrays["activity"] = structure.activity
-        if len(knowledge.map):
-            arrays["map_pose_rad"] = knowledge.map.poses_rad
-            arrays["map"] = knowledge.map.weights
         if brain.safety is not None:
             facts["safety"] = asdict(brain.safety.counters)
         return Part(self.name, self.role, facts, arrays)

@@ -24,10 +24,17 @@ class StateRecord:
         self._next_ns = 0
 
     def tick(
-        self, put: Put, state: ControllerState, answers: Iterable[tuple[str, bytes]], *, last: bool
+        self, put: Put, state: ControllerState, news: Iterable[tuple[str, bytes]], *, last: bool
     ) -> None:
-        """Sends what there is to say of the tick at `state.t_ns`, before the command that closes it."""
-        for key, payload in answers:
+        """Sends what there is to say of the tick at `state.t_ns`, before the command that closes it.
+
+        Args:
+            put: Sends.
+            state: What the controller does.
+            news: Keys and payloads of what else is new: answers, states and requests that there are.
+            last: Whether it is the last tick.
+        """
+        for key, payload in news:
             put(key, payload)
         if state.stage != self._told or state.t_ns >= self._next_ns or last:
             self._told = state.stage

@@ -6,11 +6,12 @@ come from it, each with its report; what the report shows is what the pages get.
 
 import argparse
 import io
+import runpy
 import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ from msgspec import Meta, Struct
 from PIL import Image
 
 from skinnet.files import write_bytes
+from skinnet.recording.format import RECORDED
 from skinnet.report.pictures import pictures_of
 
 __all__ = ["MANIFEST", "Drawn", "Entry", "Script", "make", "read"]
@@ -28,11 +30,10 @@ MANIFEST = ROOT / "docs" / "images" / "pictures.toml"
 _COLOURS = 256
 
 
-class Drawn(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """A picture that a command of skinnet leaves in its folder."""
+class Made(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
+    """A picture of what a command of skinnet leaves in its folder."""
 
     deployment: str
-    picture: str
     options: tuple[str, ...] = ()
     width_px: Annotated[int, Meta(gt=0)] | None = None
 
@@ -41,6 +42,26 @@ class Drawn(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
         """What makes the folder, without where it is to be."""
         kind = str(self.__struct_config__.tag)
         return ("skinnet", kind, f"deployments/{self.deployment}.toml", *self.options)
+
+
+class View(Made, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="view"):
+    """The live page of the recording of a run."""
+
+    at_s: Annotated[float, Meta(ge=0.0)]
+    tab: str
+    modality: str = "force"
+    size_px: tuple[int, int] = (1360, 780)
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """What makes the recording, without where it is to be."""
+        return ("skinnet", "run", f"deployments/{self.deployment}.toml", *self.options, "--record")
+
+
+class Drawn(Made, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A picture that the command draws itself."""
+
+    picture: str
 
 
 class Run(Drawn, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="run"):
@@ -61,7 +82,7 @@ class Script(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_
     command: str
 
 
-Entry = Run | Plan | Stress | Script
+Entry = Run | Plan | Stress | View | Script
 
 
 def read(manifest: Path) -> dict[str, Entry]:
@@ -74,7 +95,7 @@ def make(entries: dict[str, Entry], images: Path, work: Path, say: Callable[[str
     for script in [entry for entry in entries.values() if isinstance(entry, Script)]:
         say(script.command)
         _call(shlex.split(script.command))
-    results = {name: entry for name, entry in entries.items() if isinstance(entry, Drawn)}
+    results = {name: entry for name, entry in entries.items() if isinstance(entry, Made)}
     for command in dict.fromkeys(entry.command for entry in results.values()):
         say(shlex.join(command))
         mine = {name: entry for name, entry in results.items() if entry.command == command}
@@ -83,13 +104,27 @@ def make(entries: dict[str, Entry], images: Path, work: Path, say: Callable[[str
         _call([*command, "--out", str(folder)])
         if command[1] != "plan":
             _call(["skinnet", "report", str(folder)])
-        shown = {picture.name: picture.data for picture in pictures_of(folder)[0]}
-        for name, entry in mine.items():
-            if entry.picture not in shown:
-                sys.exit(
-                    f"{name}: {shlex.join(command)} drew no {entry.picture}.png; it drew {', '.join(shown)}"
-                )
-            write_bytes(images / f"{name}.png", _scaled(shown[entry.picture], entry.width_px))
+        drawn = {name: entry for name, entry in mine.items() if isinstance(entry, Drawn)}
+        views = {name: entry for name, entry in mine.items() if isinstance(entry, View)}
+        for name, data in (*_drawn(drawn, folder), *_viewed(views, folder / RECORDED)):
+            write_bytes(images / f"{name}.png", _scaled(data, mine[name].width_px))
+
+
+def _drawn(entries: dict[str, Drawn], folder: Path) -> Iterator[tuple[str, bytes]]:
+    shown = {picture.name: picture.data for picture in pictures_of(folder)[0]}
+    for name, entry in entries.items():
+        if entry.picture not in shown:
+            made = shlex.join(entry.command)
+            sys.exit(f"{name}: {made} drew no {entry.picture}.png; it drew {', '.join(shown)}")
+        yield name, shown[entry.picture]
+
+
+def _viewed(entries: dict[str, View], recording: Path) -> Iterable[tuple[str, bytes]]:
+    if not entries:
+        return ()
+    screenshots = runpy.run_path(str(Path(__file__).with_name("screenshots.py")))
+    shots = [screenshots["Shot"](e.at_s, e.tab, e.modality, e.size_px) for e in entries.values()]
+    return zip(entries, screenshots["take"](recording, shots), strict=True)
 
 
 def _call(command: Iterable[str]) -> None:

@@ -104,7 +104,7 @@ CHANNELS = (
     Channel("velocity", "controller/velocity", Velocity, None, (Role.CONTROLLER,), "at will"),
     Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", told=True),
     Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz", told=True),
-    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change", **_TOLD),
+    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change", told=True),
     Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if watched", **_TOLD),
     Channel("processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if watched", **_TOLD),
     Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),

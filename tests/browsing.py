@@ -1,7 +1,6 @@
 """A browser without a screen for tests of the live page; they are skipped where there is none."""
 
-import os
-import shutil
+import runpy
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -18,18 +17,9 @@ from skinnet.view.page import Page
 from skinnet.view.source import Source
 from skinnet.view.state import Scene, Told
 
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-ARGUMENTS = (
-    "--headless",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--no-first-run",
-)
+_SCREENSHOTS = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "screenshots.py"))
+CHROMIUM: str | None = _SCREENSHOTS["CHROMIUM"]
+ARGUMENTS: tuple[str, ...] = _SCREENSHOTS["ARGUMENTS"]
 LONG_MS = 60_000
 """Nobody ever waits as long, unless something is broken."""
 STYLE = "(of) => getComputedStyle(document.querySelector(of[0]), of[2])[of[1]]"

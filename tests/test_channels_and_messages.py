@@ -117,7 +117,7 @@ def test_the_table_says_who_talks_to_whom() -> None:
     assert channel("stimulus").receivers == (Role.CELLS,)
     assert not channel("stimulus").public
     assert [row.name for row in CHANNELS if not row.public] == ["stimulus", "pressures", "fault"]
-    only_told = ["machine", "links", "processes"]  # by the wall clock, or known from the deployment
+    only_told = ["links", "processes"]  # by the wall clock
     assert [row.name for row in CHANNELS if not row.recorded] == ["stimulus", "pressures", *only_told]
     assert channel("world").receivers == ()
 

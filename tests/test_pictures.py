@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from browsing import CHROMIUM
 from launching import ROOT
 from msgspec import ValidationError
 from PIL import Image
@@ -65,6 +66,7 @@ def test_every_picture_can_be_made(name: str) -> None:
         '[a]\nkind = "film"',
         '[a]\nkind = "run"\ndeployment = "x"',
         '[a]\nkind = "script"\ncommand = "x"\ncolour = 1',
+        '[a]\nkind = "view"\ndeployment = "x"\ntab = "Network"\nat_s = -1.0',
     ],
 )
 def test_a_list_with_a_slip_is_refused(text: str, tmp_path: Path) -> None:
@@ -101,3 +103,22 @@ def test_a_picture_that_is_not_drawn_is_named(tmp_path: Path) -> None:
     entry = PICTURES["Plan"](picture="sunset", deployment="two_link_arm")
     with pytest.raises(SystemExit, match=r"dusk: .* drew no sunset\.png; it drew plan"):
         PICTURES["make"]({"dusk": entry}, tmp_path / "images", tmp_path / "work", lambda line: None)
+
+
+@pytest.mark.timeout(300)
+def test_a_moment_of_a_recording_is_a_picture(tmp_path: Path) -> None:
+    pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium; set CHROMIUM to its path")
+    sets = [word for setting in SHORT for word in ("--set", setting)]
+    run = {"deployment": "two_link_arm", "options": ("--in-process", "--no-plots", *sets)}
+    entries = {
+        name: PICTURES["View"](at_s=at_s, tab=tab, size_px=(900, 500), width_px=450, **run)
+        for name, at_s, tab in (("early", 0.2, "Network"), ("late", 1.0, "Patches"))
+    }
+    told: list[str] = []
+    PICTURES["make"](entries, tmp_path / "images", tmp_path / "work", told.append)
+    assert len(told) == 1, "one run for both"
+    early, late = (Image.open(tmp_path / "images" / f"{name}.png") for name in entries)
+    assert early.size == late.size == (450, 250)
+    assert early.tobytes() != late.tobytes()

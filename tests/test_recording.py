@@ -15,9 +15,10 @@ from protobuf_wire import Schema
 from recorded import ARM, SHORT, SHORT_ARM, Plain, plain, record
 
 from skinnet.channels import CHANNELS, Keys
-from skinnet.messages import Events, SkinFrame, Stream, decode
+from skinnet.messages import ControllerState, Events, SkinFrame, Stream, decode
 from skinnet.recording.process import build
 from skinnet.recording.reader import Recorded, Recording
+from skinnet.watch_messages import Machine
 
 pytestmark = pytest.mark.timeout(300)
 FOXGLOVE = ("foxglove.FrameTransforms", "foxglove.SceneUpdate", "foxglove.Log")
@@ -61,6 +62,19 @@ def test_counts_are_those_of_the_summary_and_nothing_is_lost(recorded: Any) -> N
         assert [frame.covered_ns for frame in frames[:-1]] == [frame.t_ns for frame in frames[1:]]
         assert (frames[0].t_ns, frames[-1].covered_ns) == (0, end_ns)
         assert sum(frame.events for frame in frames) == n_events + n_topologies
+
+
+def test_the_states_that_there_are_are_known_before_the_first(recorded: Any) -> None:
+    folder, _, _ = recorded
+    said = [m for m in Recording(folder / "run.mcap").messages() if m.channel in ("machine", "state")]
+    (machine,) = [decode(m.payload, Machine) for m in said if m.channel == "machine"]
+    stages = [decode(m.payload, ControllerState).stage for m in said if m.channel == "state"]
+    assert machine.t_ns == 0
+    assert set(stages) <= set(machine.states)
+    moves = {(one, other) for one, _, other in machine.moves}
+    changes = {(one, other) for one, other in itertools.pairwise(stages) if one != other}
+    assert changes
+    assert changes <= moves
 
 
 def test_messages_are_in_the_order_of_time_and_numbered(recorded: Any) -> None:

@@ -165,7 +165,8 @@ def test_playing_keeps_to_time_rate_and_stretch(touched: Path) -> None:
         [(m.t_ns - from_ns) * 2e-9 for m in inside]
     )
     before = [m for due_s, m in part[: -len(inside)]]
-    assert {m.channel for m in before} == {"topology", "state"}, "who comes later has to know what holds"
+    known = {m.channel for m in before}
+    assert known == {"topology", "state", "machine"}, "who comes later has to know what holds"
     assert all(m.t_ns < from_ns for m in before)
     assert {key for key in playback.newest if key.endswith("topology")} == {
         m.key for m in everything if m.channel == "topology"

@@ -163,7 +163,9 @@ class NursingNode:
             end_ns=next_multiple(effect_ns, self._frame_ns) if self._finished else None,
         )
         if RECORDER in self.peers:
-            self._record.tick(put, self._state(t_ns), self._requests.answers, last=self._finished)
+            machine = () if t_ns else ((self._machine_key, encode(nursing_machine(0))),)
+            news = (*self._requests.answers, *machine)
+            self._record.tick(put, self._state(t_ns), news, last=self._finished)
         payload = encode(command)
         put(self._command_key, payload)
         self._log.update(position.tobytes())

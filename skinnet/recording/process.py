@@ -38,7 +38,7 @@ _OPEN = [row.name for row in recorded_channels() if row.name not in (*_CLOSING, 
 _ORDER = ("topology", *_OPEN, *_CLOSING)
 """Of channels at one time: whoever closes a period with a message has said all else before."""
 _RANK = {name: i for i, name in enumerate(_ORDER)}
-_SENDERS = {"world": "body", "state": "controller"}
+_SENDERS = {"world": "body", "state": "controller", "machine": "controller"}
 
 
 class _Head(msgspec.Struct):

@@ -17,7 +17,7 @@ from skinnet.transport.zenoh import ZenohTransport
 
 __all__ = ["Playback", "Stretch", "publish"]
 
-_KEPT = ("topology", "state")
+_KEPT = ("topology", "state", "machine")
 """Channels whose newest message answers queries, as in a run."""
 _AHEAD_S = 0.001
 """So early a message may be: shorter waits are lost time."""
@@ -111,8 +111,8 @@ def publish(
         text = msgspec.json.encode(recording.raw).decode()
         deployed = {keys.deployment: encode(Deployed(deployment=text, base=str(base)))}
         transport.serve(keys.deployment, lambda: deployed)
-        for channel, stars in (("topology", 1), ("state", 0)):
-            transport.serve(keys.of(channel, *["*"] * stars), playback.newest.copy)
+        for expression in (keys.of("topology", "*"), keys.of("state"), keys.of("machine")):
+            transport.serve(expression, playback.newest.copy)
         somebody = threading.Event()
         transport.on_interest(f"{keys.prefix}**", lambda there: somebody.set() if there else None)
         say(f"watch with any Zenoh client: connect to {listen}, subscribe to {keys.prefix}**")

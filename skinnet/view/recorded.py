@@ -25,6 +25,7 @@ _SHOWN = {
     "topology",
     "state",
     "answer",
+    "machine",
     "counters",
 }
 """Channels that the page shows; the others would only cost."""
