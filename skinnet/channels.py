@@ -32,8 +32,8 @@ __all__ = [
     "CHANNELS",
     "DEPLOYMENT",
     "OUTSIDE",
-    "RECORDED",
     "RECORDER",
+    "WATCHERS",
     "Channel",
     "Keys",
     "Role",
@@ -119,8 +119,8 @@ OUTSIDE = "outside"
 """Sender of what strangers bring into the loop: configurations, requests to the controller, velocities."""
 RECORDER = "recorder"
 """Name of the process that records a run, if one does."""
-RECORDED = "recorder"
-"""End of the lanes that it listens to."""
+WATCHERS = "watchers"
+"""Lane of what nobody in the loop receives; it is put there only if somebody listens."""
 _KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
@@ -154,7 +154,7 @@ class Keys:
         lane = self._lanes.get(key)
         if lane is None:
             row = self.parse(key)[0]
-            lane = "-".join([*(role.value for role in row.receivers), *([RECORDED] if row.recorded else [])])
+            lane = "-".join(role.value for role in row.receivers) or WATCHERS
             if len(self._lanes) < _KNOWN_KEYS:
                 self._lanes[key] = lane
         return lane

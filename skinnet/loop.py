@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol, runtime_checkable
 
-from skinnet.channels import ALIVE, OUTSIDE, Keys
+from skinnet.channels import ALIVE, OUTSIDE, RECORDER, Keys
 from skinnet.clock import WallPace
 from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
 from skinnet.part import Part
@@ -109,6 +109,8 @@ class Reporter(Protocol):
 
 
 _REPORT_EVERY_S = 0.5
+_RECORD_EVERY = 8
+"""Periods of which the recorder hears at once: it has time, and each envelope costs three processes some."""
 _GRACE_S = 0.2
 """Liveliness may overtake the last messages of a process, which come through another thread."""
 
@@ -261,6 +263,8 @@ async def run_loop(
     if isinstance(node, Sparing):
         node.listen_for(transport.heard)
     transport.announce(keys.alive(node.role, node.name))
+    if RECORDER in node.peers:
+        transport.record(_RECORD_EVERY)
     loop = _Loop(node, transport, keys, deadline_s)
     await loop.gather()
     pace = WallPace() if realtime and node.paced else None
@@ -270,6 +274,7 @@ async def run_loop(
     while True:
         await loop.fulfil(pace)
         if node.needs() is None:
+            transport.flush(last=True)
             return loop.present
         due_ns = node.due_ns()
         node.step(transport.put)

@@ -60,7 +60,7 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument("--deployment", type=Path, required=True, help="resolved deployment, JSON")
     parser.add_argument("--base", type=Path, required=True, help="folder that relative paths start from")
     parser.add_argument("--name", required=True, help="name of this process in the deployment")
-    parser.add_argument("--cpu", type=int, help="core to run on")
+    parser.add_argument("--cpus", type=int, nargs="+", help="cores to run on")
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
     )
@@ -84,8 +84,8 @@ def main(module: str) -> int:
         level=logging.INFO, stream=sys.stderr, format=f"{args.name}: %(levelname)s %(message)s"
     )
     _obey_launcher()
-    if args.cpu is not None:
-        _settle_on(args.cpu)
+    if args.cpus:
+        _settle_on(args.cpus)
     try:
         asyncio.run(_run(module, args))
     except SkinnetError as error:
@@ -96,13 +96,13 @@ def main(module: str) -> int:
     return 0
 
 
-def _settle_on(cpu: int) -> None:
-    """Stays on one core, and lets whoever computes there finish before it takes its turn.
+def _settle_on(cpus: list[int]) -> None:
+    """Stays on these cores, and lets whoever computes there finish before it takes its turn.
 
     Each frame wakes threads in several processes. If they preempt each other, everybody computes with cold
     caches (figures in docs/decisions.md).
     """
-    os.sched_setaffinity(0, {cpu})
+    os.sched_setaffinity(0, cpus)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.channels import CHANNELS, RECORDED, Channel, Keys, Role, channel
+from skinnet.channels import CHANNELS, WATCHERS, Channel, Keys, Role, channel
 from skinnet.errors import ProtocolError
 from skinnet.messages import SCHEMA, STREAM_ROW, Events, Joints, Message, Stream, decode, encode, pack, unpack
 from skinnet.transport.base import matches
@@ -122,9 +122,9 @@ def test_the_table_says_who_talks_to_whom() -> None:
     assert channel("world").receivers == ()
 
 
-def test_lanes_of_what_is_recorded_are_told_by_their_end() -> None:
+def test_lanes_are_the_receivers() -> None:
     for row in CHANNELS:
-        assert KEYS.lane(everywhere(row)).endswith(RECORDED) == row.recorded
+        assert (KEYS.lane(everywhere(row)) == WATCHERS) == (not row.receivers)
 
 
 segments = st.lists(st.sampled_from(["a", "b", "c"]), max_size=5)

@@ -40,6 +40,7 @@ class Star:
             member = ZenohTransport(KEYS, name, listen=self._endpoint)
         else:
             member = ZenohTransport(KEYS, name, connect=self._endpoint)
+        member.record(1)
         self.members[name] = member
         return member
 
@@ -108,10 +109,12 @@ async def hear(transport: Transport, n: int) -> list[Delivery]:
 
 
 async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender(star: Star) -> None:
-    """In whatever lane it is; of the others it hears nothing."""
-    body, _, recorder = await star.gather("body", "other", "recorder")
+    """Whoever else receives it; of the others it hears nothing, and of what is left over when it is told."""
+    body, other, recorder = await star.gather("body", "other", "recorder")
     recorder.subscribe([KEYS.of("config", "p", "*"), KEYS.of("command"), KEYS.of("state")], ["body"])
+    other.subscribe([KEYS.of("command")], ["body"])
     await star.agree("listening")
+    body.record(7)
     sent = []
     for number in range(60):
         put = [KEYS.of("config", "p", number), KEYS.of("state"), KEYS.of("command")][number % 3]
@@ -120,6 +123,8 @@ async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender
         body.put(KEYS.of("pressures"), b"not for a record")
         if number % 3 == 2:
             body.flush()
+    assert [tuple(one) for one in await hear(other, 20)] == sent[2::3], "others need not wait"
+    body.flush(last=True)
     assert [tuple(one) for one in await hear(recorder, len(sent))] == sent
 
 
@@ -458,7 +463,7 @@ async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> No
     hub = ZenohTransport(KEYS, "hub", listen=endpoint)
     try:
         hub.subscribe([key("*")], ["hub"])
-        hub.tell(f"{KEYS.prefix}loop/hub/controller-recorder", b"no envelope")
+        hub.tell(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
         hub.put(key("x"), b"1")
         hub.flush()
         assert await hear(hub, 1) == [Delivery(key("x"), b"1")]

@@ -6,6 +6,7 @@ sent them. So the file of a run does not depend on how it was spread over
 processes.
 """
 
+import os
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -57,6 +58,9 @@ class _Columns(msgspec.Struct):
     cell: list[int]
 
 
+_YIELD_EVERY = 20
+"""Messages after which the recorder lets others have the core, if they wait for it."""
+_yield_core = getattr(os, "sched_yield", lambda: None)
 _Held = tuple[int, int, int, int, str, bytes]
 """A message that waits: time, rank of its source, row of its channel, number of its arrival; key and payload.
 
@@ -105,7 +109,7 @@ class RecorderNode:
         self._keys = keys
         self._keys_of: dict[tuple[str, tuple[str, ...]], str] = {}
         self._held: list[_Held] = []
-        self._arrivals = 0
+        self._arrivals = self._handled = 0
         self._events: dict[str, list[tuple[str, str, bytes]]] = {name: [] for name in self._skin}
         self._requests: dict[int, tuple[str, bytes]] = {}
         self._decode = msgspec.msgpack.Decoder(_Head).decode
@@ -136,6 +140,7 @@ class RecorderNode:
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
         """Takes in a message of any recorded channel."""
+        self._give_way()
         key = self._key(channel, fields)
         if channel in ("events", "bundle"):
             self._accept_events(channel, fields[0], key, payload)
@@ -229,6 +234,7 @@ class RecorderNode:
         """Writes the first messages of those that wait, and what Foxglove shows before `until_ns`."""
         self._whole = False
         for t_ns, _, channel, _, key, payload in self._held[:count]:
+            self._give_way()
             self._conversion.see(_ORDER[channel], key, t_ns, payload)
             self._writer.add(key, t_ns, payload)
         del self._held[:count]
@@ -245,6 +251,12 @@ class RecorderNode:
             self._write(len(self._held), end_ns)
             self._whole = False
             self._writer.finish()
+
+    def _give_way(self) -> None:
+        """Now and then, lets those go on whom the whole run waits for."""
+        self._handled += 1
+        if self._handled % _YIELD_EVERY == 0:
+            _yield_core()
 
     def _rest(self, t_ns: int) -> None:
         """What was never closed or answered is in the record as well; what would only happen later is not."""

@@ -11,11 +11,11 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from skinnet.channels import OUTSIDE, RECORDER, Keys
+from skinnet.channels import OUTSIDE, RECORDER, Keys, Role
 from skinnet.deployment import Deployment
 from skinnet.errors import ProcessFailedError, SkinnetError
 from skinnet.part import Part
@@ -89,9 +89,9 @@ async def run_processes(
         try:
             specs = processes(deployment, record)
             also = ("--also", RECORDER) if record else ()
-            cpus = _cpus(len(specs)) if deployment.run.pin else [None] * len(specs)
-            for spec, cpu in zip(specs, cpus, strict=True):
-                children.append(await _start(spec, hub, resolved, base, out, cpu, also))
+            cpus = _cpus(specs) if deployment.run.pin else [[]] * len(specs)
+            for spec, own in zip(specs, cpus, strict=True):
+                children.append(await _start(spec, hub, resolved, base, out, own, also))
             follower = asyncio.create_task(_follow(deployment, hub, progress, watch))
             pids = {child.spec.name: child.process.pid for child in children}
             async with telling_loads(pids | {"launcher": os.getpid()}, watch, progress):
@@ -104,12 +104,18 @@ async def run_processes(
     return _outcome(children, faults, out)
 
 
-def _cpus(n: int) -> list[int | None]:
-    """A core for each process, in turn; another first one in every launcher, so that runs spread."""
+def _cpus(specs: Sequence[ProcessSpec]) -> list[list[int]]:
+    """A core for each process, in turn; another first one in every launcher, so that runs spread.
+
+    The recorder takes what is free: nobody waits for it.
+    """
     if not hasattr(os, "sched_getaffinity"):
-        return [None] * n
+        return [[]] * len(specs)
     cores = sorted(os.sched_getaffinity(0))
-    return [cores[(os.getpid() + i) % len(cores)] for i in range(n)]
+    return [
+        cores if spec.role is Role.RECORDER else [cores[(os.getpid() + i) % len(cores)]]
+        for i, spec in enumerate(specs)
+    ]
 
 
 async def _start(
@@ -118,7 +124,7 @@ async def _start(
     resolved: Path,
     base: Path,
     out: Path,
-    cpu: int | None,
+    cpus: list[int],
     also: tuple[str, ...],
 ) -> _Child:
     log = out / "logs" / f"{spec.name}.log"
@@ -134,7 +140,7 @@ async def _start(
             role,
             hub,
             *also,
-            *(() if cpu is None else ("--cpu", str(cpu))),
+            *(("--cpus", *map(str, cpus)) if cpus else ()),
             stdin=asyncio.subprocess.PIPE,
             stdout=stderr,
             stderr=stderr,
@@ -150,6 +156,7 @@ async def _follow(
     keys = Keys(deployment.robot)
     await _appearance(Path(hub.removeprefix(_SCHEME)))
     transport = await asyncio.to_thread(lambda: ZenohTransport(keys, OUTSIDE, connect=hub))
+    transport.record(1)  # what strangers bring
     progress.follow(transport, keys)
     if watch is not None:
         watch.open(transport)

@@ -28,8 +28,7 @@ class Transport(Protocol):
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
         """Delivers from now on what `senders` put on keys that match one of `expressions`.
 
-        What a sender puts in one lane arrives in its order. So does what it puts in several, if the receiver
-        listens to several and all of them are recorded.
+        What a sender puts in one lane arrives in its order; at the recorder, all that it puts.
         """
 
     def watch_alive(self, expression: str) -> None:
@@ -47,11 +46,14 @@ class Transport(Protocol):
     def heard(self, key: str) -> bool:
         """Whether anybody listens to the lane of `key`; it may take a moment to find out."""
 
+    def record(self, every: int) -> None:
+        """From now on a recorder gets what is recorded; the messages of so many periods may come at once."""
+
     def put(self, key: str, payload: bytes) -> None:
         """Adds a message to those of this period."""
 
-    def flush(self) -> None:
-        """Sends the messages of this period."""
+    def flush(self, *, last: bool = False) -> None:
+        """Sends the messages of this period; after the `last` one, also what waits for the recorder."""
 
     def tell(self, key: str, payload: bytes) -> None:
         """Tells something at once to whoever watches, beside the loop."""

@@ -142,7 +142,10 @@ class _MemoryTransport:
     def put(self, key: str, payload: bytes) -> None:
         self._loop.deliver(self._name, key, payload)
 
-    def flush(self) -> None:
+    def record(self, every: int) -> None:
+        pass
+
+    def flush(self, *, last: bool = False) -> None:
         pass
 
     def tell(self, key: str, payload: bytes) -> None:

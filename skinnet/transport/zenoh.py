@@ -7,7 +7,8 @@ closing is set beyond any deadline of ours.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
 puts in one period leave as one envelope for each kind of receivers, under
-`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive.
+`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive. The recorder, for whom
+nobody waits, gets those of several periods as one.
 """
 
 import contextlib
@@ -23,7 +24,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from skinnet.channels import RECORDED, Keys
+from skinnet.channels import RECORDER, WATCHERS, Keys
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 from skinnet.transport.base import Delivery, OnMessage, Query
 from skinnet.transport.envelope import TRANSIT_BINS, Arrivals, Messages, seal
@@ -134,12 +135,14 @@ class ZenohTransport:
         self, keys: Keys, name: str, *, listen: str | None = None, connect: str | None = None
     ) -> None:
         self._session = open_session(listen, connect)
-        self._keys = keys
+        self._keys, self._name = keys, name
         self._loop_prefix = f"{keys.prefix}loop/"
         self._own_prefix = f"{self._loop_prefix}{name}/"
         self._mailbox = ThreadMailbox()
         self._entities: list[Any] = []
         self._outbox: dict[str, Messages] = {}
+        self._record: Messages = []
+        self._record_every = self._record_periods = 0
         self._arrivals: list[Arrivals] = []
         self._heard: dict[str, Callable[[], bool]] = {}
         self.receive = self._mailbox.receive
@@ -171,8 +174,8 @@ class ZenohTransport:
         """Takes the messages that match out of the envelopes of `senders`."""
         chosen = tuple(expressions)
         lanes = sorted({self._keys.lane(expression) for expression in chosen})
-        if len(lanes) > 1 and all(lane.endswith(RECORDED) for lane in lanes):
-            lanes = [f"$*{RECORDED}"]  # subscriptions have a thread each: order holds in one only
+        if self._name == RECORDER:
+            lanes = [RECORDER]
         for sender, lane in product(senders, lanes):
             self._unpack(f"{sender}/{lane}", Arrivals(chosen, self._mailbox.post_all))
 
@@ -232,22 +235,38 @@ class ZenohTransport:
             self._heard[lane] = self.audience(self._own_prefix + lane)
         return self._heard[lane]()
 
-    def put(self, key: str, payload: bytes) -> None:
-        """Adds a message to the envelope of this period for its receivers."""
-        self._outbox.setdefault(self._keys.lane(key), []).append((key, payload))
+    def record(self, every: int) -> None:
+        """From now on the recorder gets a copy of all that it records, of `every` periods at a time."""
+        self._record_every = every
 
-    def flush(self) -> None:
+    def put(self, key: str, payload: bytes) -> None:
+        """Adds a message to the envelope of this period for its receivers, and to that for the recorder."""
+        if self._record_every and self._keys.parse(key)[0].recorded:
+            self._record.append((key, payload))
+        lane = self._keys.lane(key)
+        if lane != WATCHERS or self.heard(key):
+            self._outbox.setdefault(lane, []).append((key, payload))
+
+    def flush(self, *, last: bool = False) -> None:
         """Sends the envelopes, past Zenoh's own batching: whoever gets them is waiting for them."""
         for lane, messages in self._outbox.items():
-            envelope = seal(messages)
-            self.sent_bytes += len(envelope)
-            self._session.put(
-                self._own_prefix + lane,
-                envelope,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                express=True,
-            )
+            self._send(lane, messages)
         self._outbox.clear()
+        if self._record:
+            self._record_periods += 1
+            if last or self._record_periods >= self._record_every:
+                self._send(RECORDER, self._record)
+                self._record, self._record_periods = [], 0
+
+    def _send(self, lane: str, messages: Messages) -> None:
+        envelope = seal(messages)
+        self.sent_bytes += len(envelope)
+        self._session.put(
+            self._own_prefix + lane,
+            envelope,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            express=True,
+        )
 
     def tell(self, key: str, payload: bytes) -> None:
         """Sends `payload` to whoever keeps up; never waits for a slow receiver."""
@@ -288,7 +307,7 @@ class ZenohTransport:
 
     def close(self) -> None:
         """Sends what is waiting and leaves, even if a peer is stuck and does not take the farewell."""
-        self.flush()
+        self.flush(last=True)
         self._entities.clear()
         try:
             self._session.close()
