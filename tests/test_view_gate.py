@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.errors import PortInUseError, SkinnetError
+from skinnet.errors import DeploymentError, PortInUseError
 from skinnet.view.gate import Gate, is_loopback, judge
 
 TOKEN = "a word"
@@ -178,5 +178,5 @@ def test_a_port_in_use_is_one_clear_line() -> None:
         pytest.raises(PortInUseError, match=f"--port {gate.port}: that port is already taken"),
     ):
         Gate("127.0.0.1", gate.port, 9, None, lambda _: None)
-    with pytest.raises(SkinnetError, match=r"--host 192\.0\.2\.1: cannot listen there"):
+    with pytest.raises(DeploymentError, match=r"--host 192\.0\.2\.1: cannot listen there"):
         Gate("192.0.2.1", 0, 9, "x", lambda _: None)

@@ -13,6 +13,8 @@ import pytest
 from browsing import LONG_MS, visit
 from launching import ROOT, command, family, gone, launched, run, wait_for
 
+from skinnet.run.viewer import Viewer
+
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 SHORT = (
@@ -81,6 +83,13 @@ def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
         assert gone(everybody)
     viewed = json.loads((tmp_path / "viewed" / "summary.json").read_text())
     assert viewed["log_sha256"] == reference["log_sha256"]
+
+
+def test_a_run_that_is_over_first_says_so() -> None:
+    said: list[str] = []
+    with Viewer(said.append) as viewer:
+        viewer.start("tcp/127.0.0.1:1")
+    assert said == ["the run was over before its page was ready"]
 
 
 def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ class Viewer:
         self._options = [name for name, given in (("--keep", keep), ("--control", control)) if given]
         self._process: subprocess.Popen[str] | None = None
         self._reader: threading.Thread | None = None
+        self._said = self._over = False
 
     def start(self, endpoint: str) -> None:
         """Begins to watch `endpoint`; how that goes is said, and never the run's affair."""
@@ -42,6 +43,7 @@ class Viewer:
         """The run is over: waits until the page has noticed or, if it is kept, until somebody ends it."""
         if self._process is None or self._reader is None:
             return
+        self._over = True
         stays = self._keep and kind is None and self._process.poll() is None
         if stays:
             self._say("the page stays until Ctrl-C")
@@ -51,9 +53,14 @@ class Viewer:
         self._process.terminate()
         self._process.wait()
         self._reader.join()
+        if not self._said:
+            self._say("the run was over before its page was ready")
 
     def _pass_on(self) -> None:
         assert self._process is not None
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._say(line.rstrip())
+        with self._process.stdout as lines:
+            for line in lines:
+                if self._said or not self._over:  # else it found nobody any more
+                    self._said = True
+                    self._say(line.rstrip())

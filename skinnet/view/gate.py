@@ -15,7 +15,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
-from skinnet.errors import PortInUseError, SkinnetError
+from skinnet.errors import DeploymentError, PortInUseError
 
 __all__ = ["Gate", "Verdict", "is_loopback", "judge"]
 
@@ -113,7 +113,7 @@ class Gate:
 
     Raises:
         PortInUseError: the port is taken.
-        SkinnetError: the address is none of this machine.
+        DeploymentError: the address is none of this machine.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Gate:
                 raise PortInUseError(
                     f"--port {port}: that port is already taken; choose another, or 0 for any"
                 ) from error
-            raise SkinnetError(f"--host {host}: cannot listen there: {error}") from error
+            raise DeploymentError(f"--host {host}: cannot listen there: {error.strerror or error}") from error
         self.port = int(self._server.sockets[0].getsockname()[1])
 
     @property
