@@ -48,7 +48,10 @@ def test_the_contracts_of_imports_hold() -> None:
 @pytest.mark.parametrize(
     ("library", "allowed"),
     [
-        ("zenoh", ("skinnet/transport/zenoh.py", "skinnet/transport/open_session.py")),
+        (
+            "zenoh",
+            tuple(f"skinnet/transport/{name}.py" for name in ("zenoh", "zenoh_session", "open_session")),
+        ),
         ("rosbags", ("skinnet/ros2/",)),
         (
             "asyncio",

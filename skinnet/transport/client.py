@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from skinnet.transport.zenoh import collect, open_session
+from skinnet.transport.zenoh_session import collect, open_session
 
 __all__ = ["Reply", "ask"]
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 import zenoh
 from zenoh import ext
 
-from skinnet.transport.zenoh import collect, open_session
+from skinnet.transport.zenoh_session import collect, open_session
 
 __all__ = ["OnSample", "OpenSession", "Publisher"]
 
