@@ -35,11 +35,14 @@ def ask(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> lis
         replies = collect(
             lambda handler: session.get(expression, handler, payload=payload, timeout=timeout_s)
         )
-    found = []
+    found, late = [], False
     for reply in replies:
         if reply.ok is not None:
             found.append(Reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), ""))
         else:
             error = reply.err.payload.to_bytes().decode(errors="replace")
-            found.append(Reply("", b"", f"no answer within {timeout_s:g} s" if error == "Timeout" else error))
-    return found
+            if error == "Timeout":
+                late = True  # each hop of the question may say so
+            else:
+                found.append(Reply("", b"", error))
+    return [*found, Reply("", b"", f"no answer within {timeout_s:g} s")] if late else found
