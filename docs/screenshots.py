@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skinnet.messages import Modality
+
 __all__ = ["ARGUMENTS", "CHROMIUM", "Shot", "take"]
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
@@ -25,6 +27,7 @@ ARGUMENTS = (
     "--no-first-run",
 )
 """Of a Chromium that draws without a graphics card, and asks nobody for anything."""
+_CHOICE = ",".join(f'input.mantine-Select-input[value="{m.name.lower()}"]' for m in Modality)
 _LONG_MS = 120_000
 _LOOKS = 40
 _BETWEEN_MS = 700
@@ -93,8 +96,9 @@ def _open(page: Any, url: str, shot: Shot) -> None:
         arg=round(shot.at_s, 2),
         timeout=_LONG_MS,
     )
-    if shot.modality != "force":
-        page.locator('input.mantine-Select-input[value="force"]').click()
+    choice = page.locator(_CHOICE).first
+    if choice.input_value() != shot.modality:  # what one visitor chooses all see
+        choice.click()
         page.get_by_role("option", name=shot.modality).click()
     page.get_by_text(shot.tab, exact=True).first.click()
     page.mouse.move(5, 5)

@@ -11,6 +11,8 @@ __all__ = ["Charts"]
 
 _EVERY_S = 0.5
 _HEIGHT_PX = 190
+_LABELS_PX = 64
+_NO_TICKS = uplot.Axis_Ticks(show=False)
 _SERIES = {
     "latency from sample to delivery [ms]": (
         ("median", "#2563a8", "median_ms"),
@@ -38,6 +40,7 @@ class Charts:
                 ),
                 title=title,
                 scales={"x": {"time": False}},
+                axes=(uplot.Axis(ticks=_NO_TICKS), uplot.Axis(ticks=_NO_TICKS, size=_LABELS_PX)),
                 height=_HEIGHT_PX,
             )
             for title, lines in _SERIES.items()
