@@ -1,5 +1,6 @@
 """How tests start whole runs: the command line in a process of its own, read line by line."""
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -70,12 +71,22 @@ def family(process: subprocess.Popen[str]) -> list[psutil.Process]:
         return []
 
 
+def called(processes: list[psutil.Process], word: str) -> psutil.Process:
+    """The one of `processes` with `word` in its command line; what lives for a moment may be gone."""
+    for one in processes:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if word in one.cmdline():
+                return one
+    raise AssertionError(f"no {word} among {processes}")
+
+
 def child(process: subprocess.Popen[str], name: str) -> psutil.Process:
     """The process of the run that is called `name`."""
     for one in psutil.Process(process.pid).children():
-        words = one.cmdline()
-        if "--name" in words and words[words.index("--name") + 1] == name:
-            return one
+        with contextlib.suppress(psutil.NoSuchProcess):
+            words = one.cmdline()
+            if "--name" in words and words[words.index("--name") + 1] == name:
+                return one
     raise AssertionError(f"no process {name}")
 
 

@@ -11,17 +11,18 @@ from typing import Any
 
 import pytest
 from browsing import LONG_MS, visit
-from launching import ROOT, command, family, gone, launched, run, wait_for
+from launching import ROOT, called, command, family, gone, launched, run, wait_for
 
 from skinnet.run.viewer import Viewer
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 ARM = ROOT / "deployments" / "two_link_arm.toml"
-SHORT = (
-    'controller.program=["structure"]',
-    "controller.structure.average_s=0.05",
-    "controller.structure.settle_s=0.1",
+LASTING = (
+    'controller.program=["listen"]',
+    'controller.stages.listen={ kind = "listen", duration_s = 90.0 }',
+    "run.max_s=90.0",
 )
+"""In lockstep much longer than a page takes to be ready."""
 LISTEN = (
     'controller.program=["listen"]',
     'controller.stages.listen={ kind = "listen", duration_s = 600.0 }',
@@ -68,11 +69,11 @@ def test_options_of_the_page_are_for_a_page(tmp_path: Path) -> None:
 
 def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
     """In lockstep, with a page that is stopped in the middle: the log is what it is without one."""
-    reference = run(ARM, tmp_path / "alone", "--in-process", settings=SHORT)
-    with launched(ARM, tmp_path / "viewed", "--view", settings=SHORT) as process:
+    reference = run(ARM, tmp_path / "alone", "--in-process", settings=LASTING)
+    with launched(ARM, tmp_path / "viewed", "--view", settings=LASTING) as process:
         wait_for(process, "live page of")
         everybody = family(process)
-        (page,) = [one for one in everybody if "view" in one.cmdline()]
+        page = called(everybody, "view")
         page.send_signal(signal.SIGSTOP)
         wait_for(process, "log ")
         page.send_signal(signal.SIGCONT)
@@ -93,16 +94,16 @@ def test_a_run_that_is_over_first_says_so() -> None:
 
 
 def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:
-    with launched(ARM, tmp_path, "--view", settings=SHORT) as process:
+    with launched(ARM, tmp_path, "--view", settings=LASTING) as process:
         wait_for(process, "live page of")
-        (page,) = [one for one in family(process) if "view" in one.cmdline()]
+        page = called(family(process), "view")
         page.kill()
         _, errors = process.communicate(timeout=200)
         assert (process.returncode, errors) == (0, "")
 
 
 def test_a_page_that_is_kept_stays_until_somebody_ends_it(tmp_path: Path) -> None:
-    with launched(ARM, tmp_path, "--view", "--keep", settings=SHORT) as process:
+    with launched(ARM, tmp_path, "--view", "--keep", settings=LASTING) as process:
         url = wait_for(process, "live page of").split()[-1]
         wait_for(process, "the page stays until Ctrl-C")
         port = int(re.findall(r":(\d+)/", url)[0])
