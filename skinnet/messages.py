@@ -27,7 +27,6 @@ __all__ = [
     "Command",
     "Config",
     "ControllerState",
-    "Deployed",
     "EventKind",
     "Events",
     "Joints",
@@ -244,13 +243,6 @@ class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"
     stage: str
     progress: float
     text: str = ""
-
-
-class Deployed(Message, frozen=True, kw_only=True, tag="deployed"):
-    """What runs: the whole deployment as JSON, as in the run folder; paths in it start from folder `base`."""
-
-    deployment: str
-    base: str
 
 
 _encoder = msgspec.msgpack.Encoder()

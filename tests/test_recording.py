@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 from protobuf_wire import Schema
 from recorded import ARM, SHORT, SHORT_ARM, Plain, plain, record
 
+from skinnet.body.shapes import Figure
 from skinnet.channels import CHANNELS, Keys
 from skinnet.messages import ControllerState, Events, SkinFrame, Stream, decode
 from skinnet.recording.process import build
@@ -149,7 +150,8 @@ def _holds(value: Any, rule: dict[str, Any], root: dict[str, Any]) -> bool:
 
 def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) -> None:
     folder, _, messages = recorded
-    deployment = Recording(folder / "run.mcap").deployment()
+    own = Recording(folder / "run.mcap")
+    deployment = own.deployment()
     with (folder / "run.mcap").open("rb") as file:
         schemas = {
             s.name: Schema(s.data)
@@ -163,6 +165,11 @@ def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) ->
     (robot,) = shown("/robot")
     frames = {t["child_frame_id"] for t in shown("/tf")[0]["transforms"]}
     assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"world"}
+    looks = Figure(deployment, own.base).shapes
+    primitives_of = ("cubes", "spheres", "cylinders", "triangles")
+    drawn = [p["color"] for e in robot["entities"] for kind in primitives_of for p in e.get(kind, ())]
+    told = {tuple(colour.get(part, 0.0) for part in "rgba") for colour in drawn}
+    assert told == {tuple(shape.rgba.tolist()) for shape in looks}, "as MuJoCo draws them, with materials"
     scenes = shown("/scene")
     primitives = [
         [p for entity in scene["entities"] for p in (*entity.get("cylinders", ()), *entity.get("cubes", ()))]

@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model import FINGER, PAYLOAD, load_model
-from skinnet.body.things import OBJECT, STAND, presented_by
+from skinnet.body.loose import LOOSE
+from skinnet.body.model import load_model
+from skinnet.body.things import presented_by
 from skinnet.deployment.schema import Deployment
 
 __all__ = ["Camera", "Figure", "Pose", "Shape"]
@@ -33,8 +34,6 @@ _DISTANCE = 1.3
 """Of the camera, in extents of the model."""
 _UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
 """MuJoCo's colour of what has none; the material then has it."""
-_TOLD_AS = {"finger": FINGER, "payload": PAYLOAD, "object": OBJECT, "stand": STAND}
-"""What no joint of the robot moves is told under these names."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,9 @@ class Figure:
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos
         self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
-        self.free = {name: link for name, link in _TOLD_AS.items() if link in self.links}
-        drawn = np.flatnonzero((mj.geom_group < _SHOWN_GROUPS) & np.isin(mj.geom_type, [*map(int, _KINDS)]))
+        self.free = {name: link for name, link in LOOSE.items() if link in self.links}
+        shown = (mj.geom_group < _SHOWN_GROUPS) & (mj.geom_rgba[:, 3] != 0.0)
+        drawn = np.flatnonzero(shown & np.isin(mj.geom_type, [*map(int, _KINDS)]))
         self.shapes = tuple(self._shape(i) for i in drawn.tolist())
         self.camera = _camera(mj)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from foxglove import messages as fox
 
-from skinnet.body.drawing import shapes_of
 from skinnet.body.links import WORLD, Links
+from skinnet.body.shapes import Figure
 from skinnet.clock import NS_PER_MS, NS_PER_S
 from skinnet.deployment import Deployment
 from skinnet.messages import Answer, ControllerState, Joints, Topology, decode
@@ -45,7 +45,8 @@ class Conversion:
         self._numbers: dict[str, int] = {}
         self._links = Links(deployment, base)
         self._skin = PaintedSkin(deployment)
-        self._robot = scene(shapes_of(deployment, base))
+        figure = Figure(deployment, base)
+        self._robot = scene(figure.shapes, {link: name for name, link in figure.free.items()})
         self._stage = ""
         self._next_ns = 0
         self._joints: bytes | None = None

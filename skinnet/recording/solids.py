@@ -1,10 +1,12 @@
 """The body as Foxglove draws it: shapes that go with their frames."""
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 from foxglove import messages as fox
 from numpy.typing import NDArray
 
-from skinnet.body.drawing import Shape
+from skinnet.body.shapes import Shape
 
 __all__ = ["pose_of", "scene", "vector"]
 
@@ -13,11 +15,18 @@ _ENDLESS_M, _THIN_M = 20.0, 0.002
 """So wide a plane without an end is drawn, and so thin."""
 
 
-def scene(shapes: list[Shape]) -> bytes:
-    """The body as it is drawn: one entity for each frame, which goes with the frame."""
-    frames = dict.fromkeys(shape.frame for shape in shapes)
+def scene(shapes: Iterable[Shape], frame_of: Mapping[str, str]) -> bytes:
+    """The body as it is drawn: one entity for each link, which goes with its frame.
+
+    Args:
+        shapes: All that is drawn.
+        frame_of: Names of the frames of links that are not called as their links.
+    """
+    by_link: dict[str, list[Shape]] = {}
+    for shape in shapes:
+        by_link.setdefault(shape.link, []).append(shape)
     update: bytes = fox.SceneUpdate(
-        entities=[_entity(frame, [s for s in shapes if s.frame == frame]) for frame in frames]
+        entities=[_entity(frame_of.get(link, link), own) for link, own in by_link.items()]
     ).encode()
     return update
 
@@ -25,8 +34,8 @@ def scene(shapes: list[Shape]) -> bytes:
 def _entity(frame: str, shapes: list[Shape]) -> fox.SceneEntity:
     cubes, spheres, cylinders, triangles = [], [], [], []
     for shape in shapes:
-        x, y, z = shape.half_m.tolist()
-        pose = pose_of(shape.position_m, shape.quaternion)
+        x, y, z = shape.size_m.tolist()
+        pose = pose_of(shape.position_m, shape.wxyz)
         red, green, blue, alpha = shape.rgba.tolist()
         colour = fox.Color(r=red, g=green, b=blue, a=alpha)
         match shape.kind:
@@ -44,12 +53,10 @@ def _entity(frame: str, shapes: list[Shape]) -> fox.SceneEntity:
             case "mesh":
                 triangles.append(_triangles(shape, pose, colour))
         if shape.kind == "capsule":
-            axis = _axis(shape.quaternion)
+            axis = _axis(shape.wxyz)
             for end in (shape.position_m - y * axis, shape.position_m + y * axis):
                 size = vector(2 * x, 2 * x, 2 * x)
-                spheres.append(
-                    fox.SpherePrimitive(pose=pose_of(end, shape.quaternion), size=size, color=colour)
-                )
+                spheres.append(fox.SpherePrimitive(pose=pose_of(end, shape.wxyz), size=size, color=colour))
     return fox.SceneEntity(
         frame_id=frame,
         id=f"body {frame}",
@@ -66,9 +73,9 @@ def _cylinder(pose: fox.Pose, size: fox.Vector3, colour: fox.Color) -> fox.Cylin
 
 
 def _triangles(shape: Shape, pose: fox.Pose, colour: fox.Color) -> fox.TriangleListPrimitive:
-    points = [fox.Point3(x=x, y=y, z=z) for x, y, z in shape.corners_m.tolist()]
+    points = [fox.Point3(x=x, y=y, z=z) for x, y, z in shape.vertices_m.tolist()]
     return fox.TriangleListPrimitive(
-        pose=pose, points=points, color=colour, indices=shape.triangles.ravel().tolist()
+        pose=pose, points=points, color=colour, indices=shape.faces.ravel().tolist()
     )
 
 
