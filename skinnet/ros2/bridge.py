@@ -12,21 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from skinnet.body.links import Links
-from skinnet.channels import DEPLOYMENT, Keys, channel
+from skinnet.channels import Keys, channel
 from skinnet.clock import NS_PER_S, next_multiple
-from skinnet.deployment import Deployment
-from skinnet.deployment.load import build
 from skinnet.errors import ProtocolError, SkinnetError
-from skinnet.messages import decode, encode
-from skinnet.outside_messages import Deployed, Velocity
+from skinnet.messages import encode
+from skinnet.outside_messages import Velocity
 from skinnet.ros2 import types
 from skinnet.ros2.control import Control
 from skinnet.ros2.mirror import CHANNELS, Mirror
 from skinnet.ros2.node import RosNode, RosPublisher
 from skinnet.ros2.qos import Durability, Qos, Reliability
+from skinnet.transport.client import what_runs
 from skinnet.transport.open_session import OpenSession
 
 __all__ = ["NODE", "Order", "bridge"]
@@ -95,33 +92,18 @@ def bridge(order: Order, say: Say) -> dict[str, int]:
     with contextlib.ExitStack() as stack:
         watch = OpenSession("client", order.endpoint)
         stack.callback(watch.close)
-        deployment, base = _what_runs(watch, order)
+        deployment, told_base = what_runs(watch, order.endpoint)
         if order.control and not deployment.controller.outside_velocity:
             raise SkinnetError(
                 "--control: the run takes no velocities; start it with --set controller.outside_velocity=true"
             )
-        mirror = Mirror(deployment, Links(deployment, base))
+        mirror = Mirror(deployment, Links(deployment, order.base or told_base))
         ros = _ros_side(order)
         stack.callback(ros.close)
         node = RosNode(ros, order.domain, f"/{mirror.robot}", NODE)
         where = f"ROS 2, domain {order.domain}, node /{mirror.robot}/{NODE}"
         say(f"robot {deployment.robot} at {order.endpoint} -> {where}")
         return _Bridge(order, mirror, node, watch, Keys(deployment.robot), say).run()
-
-
-def _what_runs(watch: OpenSession, order: Order) -> tuple[Deployment, Path]:
-    """The deployment that the run at the watch endpoint tells, and the folder that its paths start from."""
-    answers = watch.ask(DEPLOYMENT, _ASK_S)
-    if not answers:
-        raise SkinnetError(
-            f"{order.endpoint}: nobody there tells what runs; give an endpoint that a run prints"
-        )
-    try:
-        deployed = decode(next(iter(answers.values())), Deployed)
-        raw = msgspec.json.decode(deployed.deployment)
-    except (ProtocolError, msgspec.DecodeError) as error:
-        raise SkinnetError(f"{order.endpoint}: runs another version of skinnet: {error}") from error
-    return build(raw, order.endpoint), order.base or Path(deployed.base)
 
 
 def _ros_side(order: Order) -> OpenSession:

@@ -4,16 +4,11 @@ from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
 
-import msgspec
-
-from skinnet.channels import CHANNELS, DEPLOYMENT, Keys
+from skinnet.channels import CHANNELS, Keys
 from skinnet.channels import channel as row_of
-from skinnet.deployment.load import build
-from skinnet.deployment.schema import Deployment
 from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
 from skinnet.messages import Answer, decode
-from skinnet.outside_messages import Deployed
-from skinnet.transport.client import ask
+from skinnet.transport.client import ask, what_runs
 from skinnet.transport.open_session import OpenSession
 from skinnet.view.state import Scene, Told
 
@@ -67,7 +62,7 @@ class LiveSource:
         except SkinnetError as error:
             raise UnreachableError(str(error)) from error
         try:
-            self.deployment, told_base = self._what_runs()
+            self.deployment, told_base = what_runs(self._session, endpoint)
         except BaseException:
             self._session.close()
             raise
@@ -140,16 +135,3 @@ class LiveSource:
 
     def _expression(self, name: str) -> str:
         return self._keys.of(name, *["*"] * row_of(name).pattern.count("<"))
-
-    def _what_runs(self) -> tuple[Deployment, Path]:
-        answers = self._session.ask(DEPLOYMENT, _ANSWER_S)
-        if not answers:
-            raise UnreachableError(
-                f"{self._endpoint}: nobody there tells what runs; give an endpoint that a run prints"
-            )
-        try:
-            deployed = decode(next(iter(answers.values())), Deployed)
-            raw = msgspec.json.decode(deployed.deployment)
-        except (ProtocolError, msgspec.DecodeError) as error:
-            raise SkinnetError(f"{self._endpoint}: runs another version of skinnet: {error}") from error
-        return build(raw, self._endpoint), Path(deployed.base)
