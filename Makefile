@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run memory test check pictures clean help
+.PHONY: run memory test values check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -30,6 +30,9 @@ check: $(STAMP) ## style, types and import contracts
 
 test: check ## everything that must hold
 	$(BIN)/pytest -n auto
+
+values: $(STAMP) ## runs every shipped deployment and compares values and metrics with the frozen ones
+	$(BIN)/python tests/frozen_values.py
 
 pictures: $(STAMP) ## makes every picture of README.md and docs/ anew (docs/images/pictures.toml)
 	$(BIN)/python docs/pictures.py
