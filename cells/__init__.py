@@ -1,1 +1,1 @@
-"""The agents: HEX-o-SKIN cells, their patches, and the process that hosts them."""
+"""Simulation of HEX-o-SKIN cells, their patches and tactile sheets, and the process that runs them."""

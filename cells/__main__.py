@@ -1,4 +1,4 @@
-"""`python -m cells`: a cell host process of a run."""
+"""Entry point of a cell process: `python -m cells`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What broken cells say of their own accord."""
+"""Spurious events of cells that fail as babbling idiots (Kopetz)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from skinnet.compiled import compiled
 from skinnet.deployment.faults import Babble
 from skinnet.messages import EventKind
 from skinnet.network.faults import FaultSpan
-from skinnet.seeding import uniform
+from skinnet.seeding import StreamName, uniform
 
 __all__ = ["Babblers", "Babbling", "BabblingState"]
 
@@ -22,9 +22,10 @@ _MODALITY, _CHANNEL = np.array(MODALITY_OF, dtype=np.uint8), np.array(CHANNEL_OF
 
 
 class Babbling(NamedTuple):
-    """Events that cells make up, by time, then by cell: columns of one length, as in `Emission`, and `t_ns`.
+    """Spurious events, ordered by time, then by cell: columns of equal length, as in `Emission`, and `t_ns`.
 
-    `cell` (host-wide) and `t_ns` are int64; `modality`, `channel`, `kind` and `level` uint8; `value` float32.
+    `cell` (index within the process) and `t_ns` are int64; `modality`, `channel`, `kind` and `level` uint8;
+    `value` float32.
     """
 
     cell: NDArray[np.int64]
@@ -37,18 +38,18 @@ class Babbling(NamedTuple):
 
 
 class BabblingState(NamedTuple):
-    """When each babbler last spoke, and how often it did; opaque."""
+    """Snapshot of the event generators: time of the last event [ns] and number of events of each; opaque."""
 
     said_ns: NDArray[np.int64]
     said: NDArray[np.int64]
 
 
 class Babblers:
-    """The babbling cells of a host.
+    """Babbling-idiot cells of a process: sources of spurious events.
 
-    They send well-formed events at random times (a Poisson process: a cell that fails keeps no clock): a
-    channel and a value anywhere in its range, of the kind that carries values, so that nothing but
-    plausibility tells them from what was felt.
+    Each sends well-formed events as a Poisson process (a failed cell keeps no clock): a uniformly drawn
+    channel and a uniformly drawn value within its range, of the event kind that carries values. Only a
+    plausibility check can tell them from measured events.
     """
 
     def __init__(
@@ -57,13 +58,13 @@ class Babblers:
         found = [(span, span.rule) for span in spans if isinstance(span.rule, Babble)]
         self._times = FaultTimes([span for span, _ in found], first_cell)
         self._scales = scales
-        self._keys = np.array([span.key(seed, "babble") for span, _ in found], dtype=np.uint64)
+        self._keys = np.array([span.key(seed, StreamName.BABBLING) for span, _ in found], dtype=np.uint64)
         self._gap_ns = np.array([1e9 / rule.packets_per_s for _, rule in found], dtype=np.float64)
         self._said_ns = self._times.t_ns.copy()
         self._said = np.zeros(len(found), dtype=np.int64)
 
     def babble(self, start_ns: int, end_ns: int) -> Babbling:
-        """What cells make up from `start_ns` to before `end_ns`, however that time is cut into calls."""
+        """Generate the spurious events in [start_ns, end_ns), the same however time is split into calls."""
         active = self._times.active(start_ns, end_ns)
         if not active.size:
             return _SILENCE
@@ -95,11 +96,11 @@ class Babblers:
         )
 
     def snapshot(self) -> BabblingState:
-        """A copy of all that changes with time."""
+        """Return a copy of the time-varying state."""
         return BabblingState(self._said_ns.copy(), self._said.copy())
 
     def restore(self, state: BabblingState) -> None:
-        """Goes back, or forth, to the moment at which the same babblers gave `state`."""
+        """Restore a snapshot that was taken with the same cells and faults."""
         np.copyto(self._said_ns, state.said_ns)
         np.copyto(self._said, state.said)
 
@@ -124,7 +125,7 @@ def _babble(
     lowest: NDArray[np.float64],
     highest: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Cell, time, column and value of every event; each has three draws of its own."""
+    """Return cell, time [ns], column and value of every event; each event uses three draws of its own."""
     who, when = np.empty(16, dtype=np.int64), np.empty(16, dtype=np.int64)
     what, value = np.empty(16, dtype=np.int64), np.empty(16, dtype=np.float32)
     n = 0

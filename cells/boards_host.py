@@ -1,7 +1,7 @@
-"""The host of the tactile sheets: their boards, period by period.
+"""Board process: the boards of all tactile sheets, simulated one period at a time.
 
-In each period every board scans its sheet between the pressures at the two ends of the period. What reaches
-the main PC before the period ends is published, and the message closes the period.
+In each period every board scans its sheet between the pressures at the two ends of the period. Frames that
+reach the main PC before the period ends are published in one message, which is also the period end.
 """
 
 import hashlib
@@ -27,13 +27,13 @@ from skinnet.upstream import Upstream
 __all__ = ["BoardsNode"]
 
 _KEPT_EVERY = 25
-"""Every so many frames the readings of all elements are kept, for plots of patterns."""
+"""Scan frames between two patterns [kPa] that are kept for plots."""
 _LATENCY_BINS = 100_001
-"""Microseconds up to 0.1 s; the last bin takes what is longer."""
+"""Latency bins of 1 µs up to 0.1 s; the last bin holds all longer latencies."""
 
 
 class BoardsNode:
-    """All boards of a robot and their network."""
+    """Logical process of all boards of a robot and their network."""
 
     role = Role.CELLS.value
     paced = False
@@ -66,19 +66,23 @@ class BoardsNode:
         self._kept: list[tuple[int, NDArray[np.float32]]] = []
 
     def start(self, put: Put) -> None:
-        """Boards wait for the first pressures."""
+        """Publish nothing: boards start with the first pressures."""
 
     def needs(self) -> dict[str, int] | None:
-        """The pressures at both ends of the next period."""
+        """Return the watermark [ns] that the next step needs: pressures up to the end of its period."""
         end_ns = self.due_ns()
         return None if end_ns > self._end_ns else {"body": end_ns}
 
     def due_ns(self) -> int:
-        """End of the next period."""
+        """Return the end of the next period [ns]."""
         return (self._frame + 1) * self._period_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in pressures, or a stranger's request for raw patterns."""
+        """Accept pressures, or an external client's request for raw patterns.
+
+        Raises:
+            ProtocolError: a wrong channel, number of elements, board or rate of patterns.
+        """
         if channel == "config":
             self._accept_request(decode(payload, Config))
             return
@@ -102,10 +106,10 @@ class BoardsNode:
         self._requests.append((config.cell, config.pattern_every))
 
     def lose(self, upstream: Upstream) -> None:
-        """Without the body there is nothing to feel; it may never be lost."""
+        """Do nothing: the body is the only upstream, and its loss is never tolerated."""
 
     def step(self, put: Put) -> None:
-        """Computes one period."""
+        """Simulate one period and publish its frames, regions and patterns."""
         start_ns = self._frame * self._period_ns
         before, after = self._pressures.pop(start_ns), self._pressures[start_ns + self._period_ns]
         for board, every in self._requests:
@@ -136,17 +140,17 @@ class BoardsNode:
         put(self._key, payload)
 
     def _counted(self, t_ns: int) -> Counters:
-        """What the board network and this process have counted until `t_ns`."""
+        """Return the counters of the board network and of this process up to `t_ns`."""
         messages = self._boards.counters()
         counts = {f"{kind}.{what}": n for kind, entry in messages.items() for what, n in entry.items()}
         return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def news(self) -> tuple[()]:
-        """All that boards have to say is part of the run."""
+        """Return no best-effort publications: all output of boards is part of the run."""
         return ()
 
     def result(self) -> Part:
-        """Counters of the board network and its latencies."""
+        """Return the counters, the latency histogram and the kept patterns."""
         facts = {
             "logs": {self.name: self._log.hexdigest()},
             "boards": self._boards.counters(),

@@ -1,4 +1,4 @@
-"""What the faults of a run do to the links and cells of one host."""
+"""Link and cell faults of one process: outages and impairments from the fault schedule of a run."""
 
 import heapq
 from collections.abc import Iterable, Iterator
@@ -13,7 +13,7 @@ __all__ = ["Impairment", "impairments", "outages_of"]
 
 
 class Impairment(NamedTuple):
-    """A link destroys packets, and flips bits, with these probabilities from `t_ns` on."""
+    """Loss probability and bit error rate of a link from `t_ns` on."""
 
     t_ns: int
     link: int
@@ -22,7 +22,7 @@ class Impairment(NamedTuple):
 
 
 class _Share(NamedTuple):
-    """What one fault contributes to the damage of a link from `t_ns` on."""
+    """Loss probability and bit error rate that one fault contributes to a link from `t_ns` on."""
 
     t_ns: int
     link: int
@@ -32,9 +32,9 @@ class _Share(NamedTuple):
 
 
 def outages_of(spans: Iterable[FaultSpan], wiring: Wiring) -> Iterator[Outage]:
-    """Links that are cut, cells that are dead and gateways that are lost.
+    """Yield the outages from link cuts, dead cells and lost gateways.
 
-    A cut of both directions goes through all four wires, power too; a gateway that is lost still feeds.
+    A cut of both directions severs all four wires, power included; a lost gateway still supplies power.
     """
     patches = {patch.name: p for p, patch in enumerate(wiring.patches)}
     for span in spans:
@@ -56,13 +56,13 @@ def outages_of(spans: Iterable[FaultSpan], wiring: Wiring) -> Iterator[Outage]:
 def impairments(
     spans: Iterable[FaultSpan], wiring: Wiring, *, loss: float, seed: int
 ) -> Iterator[Impairment]:
-    """How links destroy packets, in order of time, as long as one asks.
+    """Yield link impairments lazily, in order of time; concurrent faults of a link are independent.
 
     Args:
         spans: Faults of the run.
-        wiring: Links of the host.
-        loss: Probability of loss that every link has anyway.
-        seed: Of the run.
+        wiring: Links of the process.
+        loss: Baseline loss probability of every link.
+        seed: Seed of the run.
     """
     patches = {patch.name: p for p, patch in enumerate(wiring.patches)}
     mine = [
@@ -94,7 +94,7 @@ def _shares(number: int, span: FaultSpan, link: int, seed: int) -> Iterator[_Sha
 
 
 def _link(place: Place, wiring: Wiring, patches: dict[str, int]) -> int:
-    """The directed link that leaves by the port of a place."""
+    """Return the directed link that leaves by the port of a fault target."""
     patch = patches[str(place.patch)]
     if place.gateway is not None:
         node = int(wiring.interface[wiring.group_of_patch[patch]])

@@ -1,4 +1,4 @@
-"""What comes out of the network: packets that ended, sorted into what the gateways and the cells received."""
+"""Demultiplexing of finished packets: data by patch at the gateways, configurations by cell."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -17,16 +17,16 @@ __all__ = ["Delivered", "Deliveries"]
 
 _READING, _DELIVERED = int(PacketKind.READING), int(Outcome.DELIVERED)
 _FOR_WANT = (Outcome.LINK_FAILED, Outcome.NO_ROUTE, Outcome.TTL)
-"""Ends for want of a link or a route."""
+"""Outcomes of packets that had no link or no route."""
 _LATENCY_BINS = 100_001
-"""Microseconds up to 0.1 s; the last bin takes what is longer."""
+"""Latency bins of 1 µs up to 0.1 s; the last bin holds all longer latencies."""
 
 
 class Delivered(NamedTuple):
-    """Data of one kind that reached the computer from cells of a patch, in the order of delivery.
+    """Data packets of one kind that reached the computer from a patch, in order of delivery.
 
-    `rows` are `PAYLOAD` of events, or `STREAM_ROW` of full readings, whose cells are host-wide numbers;
-    `gateway` is the port of the interface.
+    `rows` are `PAYLOAD` of events, or `STREAM_ROW` of full readings, with cell indices within the process;
+    `gateway` is the port of the interface; `t_ns` the time of delivery.
     """
 
     patch: int
@@ -37,13 +37,13 @@ class Delivered(NamedTuple):
 
 
 class Deliveries:
-    """Sorts packets that ended, counts them and frees their rows.
+    """Demultiplexer of finished packets: sorts and counts them, measures latency, frees their rows.
 
     Attributes:
-        ended: (kinds, outcomes) how many packets of each kind ended how.
-        lost: (groups,) data packets that ended for want of a link or a route.
-        latency_us: Histogram of data packets, from the sample to the gateway.
-        latency_max_ns: The longest.
+        ended: (kinds, outcomes) packets by kind and outcome.
+        lost: (groups,) data packets that were dropped for want of a link or a route.
+        latency_us: Histogram of the latency of data packets, from sample to gateway, in bins of 1 µs.
+        latency_max_ns: Maximum latency [ns].
     """
 
     def __init__(self, wiring: Wiring, pool: PacketPool) -> None:
@@ -55,7 +55,10 @@ class Deliveries:
         self._pool = pool
 
     def sort(self, finished: Finished) -> tuple[list[Delivered], list[tuple[int, Config]]]:
-        """Data by patch, and configurations by cell (host-wide number), in the order of delivery."""
+        """Demultiplex finished packets: data by patch, configurations by cell, in order of delivery.
+
+        Cells are indices within the process.
+        """
         packet_id = finished.packet_id
         if not len(packet_id):
             return [], []
@@ -106,7 +109,7 @@ class Deliveries:
         ]
 
     def _ends(self, finished: Finished) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Patch of the cell that each packet tells of, and the port of the node at which it came in."""
+        """Return the patch of each packet's cell, and the port at which the packet arrived."""
         patch = self._wiring.patch_of_cell[self._pool.rows["cell"][finished.packet_id]]
         return patch, self._wiring.topology.dst_port[finished.link]
 

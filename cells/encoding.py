@@ -1,8 +1,8 @@
-"""From readings to what is sent: levels with hysteresis, send-on-delta, clock [M14, V.C; B15].
+"""Event encodings of readings: level crossing with hysteresis, send-on-delta, periodic [M14, V.C; B15].
 
-Each cell has an encoding of its own. `levels` tells of force and proximity when they cross a level of
-Table I, `delta` of every channel that moved by more than its delta since it was last sent, `clock` sends the
-full reading each period, and so does, whatever its encoding, a cell that was asked to `stream`.
+Each cell has its own encoding. `levels` sends force and proximity when they cross a level of Table I;
+`delta` sends every channel that has changed by more than its delta since it was last sent; `clock` sends the
+full reading each period, as does a cell of any encoding with `stream` set.
 """
 
 from typing import Any, NamedTuple
@@ -23,18 +23,18 @@ _BY_LEVELS, _BY_DELTA, _BY_CLOCK = range(len(ENCODINGS))
 _N = len(READING_NAMES)
 _WIDTH = (FORCE_CHANNELS, 1, 3, 1)
 MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_WIDTH[modality]))
-"""Modality of each column of a reading."""
+"""Modality of each column of a reading, (8,)."""
 CHANNEL_OF = tuple(channel for width in _WIDTH for channel in range(width))
-"""Channel within its modality of each column of a reading."""
+"""Channel index within its modality of each column of a reading, (8,)."""
 _LEVEL_CHANNELS = FORCE_CHANNELS + 1
 _LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL), int(EventKind.DELTA)
 
 
 class Emission(NamedTuple):
-    """What the cells of a patch send in one frame, by cell and channel; valid until the next frame.
+    """Encoder output of one period, ordered by cell and channel; valid until the next call.
 
-    Columns of events, all of one length: `cell` int64, `modality`, `channel`, `kind` and `level` uint8,
-    `value` float32, as in `skinnet.messages.Events`. `full` int64: cells that send their full reading.
+    Event columns of equal length: `cell` int64, `modality`, `channel`, `kind` and `level` uint8, `value`
+    float32, as in `skinnet.messages.Events`. `full` int64: cells that send their full reading.
     """
 
     cell: NDArray[np.int64]
@@ -47,7 +47,7 @@ class Emission(NamedTuple):
 
 
 class EncoderState(NamedTuple):
-    """Settings of cells, and what each has last said; opaque, one entry a cell in each array."""
+    """Encoder settings and last sent levels and values, one entry per cell in each array; opaque."""
 
     encoding: NDArray[np.uint8]
     stream: NDArray[np.bool_]
@@ -59,17 +59,17 @@ class EncoderState(NamedTuple):
 
 
 class Encoder:
-    """The encodings of the cells of a patch, and what each cell has last said.
+    """Event encoder of a set of cells, with the last sent level and value of each channel.
 
-    A change of encoding keeps the levels that were last sent, so that the receiver's picture stays right:
-    what has changed meanwhile is sent with the next sample.
+    A change of encoding keeps the last sent levels, so that the receiver's state stays consistent: changes
+    in the meantime are sent with the next sample.
     """
 
     def __init__(self, spec: CellSpec, n_cells: int) -> None:
-        """All cells begin as `spec` says, at level 0, not streaming.
+        """Initialise all cells from `spec`, at level 0, without streaming.
 
         Raises:
-            DeploymentError: levels, hysteresis or deltas of `spec` do not hold.
+            DeploymentError: invalid levels, hysteresis or deltas in `spec`.
         """
         levels = {"force": list(spec.force.levels), "proximity": list(spec.proximity.levels)}
         hysteresis = {"force": spec.force.hysteresis, "proximity": spec.proximity.hysteresis}
@@ -109,23 +109,23 @@ class Encoder:
 
     @property
     def level(self) -> NDArray[np.uint8]:
-        """Levels (n, 4) last sent: three force cells, proximity; a read-only view."""
+        """Last sent levels (n, 4) of three force sensors and proximity; a read-only view."""
         view = self._state.level.view()
         view.flags.writeable = False
         return view
 
     def encode(self, readings: NDArray[np.float32]) -> Emission:
-        """What is sent of `readings` (n, 8), the next sample of every cell."""
+        """Encode `readings` (n, 8), the next sample of every cell."""
         assert readings.shape == self._state.sent.shape
         events, full = _encode(readings, *self._state, *self._columns)
         columns: tuple[NDArray[Any], ...] = self._columns
         return Emission._make([*(column[:events] for column in columns[:-1]), self._columns.full[:full]])
 
     def configure(self, cell: int, config: Config) -> None:
-        """Gives `cell` the settings that `config` carries; what is None stays.
+        """Apply the settings of `config` to `cell`; fields that are None keep their value.
 
         Raises:
-            ProtocolError: a setting does not hold; then none has changed.
+            ProtocolError: an invalid setting; then none is changed.
         """
         state = self._state
         if not 0 <= cell < len(state.encoding):
@@ -154,23 +154,26 @@ class Encoder:
             state.encoding[cell] = ENCODINGS.index(config.encoding)
 
     def reset(self, cells: NDArray[np.int64]) -> None:
-        """`cells` are switched on again: they know the deployment's settings only and have said nothing."""
+        """Reset `cells` after a power cycle: settings of the deployment, nothing sent yet."""
         columns: tuple[NDArray[Any], ...] = self._state
         for column, fresh in zip(columns, self._fresh, strict=True):
             column[cells] = fresh
 
     def snapshot(self) -> EncoderState:
-        """A copy of all that changes with time."""
+        """Return a copy of the time-varying state."""
         return EncoderState._make(column.copy() for column in self._state)
 
     def restore(self, state: EncoderState) -> None:
-        """Goes back, or forth, to the moment at which an encoder of as many cells gave `state`."""
+        """Restore a snapshot of an encoder with the same number of cells."""
         self._state = EncoderState._make(column.copy() for column in state)
 
 
 @compiled
 def _next_level(reading: float, level: int, levels: NDArray[np.float32], hysteresis: float) -> int:
-    """Rises at a threshold, falls only below it by more than the hysteresis; inf stands for no threshold."""
+    """Return the next level with hysteresis: up at a threshold, down below threshold − hysteresis.
+
+    A threshold of inf means none.
+    """
     while level < MAX_LEVELS and reading >= levels[level]:
         level += 1
     while level > 0 and reading < levels[level - 1] - hysteresis:
@@ -196,7 +199,7 @@ def _encode(
     event_value: NDArray[np.float32],
     full_cell: NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Writes the events and the cells that send a full reading; returns how many there are of each."""
+    """Write the events and the cells that send a full reading; return the number of each."""
     events = 0
     full = 0
     for cell in range(readings.shape[0]):
@@ -222,7 +225,7 @@ def _encode(
             else:
                 kind = _DELTA_EVENT
                 if abs(reading - sent[cell, channel]) <= deltas[cell, modality]:
-                    continue  # not so for the first sample: nothing was sent, which is not a number
+                    continue  # never for the first sample: the last sent value is NaN
                 sent[cell, channel] = reading
             event_cell[events] = cell
             event_modality[events] = modality

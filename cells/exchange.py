@@ -1,4 +1,4 @@
-"""Where cells and network meet, compiled: samples become packets, and packets readings, for a whole host."""
+"""Packet input and output of cells, compiled: samples to packets, packets to rows of readings."""
 
 from typing import Any
 
@@ -29,22 +29,22 @@ def enter(
     cell: NDArray[np.int64],
     t_ns: NDArray[np.int64],
 ) -> None:
-    """Writes the payloads of events, then of full readings, and the cell and time of each packet.
+    """Write packet payloads of events, then of full readings, and the cell and time of each packet.
 
     Args:
-        event_cell: (e,) cells of events, and their columns as in `Emission`:
-        modality: (e,) what was felt.
+        event_cell: (e,) cells of the events; the next five columns are those of `Emission`.
+        modality: (e,) modality of the event.
         channel: (e,) channel within the modality.
-        event_kind: (e,) why it is sent.
-        level: (e,) the new level.
-        value: (e,) the reading.
+        event_kind: (e,) `EventKind`: level crossing or delta.
+        level: (e,) new level.
+        value: (e,) reading.
         full_cell: (f,) cells that send their full reading.
-        readings: (cells, 8) of all cells.
-        t_sampled_ns: (cells,) when each cell took its sample.
+        readings: (cells, 8) readings of all cells.
+        t_sampled_ns: (cells,) sampling times [ns].
         packet_id: (e + f,) rows of `payload` to write.
         payload: (rows,) `PAYLOAD` records of the pool.
-        cell: (e + f,) out.
-        t_ns: (e + f,) out.
+        cell: (e + f,) out: cell of each packet.
+        t_ns: (e + f,) out: time at which each packet is sent [ns].
     """
     n_events = event_cell.size
     for i in range(n_events + full_cell.size):
@@ -56,7 +56,7 @@ def enter(
         payload[row].cell = who
         is_event = i < n_events
         payload[row].kind = _EVENT if is_event else _READING
-        # whatever the row carried before is overwritten
+        # overwrite every field: rows are reused
         payload[row].modality = modality[i] if is_event else 0
         payload[row].channel = channel[i] if is_event else 0
         payload[row].event_kind = event_kind[i] if is_event else 0
@@ -77,17 +77,17 @@ def take_readings(
     start: NDArray[np.int64],
     rows: NDArray[Any],
 ) -> None:
-    """Writes full readings as `STREAM_ROW` records, patch after patch, each in the order of delivery.
+    """Write full readings as `STREAM_ROW` records, grouped by patch, each in order of delivery.
 
     Args:
-        index: (n,) which of the packets that ended to take.
-        packet_id: (k,) of all that ended, and the next three.
-        t_ns: (k,) times of delivery.
-        patch: (k,) patch at whose interface each arrived.
-        gateway: (k,) port of the interface.
-        payload: Records of the pool.
+        index: (n,) indices of the finished packets to read.
+        packet_id: (k,) rows of the pool of all finished packets.
+        t_ns: (k,) delivery times [ns].
+        patch: (k,) patch of each packet's cell.
+        gateway: (k,) port of the interface at which each packet arrived.
+        payload: `PAYLOAD` records of the pool.
         start: (patches + 1,) out: rows of patch p are start[p] to start[p + 1].
-        rows: (n,) out; `cell` counts through the host, `seq` is zero.
+        rows: (n,) out; `cell` is the index within the process, `seq` is zero.
     """
     start[:] = 0
     for i in index:

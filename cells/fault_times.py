@@ -1,4 +1,4 @@
-"""Where and when cells of a host are faulty, and a quick answer to which of them are so now."""
+"""Fault intervals of the cells of a process, with a cached query of the active ones."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
@@ -12,11 +12,11 @@ __all__ = ["FaultTimes"]
 
 
 class FaultTimes:
-    """Cells (host-wide numbers) and times [ns] of faults, as columns.
+    """Fault intervals as columns: cell (index within the process), begin and end [ns].
 
     Args:
         spans: Faults of cells.
-        first_cell: The host's number of the first cell of each patch.
+        first_cell: Index within the process of the first cell of each patch.
     """
 
     def __init__(self, spans: Sequence[FaultSpan], first_cell: Mapping[str, int]) -> None:
@@ -29,7 +29,7 @@ class FaultTimes:
         self._active = np.empty(0, dtype=np.int64)
 
     def active(self, start_ns: int, end_ns: int) -> NDArray[np.int64]:
-        """Numbers, ascending, of those that are there at some time in [start_ns, end_ns)."""
+        """Return the ascending indices of the faults that overlap [start_ns, end_ns)."""
         between = bisect_right(self._changes_ns, start_ns), bisect_left(self._changes_ns, end_ns)
         if between != self._between:
             self._between = between

@@ -1,4 +1,4 @@
-"""What the computer knows of the network: the forest of its cells, and their neighbours."""
+"""Routing forest of cells and their neighbours, as reported to the computer."""
 
 from dataclasses import dataclass, field, replace
 
@@ -12,15 +12,15 @@ __all__ = ["Forest", "Member"]
 
 @dataclass
 class Member:
-    """One cell, as it has reported.
+    """Forest node of one cell, as the cell has reported it.
 
     Attributes:
-        uid: Its hardware number.
-        gateway: Port of the gateway that its tree hangs on.
-        master_port: Its port towards the gateway.
-        parent: ID of the node there, 0 for the computer.
+        uid: Hardware ID of the cell.
+        gateway: Gateway port at the root of its tree.
+        master_port: Port towards the gateway.
+        parent: Network ID of the node there, 0 for the computer.
         hops: Hops to the gateway, from 1.
-        neighbours: IDs at its ports, 0 where there is no cell.
+        neighbours: Network IDs at its ports, 0 where there is no cell.
     """
 
     uid: int
@@ -32,12 +32,12 @@ class Member:
 
 
 class Forest:
-    """All cells that the computer has ever heard of, by ID, and which of them are in the network now.
+    """Forest of all cells that have ever reported, by network ID, and the set of those now in the network.
 
     Attributes:
-        members: The cells by ID.
-        joined: IDs of those that are in the network.
-        told_in: Epoch in which a cell last told of its neighbours, by (ID, first of two ports).
+        members: Cells by network ID.
+        joined: Network IDs of the cells that are in the network now.
+        told_in: Epoch of a cell's last LINKS report, by (network ID, first of two ports).
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Forest:
         self.joined: set[int] = set()
 
     def id_of(self, uid: int) -> int:
-        """ID of the cell with a hardware number: its own from before, or the next that is free."""
+        """Return the network ID of the cell with hardware ID `uid`; assign the next free one if it is new."""
         known = next((i for i, member in self.members.items() if member.uid == uid), None)
         if known is not None:
             return known
@@ -55,7 +55,7 @@ class Forest:
         return network_id
 
     def join(self, network_id: int, gateway: int, master_port: int, parent: int, hops: int) -> bool:
-        """A cell says where it is now; returns whether that is news."""
+        """Record the position in the forest that a cell reports (JOINED); return True if it is new."""
         member = self.members[network_id]
         now = replace(member, gateway=gateway, master_port=master_port, parent=parent, hops=hops)
         is_news = now != member or network_id not in self.joined
@@ -64,9 +64,9 @@ class Forest:
         return is_news
 
     def tell(self, network_id: int, port: int, pair: list[int], epoch: int) -> bool:
-        """A cell says which IDs are at two of its ports; returns whether that is news.
+        """Record the neighbours that a cell reports at two of its ports (LINKS); return True if they are new.
 
-        What it said in an earlier epoch may come later, by another way, and is no longer true.
+        Reports of an earlier epoch may arrive late, over another route; they are stale and ignored.
         """
         last = self.told_in.get((network_id, port))
         if epoch != last and not is_newer(epoch, last):
@@ -78,12 +78,12 @@ class Forest:
         return is_news
 
     def topology(self, patch: str, first: int, n_cells: int, version: int, t_ns: int) -> Topology:
-        """The message of one patch, whose cells have the hardware numbers from `first` on.
+        """Return the topology message of one patch, whose cells have consecutive hardware IDs from `first`.
 
-        Cells that are not in the network have ID 0, depth 0, and −1 elsewhere.
+        Cells that are not in the network have network ID 0, depth 0, and −1 elsewhere.
 
         Raises:
-            ProtocolError: hardware numbers that repeat.
+            ProtocolError: duplicate hardware IDs.
         """
         by_uid = {self.members[i].uid: i for i in self.joined}
         if len(by_uid) < len(self.joined):
@@ -110,7 +110,7 @@ class Forest:
         )
 
     def _cell(self, network_id: int, first: int, n_cells: int) -> int:
-        """Number in the patch of the cell with an ID; −1 for none, or one of another patch."""
+        """Return the index within the patch of the cell with a network ID; −1 if it is not in the patch."""
         if network_id not in self.joined:
             return -1
         cell = self.members[network_id].uid - first

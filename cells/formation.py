@@ -1,21 +1,22 @@
-"""A cell's part in forming the network [UCD] and in keeping it: a state machine without I/O.
+"""Network formation and maintenance by a cell [UCD]: a state machine without I/O.
 
-The gateway starts an *epoch*. Its first is *cold*, no cell has a number:
+The gateway starts an *epoch*. The first is *cold*: no cell has a network ID.
 
-1. Exploration: the first EXPLORE to arrive sets the master port and goes on over all other links. Tokens that
-   meet on a link reject each other; a cell whose links have all answered sends DONE with the size of its tree
-   to its master (the echo algorithm of Chang, 1982), so the gateway learns when the forest is complete.
-2. Identity: IDs are handed down depth first.
-3. Neighbours: IDs are exchanged over all links. COLLECT walks the tree depth first, so one cell at a time
-   reports to the computer: reports do not pile up before the gateway's link, whatever its queue.
+1. Exploration: the first EXPLORE to arrive sets the master port and is flooded over all other links. Tokens
+   that cross on a link reject each other; a cell whose links have all answered sends DONE with the size of
+   its subtree to its master (the echo algorithm of Chang, 1982), so the gateway detects termination.
+2. Identity: network IDs are assigned depth first.
+3. Neighbours: IDs are exchanged over all links. COLLECT traverses the tree depth first, so one cell at a time
+   reports to the computer: the queue of the gateway's link cannot overflow.
 
-Whoever notices that a link has come or gone tells the gateway (CHANGE), which starts a *warm* epoch: cells
-keep their IDs, and each that finds its new master says so at once (JOINED), upwards, which is also how the
-nodes on the way learn where it is; then it tells its neighbours (LINKS). So it does not matter what an
-earlier epoch lost. A cell without ID asks for one (NEWCOMER) through its neighbour.
+A node that detects that a link has come up or gone down reports it to the gateway (CHANGE), which starts a
+*warm* epoch: cells keep their IDs. Each cell that finds its new master reports upwards at once (JOINED), from
+which the nodes on the path learn the route to it (backward learning); then it reports its neighbours (LINKS).
+Losses in an earlier epoch therefore do no harm. A cell without ID requests one (NEWCOMER) through its
+neighbour.
 
-Whoever drives a cell delivers packets at their times and, at one instant, in the order of ports. The first
-call wins a tie. The links below (`LinkLayer`) keep packets complete and in order.
+The driver delivers packets at their arrival times and, at equal times, in the order of ports; the first call
+wins a tie. The links below (`LinkLayer`) deliver packets reliably and in order.
 """
 
 from cells.formation_packets import ID_BITS, REPORTS_PER_CELL, FormationPacket, Kind, Sends, is_newer
@@ -27,20 +28,26 @@ __all__ = ["CellFormation"]
 
 
 class CellFormation:
-    """One cell while the network forms and lives, and what it has found out.
+    """Formation agent of one cell: its position in the tree, its ID, routes and neighbours.
 
     Attributes:
-        uid: Hardware number of the cell.
-        epoch: Formation that the cell takes part in; None before the first.
+        uid: Hardware ID of the cell.
+        epoch: Current epoch; None before the first.
         master_port: Port towards the gateway; None while unreached.
-        network_id: ID of the cell; 0 while it has none.
-        joined_ns: When it found its present master [ns].
-        route_changes: Routes that are new: (ID or 0 for the computer, port); the reader empties the list.
-        ignored: Packets of other epochs, or out of turn, that were dropped.
+        network_id: Network ID of the cell; 0 while it has none.
+        joined_ns: Time at which the cell found its present master [ns].
+        route_changes: New routes: (network ID or 0 for the computer, port); the reader empties the list.
+        ignored: Number of packets that were dropped as stale or unexpected.
     """
 
     def __init__(self, uid: int, resend_ns: int, life: int = 0) -> None:
-        """A cell that is switched on, after `life` earlier times, with no line to hear yet."""
+        """Create the agent of a cell that is switched on, with no carrier at any port.
+
+        Args:
+            uid: Hardware ID.
+            resend_ns: Retransmission timeout of a link [ns].
+            life: Number of earlier power-ups.
+        """
         self.uid = uid
         self.links = LinkLayer(N_PORTS, resend_ns, life)
         self.epoch: int | None = None
@@ -64,25 +71,25 @@ class CellFormation:
         self._expected_reports = 0
 
     def next_deadline(self) -> int | None:
-        """When `on_deadline` is to be called [ns], if at all."""
+        """Return the deadline [ns] at which `on_deadline` is to be called; None if there is none."""
         return self.links.next_deadline()
 
     def next_port(self, network_id: int) -> int | None:
-        """Port towards the cell `network_id` (0: the computer); None if it is this cell."""
+        """Return the port towards the cell `network_id` (0: the computer); None if it is this cell."""
         return None if network_id == self.network_id else self._routes.get(network_id, self.master_port)
 
     def set_carrier(self, port: int, present: bool, t_ns: int) -> Sends:
-        """What to send when the line at a port is heard from now on, or no longer."""
+        """Process a change of carrier at a port; return the packets to send."""
         self.links.set_carrier(port, present, t_ns)
         return self._after(t_ns)
 
     def on_deadline(self, t_ns: int) -> Sends:
-        """What to send when something is overdue."""
+        """Process expired timers; return the packets to send."""
         self.links.on_deadline(t_ns)
         return self._after(t_ns)
 
     def handle(self, packet: FormationPacket, port: int, t_ns: int) -> Sends:
-        """What to send when `packet` arrives on `port`."""
+        """Process a packet that arrives on `port`; return the packets to send."""
         new = self.links.receive(port, packet, t_ns)
         if new is not None:
             self._dispatch(new, port, t_ns)
@@ -119,7 +126,7 @@ class CellFormation:
                 self.ignored += 1
 
     def _after(self, t_ns: int) -> Sends:
-        """Lets links that came or went have their consequences; returns all that is to be sent."""
+        """Process pending link changes; return all packets to send."""
         links = self.links
         while links.changes:
             port, is_up = links.changes.pop(0)
@@ -130,7 +137,7 @@ class CellFormation:
         sends, links.out = links.out, []
         return sends
 
-    # links that come and go
+    # link changes
 
     def _on_link_up(self, port: int, t_ns: int) -> None:
         if self.network_id:
@@ -150,9 +157,9 @@ class CellFormation:
             self._up(self._packet(Kind.CHANGE, self.network_id, port, int(is_up)), t_ns)
 
     def _tell_links(self, t_ns: int) -> None:
-        """Tells the computer of neighbours that are others than it knows."""
+        """Report the neighbours that have changed since the last report to the computer."""
         if self._unanswered or not (self._warm and self.network_id and self._has_way()):
-            return  # where cells are comes first
+            return  # positions (JOINED) are reported before neighbours
         for port, one, other in self._neighbours.untold():
             self._up(self._packet(Kind.LINKS, self.network_id, port, one | other << ID_BITS), t_ns)
 
@@ -173,11 +180,11 @@ class CellFormation:
         self._tell_links(t_ns)
 
     def _join(self, token: FormationPacket, port: int, t_ns: int) -> None:
-        """A new epoch: the port of its first token is the master."""
+        """Join a new epoch; the port of its first token becomes the master port."""
         self._begin_epoch()
         self.epoch, self._warm, self._hops = token.epoch, bool(token.port & 1), token.value + 1
         if not self._warm or self._neighbours.age != token.port >> 1:
-            self.network_id = 0  # what it has is from another formation
+            self.network_id = 0  # an ID of another cold epoch is void
         self._neighbours.age = token.port >> 1
         self._neighbours.tell_all_again()
         self.master_port, self.joined_ns = port, t_ns
@@ -245,7 +252,7 @@ class CellFormation:
         self._tell_links(t_ns)
 
     def _on_newcomer(self, packet: FormationPacket, port: int, t_ns: int) -> None:
-        """A neighbour without ID asks for one, or another cell passes on what its neighbour asked."""
+        """Forward an ID request, of a neighbour without ID or relayed by another cell."""
         if packet.cell:
             self._up(packet, t_ns)
         elif self.network_id:
@@ -264,12 +271,12 @@ class CellFormation:
             self._send(port, packet, t_ns)
 
     def _learn(self, network_id: int, port: int) -> None:
-        """Packets for a cell go where its own came from."""
+        """Learn the route to a cell from the port of its packets (backward learning)."""
         if self._routes.get(network_id) != port:
             self._routes[network_id] = port
             self.route_changes.append((network_id, port))
 
-    # reports of the first formation
+    # reports of a cold epoch
 
     def _on_collect(self, port: int, t_ns: int) -> None:
         if port != self.master_port or not self.network_id:
@@ -279,7 +286,7 @@ class CellFormation:
         self._report(t_ns)
 
     def _report(self, t_ns: int) -> None:
-        """This cell's reports, once it is its turn and its neighbours are known, then its child's turn."""
+        """Report this cell once it is collected and knows its neighbours, then collect its children."""
         if not self._my_turn or not self._neighbours.complete(self.links.ports_up()):
             return
         self._my_turn = False
@@ -308,7 +315,7 @@ class CellFormation:
             self._to_collect.pop(0)
             self._collect_next(t_ns)
 
-    # what all of these need
+    # helpers
 
     def _children(self) -> list[int]:
         return [port for port, size in enumerate(self._tree_size) if size]
@@ -330,7 +337,7 @@ class CellFormation:
             self.ignored += 1
 
     def _up(self, packet: FormationPacket, t_ns: int) -> None:
-        """Towards the computer; what has no way is dropped: the next epoch asks again."""
+        """Send a packet towards the computer; drop it without a route: the next epoch asks again."""
         if self._has_way():
             assert self.master_port is not None
             self.links.send(self.master_port, packet, t_ns)

@@ -1,8 +1,8 @@
-"""Lets the agents that form the network exchange their packets over the modelled links.
+"""Driver of the formation agents: it carries their packets over the modelled links.
 
-Slow path decides, fast path forwards: agents are Python objects that wake for a packet, a deadline or a line
-that comes or goes; their packets travel link by link through the kernel, between the data, with exact times.
-The routes that they decide on take effect in the kernel as long after as an answer takes.
+Control plane and data plane: agents are Python objects that run on a packet, a timer or a change of carrier;
+their packets travel link by link through the kernel, among the data, with exact times. The routes that they
+decide on take effect in the kernel after the agent's reaction time.
 """
 
 import heapq
@@ -27,14 +27,14 @@ _Agent = CellFormation | GatewayFormation
 
 
 class FormationDriver:
-    """The agents of all cells and gateways of a host.
+    """Formation agents of all cells and gateways of a process, and their timers.
 
     Attributes:
-        cells: The agents of the cells, by host-wide number; one that was switched off and on is a new one.
-        gateways: The gateways' agents, one for each group of patches.
-        powered: Which cells have power.
-        sent: Formation packets so far.
-        in_flight: How many of them are on their way.
+        cells: Agents of the cells, by index within the process; a power cycle creates a new agent.
+        gateways: Agents of the gateways, one for each group of patches.
+        powered: (cells,) True for cells that have power.
+        sent: Number of formation packets sent.
+        in_flight: Number of formation packets in flight.
     """
 
     def __init__(
@@ -49,22 +49,22 @@ class FormationDriver:
         detect_ns: int,
         size_bytes: int,
     ) -> None:
-        """Agents without power.
+        """Create the agents, all without power.
 
         Args:
             wiring: Nodes and links.
             network: Kernel that carries the packets.
             pool: Rows of packets in flight.
-            reaction_ns: From the arrival of a packet to the agent's answer.
-            resend_ns: Time after which an answer over one link is overdue.
-            settle_ns: How long links may take to come up before the first epoch.
-            detect_ns: From the end of a line's signal to the moment when its receiver knows.
+            reaction_ns: Time from the arrival of a packet to the agent's answer [ns].
+            resend_ns: Retransmission timeout of a link [ns].
+            settle_ns: Time for links to come up before the first epoch [ns].
+            detect_ns: Time from a change of carrier to its detection by the receiver [ns].
             size_bytes: Size of a formation packet.
         """
         self._wiring = wiring
         self._network = network
         self._pool = pool
-        self._reaction_ns = max(reaction_ns, 1)  # an answer in no time would leave no time to look ahead
+        self._reaction_ns = max(reaction_ns, 1)  # a reaction time of zero would leave no lookahead
         self._resend_ns = resend_ns
         self._detect_ns = detect_ns
         self._size_bytes = size_bytes
@@ -76,7 +76,7 @@ class FormationDriver:
         ]
         self.powered = np.zeros(n, dtype=np.bool_)
         self._lives = [0] * n
-        self._earlier = Counter[str]()  # of agents that were switched off and on
+        self._earlier = Counter[str]()  # counts of agents that a power cycle replaced
         self._agents: list[_Agent | None] = [None] * wiring.topology.n_nodes
         self._node_of_id: list[dict[int, int]] = [{} for _ in self.gateways]
         for node, gateway in zip(wiring.interface.tolist(), self.gateways, strict=True):
@@ -87,7 +87,7 @@ class FormationDriver:
         self._outbox: list[tuple[int, int, int, int]] = []
 
     def start(self, t_ns: int, cells: Sequence[int], links_up: Sequence[bool]) -> None:
-        """Gateways and these cells are switched on; every line that has a signal is heard at once."""
+        """Switch on all gateways and the given cells; carriers that are present are detected at once."""
         for cell in cells:
             self._switch_on(cell)
         for node, gateway in zip(self._wiring.interface.tolist(), self.gateways, strict=True):
@@ -98,7 +98,7 @@ class FormationDriver:
         self.flush()
 
     def switch(self, cell: int, on: bool) -> None:
-        """A cell loses its power, and with it all that it knew, or gets it back; see `line`."""
+        """Switch a cell's power; its agent loses all state. Carriers change separately (`line`)."""
         if on:
             self._lives[cell] += 1
             self._switch_on(cell)
@@ -107,11 +107,11 @@ class FormationDriver:
             self.powered[cell] = False
 
     def line(self, t_ns: int, link: int, present: bool) -> None:
-        """The signal on a link comes or goes; its receiver notices after a while."""
+        """Schedule a change of carrier on a link; its receiver detects it after `detect_ns`."""
         heapq.heappush(self._lines, (t_ns + self._detect_ns, link, present))
 
     def receive(self, t_ns: int, node: int, link: int, row: int) -> None:
-        """A formation packet has arrived at `node`; its agent answers after its reaction time."""
+        """Deliver a formation packet to the agent of `node`, which answers after its reaction time."""
         packet: FormationPacket = self._pool.contents[row]
         agent = self._agents[node]
         if agent is not None:
@@ -119,12 +119,12 @@ class FormationDriver:
             self._send(t_ns + self._reaction_ns, node, agent.handle(packet, port, t_ns))
 
     def horizon_ns(self, until_ns: int) -> int:
-        """How far the network may advance before an agent could have something to say, at most `until_ns`."""
+        """Return the lookahead horizon [ns], at most `until_ns`: no agent can send a packet before it."""
         answer_ns = self._network.next_ns + self._reaction_ns if self.in_flight else FOREVER_NS
         return max(self._network.now_ns, min(until_ns, answer_ns, self._next_alarm_ns()))
 
     def ring(self, t_ns: int) -> None:
-        """Lets the agents see the lines that have changed by `t_ns`, then wakes those that are due."""
+        """Process the carrier changes, then the timers, that are due by `t_ns`."""
         while self._lines and self._lines[0][0] <= t_ns:
             at_ns, link, present = heapq.heappop(self._lines)
             self._hear(at_ns, link, present)
@@ -138,7 +138,7 @@ class FormationDriver:
         self.flush()
 
     def flush(self) -> None:
-        """Hands what the agents have said to the network."""
+        """Hand the agents' outgoing packets to the kernel."""
         if not self._outbox:
             return
         t_ns, node, row, link = np.array(self._outbox, dtype=np.int64).T
@@ -147,12 +147,12 @@ class FormationDriver:
 
     @property
     def repeated(self) -> int:
-        """Packets that were sent again."""
+        """Number of retransmitted packets."""
         return self._earlier["repeated"] + sum(agent.links.repeated for agent in self._everyone())
 
     @property
     def ignored(self) -> int:
-        """Packets of other epochs, or out of turn, that agents dropped."""
+        """Number of stale or unexpected packets that agents dropped."""
         return self._earlier["ignored"] + sum(agent.ignored for agent in self._everyone())
 
     def _everyone(self) -> Iterator[_Agent]:
@@ -160,7 +160,7 @@ class FormationDriver:
 
     @property
     def at_rest(self) -> bool:
-        """Nothing is under way, and nobody is about to say anything."""
+        """True if no formation packet is in flight and no timer or carrier change is pending."""
         return not self.in_flight and self._next_alarm_ns() == FOREVER_NS
 
     def _next_alarm_ns(self) -> int:
@@ -199,7 +199,7 @@ class FormationDriver:
         links = self._wiring.link_out[node]
         wired = [
             (int(links[port]), packet) for port, packet in sends if links[port] >= 0
-        ]  # a port may be open
+        ]  # a port may be unwired
         self.sent += len(wired)
         self.in_flight += len(wired)
         for link, packet in wired:
@@ -207,7 +207,7 @@ class FormationDriver:
             self._outbox.append((t_ns, node, row, link))
 
     def _set_routes(self, t_ns: int, node: int, agent: _Agent) -> None:
-        """Gives the kernel the routes that an agent has found."""
+        """Install an agent's new routes in the kernel at `t_ns`."""
         group = int(self._wiring.group_of_node[node])
         known = self._node_of_id[group]
         interface = int(self._wiring.interface[group])

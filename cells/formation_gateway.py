@@ -1,8 +1,8 @@
-"""The gateway's part in forming the network [UCD] and in keeping it: a state machine without I/O.
+"""Network formation and maintenance by the gateway [UCD]: a state machine without I/O.
 
 The gateway is the computer's interface; each of its ports is wired to a free port of some cell and becomes
-the root of a tree. It starts all epochs, and has no knowledge but what the packets bring. The first formation
-is cold; whatever comes or goes later starts a warm one, in which cells keep their IDs (`cells.formation`).
+the root of a tree. It starts all epochs and knows only what packets report. The first epoch is cold; a later
+change of links starts a warm one, in which cells keep their IDs (`cells.formation`).
 """
 
 from enum import Enum, auto
@@ -17,15 +17,15 @@ __all__ = ["MAX_PORTS", "GatewayFormation", "Phase"]
 
 MAX_PORTS = 16
 _PAIRS = range(0, N_PORTS, 2)
-"""The first of each two ports that LINKS tells of."""
+"""First port of each pair that one LINKS packet reports."""
 _EPOCHS = 2**12
 _AGES = 8
 _HASTE = 10
-"""A warm epoch has nothing to walk cell by cell: it may take this much less *(assumed)*."""
+"""Ratio of the timeouts of a cold and a warm epoch, which has no depth-first traversal *(assumed)*."""
 
 
 class Phase(Enum):
-    """Where the gateway's formation stands."""
+    """Phase of the gateway's formation."""
 
     IDLE = auto()
     SYNC = auto()
@@ -33,23 +33,23 @@ class Phase(Enum):
     REPORTS = auto()
     COMPLETE = auto()
     FAILED = auto()
-    """No cell answers, at any port."""
+    """No cell answers at any port."""
 
 
 class GatewayFormation:
-    """The gateway while the network forms and lives.
+    """Formation agent of the gateway: it starts epochs and collects the cells' reports.
 
-    A formation that is not complete after `patience_ns` has lost something on the way; another epoch starts.
+    An epoch that is not complete after `patience_ns` has lost a packet or a cell; another one starts.
     `start` may be called again at any time.
 
     Attributes:
-        phase: Where it stands.
-        epoch: Number of the formation, modulo 4096.
-        forest: What the cells have reported.
-        version: How often what is known has changed, with the end of the first formation.
-        settled: Whether an epoch has ever come to its end, whatever has begun since.
-        route_changes: Routes that are new: (ID, port); whoever reads them empties the list.
-        ignored: Packets of other epochs, or out of turn, that were dropped.
+        phase: Phase of the current epoch.
+        epoch: Epoch number, modulo 4096.
+        forest: Routing forest from the cells' reports.
+        version: Number of changes of the known topology; the end of an epoch counts as one.
+        settled: True once any epoch has completed or failed.
+        route_changes: New routes: (network ID, port); the reader empties the list.
+        ignored: Number of packets that were dropped as stale or unexpected.
     """
 
     def __init__(
@@ -61,17 +61,17 @@ class GatewayFormation:
         patience_ns: int = 10_000_000_000,
         attempts: int = 3,
     ) -> None:
-        """A gateway of 1 to 16 ports.
+        """Create an idle gateway.
 
         Args:
-            ports: Interfaces.
-            resend_ns: Time after which an answer over one link is overdue.
-            settle_ns: How long links may take to come up before the first epoch.
-            patience_ns: For one epoch *(assumed)*.
-            attempts: Cold epochs before it gives up *(assumed)*.
+            ports: Number of ports, 1 to 16.
+            resend_ns: Retransmission timeout of a link [ns].
+            settle_ns: Time for links to come up before the first epoch [ns].
+            patience_ns: Timeout of a cold epoch [ns] *(assumed)*.
+            attempts: Cold epochs before formation fails *(assumed)*.
 
         Raises:
-            DeploymentError: as many ports do not fit the packets.
+            DeploymentError: `ports` is out of range.
         """
         if not 1 <= ports <= MAX_PORTS:
             raise DeploymentError(
@@ -101,39 +101,39 @@ class GatewayFormation:
         self._unidentified: set[int] = set()
 
     def start(self, t_ns: int) -> Sends:
-        """Begins from nothing; returns what to send."""
+        """Start formation afresh; return the packets to send."""
         self._attempts_left = self._attempts
         self._settle(t_ns)
         return self._after(t_ns)
 
     @property
     def n_reached(self) -> int:
-        """Cells in the gateway's trees, once exploration is over."""
+        """Number of cells in the gateway's trees, valid once exploration has ended."""
         return sum(self._tree_size)
 
     def next_port(self, network_id: int) -> int | None:
-        """Port towards the cell `network_id`; None if it was never heard of."""
+        """Return the port towards the cell `network_id`; None if it has never reported."""
         return self._routes.get(network_id)
 
     def next_deadline(self) -> int | None:
-        """When `on_deadline` is to be called [ns], if at all."""
+        """Return the deadline [ns] at which `on_deadline` is to be called; None if there is none."""
         both = (self._deadline_ns, self.links.next_deadline())
         return min((t_ns for t_ns in both if t_ns is not None), default=None)
 
     def set_carrier(self, port: int, present: bool, t_ns: int) -> Sends:
-        """What to send when the line at a port is heard from now on, or no longer."""
+        """Process a change of carrier at a port; return the packets to send."""
         self.links.set_carrier(port, present, t_ns)
         return self._after(t_ns)
 
     def on_deadline(self, t_ns: int) -> Sends:
-        """What to send when something is overdue."""
+        """Process expired timers; return the packets to send."""
         self.links.on_deadline(t_ns)
         if self._deadline_ns is not None and t_ns >= self._deadline_ns:
             self._on_overdue(t_ns)
         return self._after(t_ns)
 
     def handle(self, packet: FormationPacket, port: int, t_ns: int) -> Sends:
-        """What to send when `packet` arrives on `port`.
+        """Process a packet that arrives on `port`; return the packets to send.
 
         Raises:
             DeploymentError: more cells than IDs of 14 bits.
@@ -179,7 +179,7 @@ class GatewayFormation:
                 self.ignored += 1
 
     def _after(self, t_ns: int) -> Sends:
-        """Lets links that came or went have their consequences; returns all that is to be sent."""
+        """Process pending link changes; return all packets to send."""
         links = self.links
         while links.changes:
             links.changes.clear()
@@ -206,7 +206,7 @@ class GatewayFormation:
             self._fail()
 
     def _begin(self, t_ns: int) -> None:
-        """A new epoch, warm once cells have IDs."""
+        """Begin a new epoch, warm once cells have IDs."""
         self._begin_epoch()
         ports = self.links.ports_up()
         if not ports:
@@ -228,7 +228,7 @@ class GatewayFormation:
         return self._packet(Kind.EXPLORE, port=self._age << 1 | self._warm)
 
     def _fail(self) -> None:
-        """Nobody is there; a link that comes up begins anew."""
+        """End formation without any cell; a link that comes up starts a new epoch."""
         self._begin_epoch()
         self.phase, self._deadline_ns = Phase.FAILED, None
         self.forest.joined = set()
@@ -263,7 +263,7 @@ class GatewayFormation:
             first += size
 
     def _all_told(self) -> bool:
-        """Every cell of the trees has reported."""
+        """Return True if every cell of the trees has reported."""
         if len(self.forest.joined) != self.n_reached:
             return False
         if not self._warm:
@@ -273,13 +273,13 @@ class GatewayFormation:
         return True
 
     def _work_out_depths(self) -> None:
-        for network_id in sorted(self.forest.members):  # depth first: a parent comes before its children
+        for network_id in sorted(self.forest.members):  # IDs are depth first: parents before children
             member = self.forest.members[network_id]
             member.parent = member.neighbours[member.master_port]
             member.hops = 1 + (self.forest.members[member.parent].hops if member.parent else 0)
 
     def _adopt(self, packet: FormationPacket, port: int, t_ns: int) -> None:
-        """Gives a cell without ID its own; by its neighbour, since no route leads to it."""
+        """Assign an ID to a cell without one, through its neighbour, since no route leads to it."""
         network_id = self.forest.id_of(packet.value)
         if not packet.cell:
             self.links.send(port, self._packet(Kind.ASSIGN, cell=network_id), t_ns)

@@ -1,26 +1,26 @@
-"""The packets by which cells form their network and keep it alive [UCD].
+"""Packets of network formation and maintenance between cells [UCD].
 
-Every packet has one layout of 64 bits, so each fits the 8 bytes of a control packet:
+All packets share one layout of 64 bits, which fits the 8 bytes of a control packet:
 `kind` 4 bits, `epoch` 12, `cell` 14, `port` 4, `value` 28, `seq` 2.
 
     layer           kind      cell             port              value
-    link            HELLO     –                –                 sender's session, heard session, is it up
-                    ACK       –                –                 number of the packet that is expected next
+    link            HELLO     –                –                 sender's session, peer's session, is it up
+                    ACK       –                –                 sequence number that is expected next
     exploration     EXPLORE   sender's ID      2 × age + warm    hops of the sender to the computer
-                    DONE      –                –                 cells in the sender's tree
+                    DONE      –                –                 cells in the sender's subtree
     identity        ASSIGN    receiver's ID    –                 –
     neighbours      IDENTITY  sender's ID      age               –
                     COLLECT   –                –                 –
-                    UNIT      reporter's ID    its master port   its hardware number
+                    UNIT      reporter's ID    its master port   its hardware ID
                     LINKS     reporter's ID    first of 2 ports  IDs there: first + 2¹⁴ × second, 0: no cell
-    life            CHANGE    reporter's ID    its port          1: a link has come, 0: it has gone
+    maintenance     CHANGE    reporter's ID    its port          1: the link is up, 0: it is down
                     JOINED    reporter's ID    its master port   hops + 2¹⁴ × its parent's ID
-                    NEWCOMER  neighbour's ID   neighbour's port  hardware number of a cell without ID
+                    NEWCOMER  neighbour's ID   neighbour's port  hardware ID of a cell without ID
                     ADOPT     neighbour's ID   neighbour's port  ID of the cell there
 
-The computer has ID 0. The *age* counts the cold epochs modulo 8: an ID of another age is void. HELLO and ACK
-make a link and keep its packets in order and complete; all others carry a number `seq` modulo 4 and are sent
-again until they are acknowledged (`cells.link_layer`).
+The computer has ID 0. The *age* counts cold epochs modulo 8: an ID of another age is void. HELLO and ACK
+establish a link and make it reliable; all others carry a sequence number `seq` modulo 4 and are
+retransmitted until they are acknowledged (`cells.link_layer`).
 """
 
 from enum import IntEnum
@@ -42,15 +42,15 @@ __all__ = [
 ]
 
 ID_BITS = 14
-"""Bits of a cell's ID [T11]."""
+"""Bits of a cell's network ID [T11]."""
 MAX_ID = 2**ID_BITS - 1
 REPORTS_PER_CELL = 1 + N_PORTS // 2
-"""One UNIT, and LINKS for each two ports."""
+"""Reports of a cell in a cold epoch: one UNIT, and one LINKS for each two ports."""
 _EPOCHS = 2**12
 
 
 class Kind(IntEnum):
-    """What a packet says; see the table above."""
+    """Kind of a formation packet; see the table above."""
 
     HELLO = 0
     ACK = 1
@@ -68,7 +68,7 @@ class Kind(IntEnum):
 
 
 class FormationPacket(NamedTuple):
-    """A packet of network formation; it travels over one link, `epoch` counts the formations modulo 4096."""
+    """Formation packet, which travels over one link; `epoch` counts modulo 4096."""
 
     kind: Kind
     epoch: int = 0
@@ -78,16 +78,16 @@ class FormationPacket(NamedTuple):
     seq: int = 0
 
     def to_bytes(self) -> bytes:
-        """The 8 bytes on the wire, little-endian."""
+        """Encode the packet in 8 bytes, little-endian."""
         word = self.kind | self.epoch << 4 | self.cell << 16 | self.port << 30 | self.value << 34
         return (word | self.seq << 62).to_bytes(8, "little")
 
     @classmethod
     def from_bytes(cls, payload: bytes) -> "FormationPacket":
-        """The packet in 8 bytes.
+        """Decode a packet of 8 bytes.
 
         Raises:
-            ProtocolError: not 8 bytes, or of no known kind.
+            ProtocolError: not 8 bytes, or an unknown kind.
         """
         word = int.from_bytes(payload, "little")
         if len(payload) != 8 or word & 0xF > max(Kind):
@@ -97,19 +97,19 @@ class FormationPacket(NamedTuple):
 
 
 Sends = list[tuple[int, FormationPacket]]
-"""What a node sends, in this order: (port, packet)."""
+"""Outgoing packets of a node, in order: (port, packet)."""
 
 
 def is_newer(epoch: int, than: int | None) -> bool:
-    """Whether `epoch` comes after `than`, at most 2047 formations later (they count modulo 4096)."""
+    """Compare epochs by serial-number arithmetic (RFC 1982): True if `epoch` is 1 to 2047 after `than`."""
     return than is None or 0 < (epoch - than) % _EPOCHS < _EPOCHS // 2
 
 
 def round_trip_ns(network: NetworkSpec, reaction_ns: int) -> int:
-    """Longest time from a packet to its answer over one link [ns].
+    """Return the maximum round-trip time over one link [ns], the reaction time included.
 
-    Each behind a full queue of the largest packets (an unbounded queue counts as one of 16), so that it also
-    holds while data flow.
+    Packet and answer each wait behind a full queue of the largest packets (an unbounded queue counts as 16),
+    so the bound also holds under load.
     """
     queue = network.queue_packets if network.queue_packets >= 0 else 16
     packet_bytes = max(network.event_bytes, network.stream_bytes, network.control_bytes)

@@ -1,8 +1,8 @@
-"""A cell host: the agents of some patches, period by period.
+"""Cell process: the cells of some patches, simulated one period at a time.
 
-In each period of 4 ms every cell samples once, at its own phase, between the stimulus frames at the
-period's two ends. What it has to say enters the network at that instant; what reaches a gateway before the
-period ends is published, and the patch's frame closes the period.
+In each period of 4 ms every cell samples once, at its own phase, between the stimuli at the two ends of the
+period. Its events and readings enter the network at that instant; data that reach a gateway before the period
+ends are published, followed by the period end of each patch.
 """
 
 import logging
@@ -47,10 +47,10 @@ _N_COLUMNS = len(READING_NAMES)
 
 
 class HostNode:
-    """The cells of some patches.
+    """Logical process of the cells of some patches and their network.
 
-    Cells are numbered through the host's patches. Nothing that a cell does depends on which other
-    patches its host has.
+    Cells are indexed consecutively through the patches of the process. The behaviour of a cell does not
+    depend on the other patches of its process.
     """
 
     role = Role.CELLS.value
@@ -110,29 +110,33 @@ class HostNode:
         self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
 
     def _feeds(self, deployment: Deployment) -> list[int]:
-        """Cells of this host that are fed."""
+        """Return the cells of this process that have a power feed."""
         feeds = () if deployment.power is None else deployment.power.feeds
         mine = [feed for feed in feeds if parse_port(feed)[0] in self._index]
         fed_elsewhere = bool(feeds) and not mine
         return [] if fed_elsewhere else self._wiring.skin.feeds(mine).tolist()
 
     def start(self, put: Put) -> None:
-        """The network begins to form as soon as there is power."""
+        """Start network formation at time 0."""
         self._network.start(0)
 
     def needs(self) -> dict[str, int] | None:
-        """The stimulus at both ends of the next period; with it come the configurations that begin in it."""
+        """Return the watermark [ns] that the next step needs: stimulus and configurations of its period."""
         end_ns = (self._frame + 1) * self._period_ns
         if end_ns > self._end_ns:
             return None
         return {"body": end_ns}
 
     def due_ns(self) -> int:
-        """End of the next period."""
+        """Return the end of the next period [ns]."""
         return (self._frame + 1) * self._period_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in a stimulus frame or a configuration."""
+        """Accept a stimulus or a configuration.
+
+        Raises:
+            ProtocolError: a wrong channel, key, patch, cell or number of cells.
+        """
         match channel:
             case "stimulus":
                 self._accept_stimulus(decode(payload, Stimulus))
@@ -165,10 +169,10 @@ class HostNode:
         self._configs.append((config.t_ns, cell, config))
 
     def lose(self, upstream: Upstream) -> None:
-        """Without the body there is nothing to feel; it may never be lost."""
+        """Do nothing: the body is the only upstream, and its loss is never tolerated."""
 
     def step(self, put: Put) -> None:
-        """Computes one period."""
+        """Simulate one period and publish its data, topologies and period ends."""
         start_ns = self._frame * self._period_ns
         end_ns = start_ns + self._period_ns
         self._send_configs(start_ns, end_ns)
@@ -183,7 +187,7 @@ class HostNode:
         self._frame += 1
 
     def _send_configs(self, start_ns: int, end_ns: int) -> None:
-        """The interfaces send the configurations that are due in this period."""
+        """Send the configurations that are due in this period from the interfaces to their cells."""
         if not self._configs:
             return
         due = [entry for entry in self._configs if entry[0] < end_ns]
@@ -192,7 +196,7 @@ class HostNode:
             self._network.send_config(max(t_ns, start_ns), cell, config)
 
     def _sample(self) -> None:
-        """Every cell samples; those that are part of the network send what they have to say."""
+        """Sample all cells; those that are members of the network send their events and readings."""
         start_ns = self._frame * self._period_ns
         before = self._stimuli.pop(start_ns)
         after = self._stimuli[start_ns + self._period_ns]
@@ -219,13 +223,13 @@ class HostNode:
             self._network.send_babble(babble)
 
     def _dawdle(self, t_ns: int) -> None:
-        """A slow host takes its time; what it computes stays the same."""
+        """Inject the processing delay of a slow-host fault; results do not change."""
         for span in self._delays:
             if span.t_ns <= t_ns < span.until_ns and isinstance(span.rule, SlowHost):
                 time.sleep(span.rule.extra_ms * 1e-3)
 
     def _configure(self, cell: int, config: Config) -> None:
-        """A cell has received new settings; it refuses what does not hold, and keeps what it has."""
+        """Apply a received configuration to a cell; count and ignore an invalid one."""
         try:
             self._encoder.configure(cell, config)
         except ProtocolError as error:
@@ -247,23 +251,23 @@ class HostNode:
             publisher.close(put, start_ns, end_ns, streams.get(patch))
 
     def _counted(self, t_ns: int) -> Counters:
-        """What the network and this process have counted until `t_ns`."""
+        """Return the counters of the network and of this process up to `t_ns`."""
         packets = self._network.counters()
         counts = {f"{kind}.{what}": n for kind, entry in packets.items() for what, n in entry.items()}
         return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def news(self) -> list[tuple[str, bytes]]:
-        """Topologies that were formed, for those who come later and ask."""
+        """Return new topologies for best-effort publication, for late-joining subscribers."""
         news, self._formed = self._formed, []
         return news
 
     def report(self) -> list[tuple[str, bytes]]:
-        """What the links carried."""
+        """Return the link telemetry of all patches."""
         network = self._network
         return self._links.messages(network.kernel, network.formation.powered, network.kernel.now_ns)
 
     def result(self) -> Part:
-        """Counters of the network and its latencies."""
+        """Return the counters of the network, its recoveries and the latency histogram."""
         facts = {
             "logs": {publisher.patch: publisher.log_sha256 for publisher in self._publishers},
             "network": self._network.counters(),
@@ -294,7 +298,7 @@ class HostNode:
 
 
 def _only(emission: Emission, reached: NDArray[np.bool_]) -> Emission:
-    """What cells of the network say; those that it has not reached are not heard."""
+    """Return the part of `emission` that comes from cells of the network, by `reached` (cells,)."""
     heard = reached[emission.cell]
     columns = [column[heard] for column in emission[:-1]]
     return Emission._make([*columns, emission.full[reached[emission.full]]])

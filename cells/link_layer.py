@@ -1,12 +1,12 @@
-"""The links of one node: which of its ports work both ways, and packets that arrive complete and in order.
+"""Link layer of one node: link establishment and reliable, in-order delivery (go-back-N ARQ).
 
-A port that hears its line (*carrier*: a UART whose wire is cut or whose far end has no power reads a break)
-greets with HELLO until both ends know that each hears the other. From then on the link is *up*: packets are
-numbered, acknowledged and sent again until they arrive (go-back-N), each once and in order. A link goes down
-when its carrier does, when the far end begins anew, or when nothing is acknowledged any more.
+A port with *carrier* (a UART whose wire is cut or whose far end has no power reads a break) sends HELLO until
+both ends know that each receives the other (three-way handshake). From then on the link is *up*: packets are
+numbered, acknowledged and retransmitted (go-back-N), so that each arrives once and in order. A link goes down
+when it loses its carrier, when the peer restarts, or when acknowledgements stop.
 
-A *session* is one life of one end of a link; HELLO names it, so that neither end takes the packets of an
-earlier life for those of the present one. No I/O: methods put what is to be sent into `out`.
+A *session* is one incarnation of one end of a link; HELLO carries its number, so that packets of an earlier
+incarnation are not accepted. No I/O: methods append outgoing packets to `out`.
 """
 
 from collections import deque
@@ -17,21 +17,21 @@ from cells.formation_packets import FormationPacket, Kind, Sends
 __all__ = ["LinkLayer"]
 
 _WINDOW = 3
-"""Packets that may wait for their acknowledgement: one less than the numbers that `seq` has."""
+"""Go-back-N send window [packets]: one less than the modulus of `seq`."""
 _NUMBERS = _WINDOW + 1
 _SESSIONS = 256
 _MAX_TRIES = 8
-"""Without an answer after so many repetitions, a link is down *(assumed)*."""
+"""Retransmissions without an acknowledgement after which a link is down *(assumed)*."""
 _MAX_BACKOFF = 64
 _FAREWELLS = 3
-"""A port that has lost its carrier says so a few times: it cannot hear whether that is understood."""
+"""HELLO packets that a port sends after losing its carrier: it cannot receive an acknowledgement."""
 
 
 @dataclass
 class _Port:
     session: int
     peer: int | None = None
-    """Session of the far end, once heard."""
+    """Session of the peer, once received."""
     carrier: bool = False
     up: bool = False
     expected: int = 0
@@ -43,21 +43,21 @@ class _Port:
 
 
 class LinkLayer:
-    """All ports of a node.
+    """Link layer of all ports of a node.
 
     Attributes:
-        out: What is to be sent now, in order; whoever sends it empties the list.
-        changes: Ports whose link has come up or gone down, in order: (port, is up).
-        repeated: Packets that were sent again.
+        out: Outgoing packets, in order; the reader empties the list.
+        changes: Link changes, in order: (port, is up); the reader empties the list.
+        repeated: Number of retransmitted packets.
     """
 
     def __init__(self, ports: int, resend_ns: int, life: int = 0) -> None:
-        """Ports without carrier.
+        """Create ports without carrier.
 
         Args:
-            ports: How many.
-            resend_ns: Time after which an answer is overdue.
-            life: How often the node has been switched on before.
+            ports: Number of ports.
+            resend_ns: Retransmission timeout [ns].
+            life: Number of earlier power-ups of the node.
         """
         self.out: Sends = []
         self.changes: list[tuple[int, bool]] = []
@@ -69,19 +69,19 @@ class LinkLayer:
         return len(self._ports)
 
     def is_up(self, port: int) -> bool:
-        """Whether the link at `port` works both ways."""
+        """Return True if the link at `port` is up."""
         return self._ports[port].up
 
     def ports_up(self) -> list[int]:
-        """Ports with a link that works both ways, ascending."""
+        """Return the ports whose link is up, ascending."""
         return [number for number, port in enumerate(self._ports) if port.up]
 
     def next_deadline(self) -> int | None:
-        """When `on_deadline` is to be called [ns], if at all."""
+        """Return the deadline [ns] at which `on_deadline` is to be called; None if there is none."""
         return min((p.timer_ns for p in self._ports if p.timer_ns is not None), default=None)
 
     def set_carrier(self, number: int, present: bool, t_ns: int) -> None:
-        """The line at a port is heard from now on, or no longer."""
+        """Set the carrier of a port: present or absent from now on."""
         port = self._ports[number]
         if port.carrier == present:
             return
@@ -93,14 +93,14 @@ class LinkLayer:
             self._restart(number, t_ns)
 
     def send(self, number: int, packet: FormationPacket, t_ns: int) -> None:
-        """Sends `packet` over the link at a port, which is up."""
+        """Queue `packet` for the link at a port, which must be up."""
         port = self._ports[number]
         assert port.up
         port.waiting.append(packet)
         self._fill_window(number, t_ns)
 
     def receive(self, number: int, packet: FormationPacket, t_ns: int) -> FormationPacket | None:
-        """Takes in what came over a link; returns the packet that is new to the node, if it is one."""
+        """Receive a packet from a link; return it if it is the next in order, else None."""
         port = self._ports[number]
         if packet.kind is Kind.HELLO:
             self._on_hello(number, packet.value, t_ns)
@@ -117,7 +117,7 @@ class LinkLayer:
         return None
 
     def on_deadline(self, t_ns: int) -> None:
-        """Repeats what is overdue."""
+        """Process expired timers: repeat HELLO, retransmit (go-back-N), restart links without answer."""
         for number, port in enumerate(self._ports):
             if port.timer_ns is None or port.timer_ns > t_ns:
                 continue
@@ -132,7 +132,7 @@ class LinkLayer:
                 port.timer_ns = t_ns + self._resend_ns
 
     def _greet(self, number: int, t_ns: int) -> None:
-        """HELLO, and again later, less and less often, until it is answered."""
+        """Send HELLO, and schedule the next with exponential backoff while the link is not up."""
         port = self._ports[number]
         heard = 0 if port.peer is None else 1 << 8 | port.peer
         value = port.session | heard << 8 | port.up << 17
@@ -177,7 +177,7 @@ class LinkLayer:
                 port.timer_ns = t_ns + self._resend_ns
 
     def _restart(self, number: int, t_ns: int) -> None:
-        """This end begins a new session, and says so."""
+        """Begin a new session at this end and announce it."""
         port = self._ports[number]
         if port.up:
             self._go_down(number)

@@ -1,4 +1,4 @@
-"""What a host tells to watchers of its links: what they carried, which are down, and who is without power."""
+"""Link telemetry for observers: traffic and state of links, and cells without power."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,10 @@ __all__ = ["LinkReport"]
 
 
 class LinkReport:
-    """Sorts the links of a host by the patches that they belong to; a bridge's links by their senders.
+    """Link telemetry of a process, grouped by patch; links of a bridge belong to the sender's patch.
 
     Args:
-        wiring: The host's cells and links.
+        wiring: Cells and links of the process.
         keys: Keys of the robot.
     """
 
@@ -27,7 +27,7 @@ class LinkReport:
         cell_of_node = np.full(topology.n_nodes, -1)
         cell_of_node[wiring.node_of_cell] = np.arange(wiring.n_cells)
         sender, receiver = cell_of_node[topology.src], cell_of_node[topology.dst]
-        inwards = sender < 0  # from the computer
+        inwards = sender < 0  # sent by the computer
         self._cell = np.where(inwards, receiver, sender)
         patch = wiring.patch_of_cell[self._cell]
         self._order = np.lexsort((np.arange(len(patch)), patch))
@@ -38,12 +38,12 @@ class LinkReport:
         self._inwards = np.where(inwards, LINK_INWARDS, 0).astype(np.uint8)
 
     def messages(self, network: Network, powered: NDArray[np.bool_], t_ns: int) -> list[tuple[str, bytes]]:
-        """Keys and messages of all patches.
+        """Return keys and encoded `LinkLoad` messages of all patches.
 
         Args:
-            network: The links.
-            powered: (cells,) whether each cell has power.
-            t_ns: How far the network has advanced [ns].
+            network: Kernel with the state and the counters of the links.
+            powered: (cells,) True for cells that have power.
+            t_ns: Time up to which the network has been simulated [ns].
         """
         counters = network.link_counters
         for name, column in counters._asdict().items():

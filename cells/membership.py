@@ -1,4 +1,4 @@
-"""Who is part of the network, as the cells themselves and as the computer see it."""
+"""Network membership of cells, as seen by the cells and as known to the computer."""
 
 from typing import NamedTuple
 
@@ -16,12 +16,12 @@ _SETTLED = (Phase.COMPLETE, Phase.FAILED)
 
 
 class _Known(NamedTuple):
-    """What the computer knew of a group when an epoch was last over: half of one is no news.
+    """Membership of a group as known to the computer at the end of the last epoch.
 
     Attributes:
-        version: How often that has changed; 0 before the group has formed.
-        uids: Hardware numbers of the cells in the network.
-        depth: Hops from the cell that is farthest from its gateway.
+        version: Number of changes; 0 before the group has formed.
+        uids: Hardware IDs of the cells in the network.
+        depth: Maximum number of hops from a cell to its gateway.
     """
 
     version: int = 0
@@ -30,11 +30,11 @@ class _Known(NamedTuple):
 
 
 class Membership:
-    """The members of a host's network.
+    """Network membership of the cells of a process.
 
     Attributes:
-        reached: (cells,) which cells take part: they have power and an ID, also if they are cut off.
-        formed_ns: When each group of patches had formed for the first time [ns]; None before.
+        reached: (cells,) True for members: cells with power and a network ID, also without a route.
+        formed_ns: Time at which each group of patches had first formed [ns]; None before.
     """
 
     def __init__(self, wiring: Wiring, driver: FormationDriver) -> None:
@@ -47,9 +47,9 @@ class Membership:
         self._group_of_cell = wiring.group_of_patch[wiring.patch_of_cell]
 
     def look(self, t_ns: int) -> None:
-        """Sees who takes part at `t_ns`."""
+        """Update the membership at `t_ns` from the agents' states."""
         for group, gateway in enumerate(self._driver.gateways):
-            if gateway.settled and self.formed_ns[group] is None:  # also if another epoch has begun since
+            if gateway.settled and self.formed_ns[group] is None:  # even if another epoch has begun since
                 self.formed_ns[group] = t_ns
             if gateway.phase in _SETTLED and gateway.version != self._known[group].version:
                 members = [gateway.forest.members[i] for i in gateway.forest.joined]
@@ -60,31 +60,31 @@ class Membership:
         self.reached = formed & has_id & self._driver.powered
 
     def version(self, patch: int) -> int:
-        """How often what the computer knows of a patch's network has changed; 0 before it has formed."""
+        """Return the topology version of a patch, its number of changes; 0 before it has formed."""
         return self._known[self._group_of_patch[patch]].version
 
     def topology(self, patch: int, t_ns: int) -> Topology:
-        """What the computer knows of a patch, whose version has changed."""
+        """Return the topology message of a patch, to be called when its version has changed."""
         placed, uids = self._wiring.patches[patch], self._uids(patch)
         forest = self._driver.gateways[self._group_of_patch[patch]].forest
         return forest.topology(placed.name, int(uids[0]), len(uids), version=self.version(patch), t_ns=t_ns)
 
     def formed_by_patch(self) -> dict[str, int | None]:
-        """When each patch had formed for the first time [ns]."""
+        """Return the first formation time [ns] of each patch by name; None before."""
         patches = zip(self._wiring.patches, self._group_of_patch, strict=True)
         return {patch.name: self.formed_ns[group] for patch, group in patches}
 
     def depth(self) -> int:
-        """Hops from the cell that is farthest from its gateway."""
+        """Return the tree depth: the maximum number of hops from a cell to its gateway."""
         return max(known.depth for known in self._known)
 
     def missing(self, patch: int) -> int:
-        """Cells of a patch that the computer does not reach."""
+        """Return the number of cells of a patch that are not in the computer's forest."""
         present = self._known[self._group_of_patch[patch]].uids
         return sum(uid not in present for uid in self._uids(patch).tolist())
 
     def cut_off(self, patch: int) -> bool:
-        """Whether the computer has lost all cells of a patch."""
+        """Return True if no cell of a patch is in the computer's forest."""
         return self.missing(patch) == self._wiring.patches[patch].n_cells
 
     def _uids(self, patch: int) -> NDArray[np.int64]:

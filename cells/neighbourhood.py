@@ -1,4 +1,4 @@
-"""Which cells a cell has next to it, and what of that the computer has been told."""
+"""Neighbour table of a cell: network IDs at its ports, and those last reported to the computer."""
 
 from collections.abc import Iterable
 
@@ -10,10 +10,10 @@ _NOTHING = -1
 
 
 class Neighbourhood:
-    """IDs at the ports of a cell.
+    """Neighbour table: network IDs at the ports of a cell.
 
     Attributes:
-        age: Age of the formation whose IDs hold; those of another are void.
+        age: Count of cold epochs, modulo 8, for which IDs are valid; IDs of another age are void.
     """
 
     def __init__(self) -> None:
@@ -22,30 +22,33 @@ class Neighbourhood:
         self._told = [_NOTHING] * N_PORTS
 
     def at(self, port: int) -> int | None:
-        """ID at a port; None while it is not known, or void."""
+        """Return the network ID at a port; None while it is unknown or void."""
         known = self._found[port]
         return known[0] if known is not None and known[1] == self.age else None
 
     def complete(self, ports: Iterable[int]) -> bool:
-        """Whether the IDs at all of these ports are known."""
+        """Return True if the IDs at all of these ports are known."""
         return all(self.at(port) is not None for port in ports)
 
     def note(self, port: int, network_id: int, age: int) -> bool:
-        """There is this cell at a port; returns whether that is news."""
+        """Record the neighbour's ID at a port; return True if the valid ID has changed."""
         before = self.at(port)
         self._found[port] = (network_id, age)
         return self.at(port) != before
 
     def lose(self, port: int) -> None:
-        """There is no link at a port any more."""
+        """Remove the neighbour at a port, whose link is down."""
         self._found[port] = None
 
     def tell_all_again(self) -> None:
-        """Whatever was told may have been lost on the way."""
+        """Mark all neighbours as unreported, since earlier reports may have been lost."""
         self._told = [_NOTHING] * N_PORTS
 
     def untold(self) -> list[tuple[int, int, int]]:
-        """(port, ID there, ID at the next port) of each two ports that the computer does not know right."""
+        """Return unreported neighbours, by pair of ports, and mark them as reported.
+
+        Each entry is (first port, ID there, ID at the next port).
+        """
         pairs = []
         for port in range(0, N_PORTS, 2):
             now = [self.at(port) or 0, self.at(port + 1) or 0]

@@ -1,7 +1,6 @@
-"""When links carry nothing and cells have no power: faults and brown-outs, worked out before the run.
+"""Outage schedule of links and cells, brown-outs included, computed before the run.
 
-Nothing that the network does changes what breaks, so the whole schedule is known in advance, and every host
-works out its own.
+Faults do not depend on the state of the network, so every process computes its own schedule in advance.
 """
 
 from collections import Counter
@@ -21,7 +20,10 @@ __all__ = ["Outage", "Transition", "outages"]
 
 @dataclass(frozen=True)
 class Outage:
-    """Links and a cell that are gone from `t_ns` until `until_ns`; `cuts_power`: its wires carry no power."""
+    """Outage of links or of a cell from `t_ns` until `until_ns` [ns].
+
+    `cuts_power`: the wires of the links carry no power either.
+    """
 
     t_ns: int
     until_ns: int
@@ -32,7 +34,7 @@ class Outage:
 
 @dataclass(frozen=True)
 class Transition:
-    """What changes at `t_ns`: the links, and the cells, that go down or come up."""
+    """Topology change at `t_ns` [ns]: links that go down or up, cells that lose or regain power."""
 
     t_ns: int
     links_down: tuple[int, ...] = ()
@@ -42,7 +44,7 @@ class Transition:
 
 
 class _Schedule:
-    """The state of links and cells while time is walked through."""
+    """State of links and cells while the schedule is computed."""
 
     def __init__(self, wiring: Wiring, power: PowerSpec | None, feeds: NDArray[np.int64]) -> None:
         self._wiring = wiring
@@ -54,7 +56,7 @@ class _Schedule:
         self.link_up = np.ones(wiring.topology.n_links, dtype=np.bool_)
 
     def count(self, outage: Outage, step: int) -> None:
-        """An outage begins (1) or ends (−1)."""
+        """Count an outage that begins (`step` 1) or ends (−1)."""
         for link in outage.links:
             self._link_faults[link] += step
             if outage.cuts_power:
@@ -63,7 +65,7 @@ class _Schedule:
             self._cell_faults[outage.cell] += step
 
     def settle(self, t_ns: int) -> Transition:
-        """Which links and cells are up now; returns what has changed."""
+        """Compute which links are up and which cells have power at `t_ns`; return the change."""
         cell_on = np.ones_like(self.cell_on)
         cell_on[[cell for cell, n in self._cell_faults.items() if n]] = False
         if self._grid is not None:
@@ -94,13 +96,13 @@ def _indices(mask: NDArray[np.bool_]) -> tuple[int, ...]:
 def outages(
     wiring: Wiring, found: Iterable[Outage], power: PowerSpec | None, feeds: Sequence[int]
 ) -> tuple[Transition, ...]:
-    """Every change of links and cells in order of time; the first is at 0 and tells the beginning.
+    """Return all topology changes in order of time; the first, at 0, gives the initial state.
 
     Args:
         wiring: Cells and links.
-        found: What breaks, and when.
-        power: The power wires; None: every cell has power.
-        feeds: Cells that are fed.
+        found: Outages from faults.
+        power: Power grid; None if every cell has power.
+        feeds: Cells with a power feed.
     """
     schedule = _Schedule(wiring, power, np.array(feeds, dtype=np.int64))
     at: dict[int, list[tuple[Outage, int]]] = {0: []}

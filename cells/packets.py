@@ -1,4 +1,4 @@
-"""What the packets in flight carry: one row a packet, in arrays; the network only knows row numbers."""
+"""Packet pool: payloads of packets in flight, one array row per packet; the kernel knows row numbers only."""
 
 from enum import IntEnum
 from typing import Any
@@ -24,7 +24,7 @@ PAYLOAD = np.dtype(
 
 
 class PacketKind(IntEnum):
-    """What a packet is."""
+    """Kind of a packet."""
 
     EVENT = 0
     READING = 1
@@ -33,7 +33,7 @@ class PacketKind(IntEnum):
 
 
 class PacketPool:
-    """Rows of `PAYLOAD` that are taken when packets enter the network and freed when they end.
+    """Pool of `PAYLOAD` rows, allocated when packets enter the network and freed when they end.
 
     Configuration and formation packets are few; their contents are Python objects, kept by row.
     """
@@ -45,7 +45,7 @@ class PacketPool:
         self._n_free = capacity
 
     def take(self, n: int) -> NDArray[np.int64]:
-        """Numbers of `n` free rows; the pool doubles when it runs out."""
+        """Allocate `n` rows; return their numbers. The pool doubles when it is exhausted."""
         while n > self._n_free:
             size = self.rows.size
             self.rows = np.concatenate([self.rows, np.zeros(size, dtype=PAYLOAD)])
@@ -57,7 +57,7 @@ class PacketPool:
         return self._free[self._n_free : self._n_free + n].copy()
 
     def put_content(self, kind: PacketKind, cell: int, content: Any) -> int:
-        """Row of one packet that carries a Python object."""
+        """Allocate the row of a packet that carries a Python object; return its number."""
         row = int(self.take(1)[0])
         self.rows[row]["kind"] = kind
         self.rows[row]["cell"] = cell
@@ -65,7 +65,7 @@ class PacketPool:
         return row
 
     def free(self, rows: NDArray[np.int64]) -> None:
-        """Gives rows back; their contents go."""
+        """Free rows and discard their contents."""
         self._free[self._n_free : self._n_free + rows.size] = rows
         self._n_free += rows.size
         if self.contents:

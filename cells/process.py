@@ -1,4 +1,4 @@
-"""A cell host as a process: it rehearses with two cells, so all is compiled before others wait for it."""
+"""Construction of a cell or board process, with a warm-up that compiles all Numba kernels beforehand."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from skinnet.messages import STIMULUS_NAMES, Stimulus, encode
 __all__ = ["build", "rehearse"]
 
 _PERIODS = 40
-"""More than two cells need to form their network and to stream."""
+"""Warm-up periods: more than two cells need to form their network and to stream."""
 _PATCH = PatchSpec(
     name="rehearsal",
     body="",
@@ -24,7 +24,7 @@ _PATCH = PatchSpec(
 
 
 def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> HostNode | BoardsNode:
-    """The host `name` of `deployment`: of cells, or of the boards of tactile sheets."""
+    """Build the process `name` of `deployment`: of cells, or of the boards of tactile sheets."""
     if name == BOARDS:
         return BoardsNode(deployment, name)
     rehearse(deployment)
@@ -32,7 +32,7 @@ def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> Ho
 
 
 def rehearse(deployment: Deployment) -> int:
-    """Runs a host of two cells that stream; returns how many of their readings arrived."""
+    """Warm up with two cells that stream; return the number of readings delivered."""
     stage = replace(
         deployment,
         hosts=1,
@@ -58,4 +58,4 @@ def rehearse(deployment: Deployment) -> int:
 
 
 def _nowhere(_key: str, _payload: bytes) -> None:
-    """Nobody hears a rehearsal."""
+    """Discard a message of the warm-up."""

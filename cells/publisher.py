@@ -1,4 +1,4 @@
-"""What one patch says: events, stream and the frame that closes each period, in the order of delivery."""
+"""Publisher of one patch: events, stream and period ends, in order of delivery."""
 
 import hashlib
 from itertools import pairwise
@@ -15,9 +15,9 @@ __all__ = ["PatchPublisher"]
 
 
 class PatchPublisher:
-    """Publishes what the gateways of a patch received, and closes its periods.
+    """Publisher of the data that the gateways of a patch received, and of its period ends.
 
-    Everything that it sends goes into the patch's log, so that two runs can be compared bit by bit.
+    All messages enter the hash of the patch's log, so that two runs can be compared bit by bit.
     """
 
     def __init__(self, patch: str, keys: Keys, bundle: bool) -> None:
@@ -33,11 +33,11 @@ class PatchPublisher:
 
     @property
     def log_sha256(self) -> str:
-        """Hash of all that was sent so far."""
+        """SHA-256 of all messages published so far, hexadecimal."""
         return self._log.hexdigest()
 
     def topology(self, put: Put, topology: Topology) -> tuple[str, bytes]:
-        """Tells the network that was formed, in the period that the next frame closes; returns it."""
+        """Publish a topology as part of the period that ends next; return its key and payload."""
         self.version = topology.version
         self._events += 1
         message = self._keys.of("topology", self.patch), encode(topology)
@@ -47,7 +47,14 @@ class PatchPublisher:
     def events(
         self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
     ) -> None:
-        """Sends events: rows of `PAYLOAD` with cells of this patch, in the order of delivery."""
+        """Publish events in order of delivery, one message per cell, or per gateway if bundled.
+
+        Args:
+            put: Publishing function.
+            rows: (n,) `PAYLOAD` with cell indices within this patch.
+            gateway: (n,) gateway port at which each event arrived.
+            t_ns: (n,) delivery times [ns].
+        """
         if not len(rows):
             return
         self._events += len(rows)
@@ -57,7 +64,7 @@ class PatchPublisher:
         split, rows = split[order], rows[order]
         ports = gateway[order].tolist()
         values = split.tolist()
-        # lists at once for all messages: most have one event or two
+        # convert to lists once for all messages: most have one or two events
         columns = {
             "cell": rows["cell"].tolist(),
             "t_sampled_ns": rows["t_sampled_ns"].tolist(),
@@ -82,14 +89,14 @@ class PatchPublisher:
         covered_ns: int,
         stream: NDArray[Any] | None,
     ) -> None:
-        """Closes the period from `t_ns` to `covered_ns`.
+        """Publish the period end, alone or with the stream of the period.
 
         Args:
-            put: Where to send.
-            t_ns: Begin of the period.
-            covered_ns: Its end.
-            stream: Full readings of the period, in the order of delivery: `STREAM_ROW` with cells of this
-                patch, without their sequence numbers; None if nothing streamed.
+            put: Publishing function.
+            t_ns: Begin of the period [ns].
+            covered_ns: Watermark: end of the period [ns].
+            stream: Full readings of the period in order of delivery, `STREAM_ROW` with cell indices within
+                this patch; sequence numbers are written here. None if no cell streams.
         """
         events, self._events = self._events, 0
         if stream is None:

@@ -1,4 +1,4 @@
-"""How the network of a host comes back after something has changed: how long it took, what was lost."""
+"""Recovery of the network after topology changes: duration and packet loss of each."""
 
 from dataclasses import dataclass
 
@@ -15,15 +15,15 @@ __all__ = ["Recoveries", "Recovery"]
 
 @dataclass
 class Recovery:
-    """One change of links or cells, and how a group of patches took it.
+    """Recovery of one group of patches from one topology change.
 
     Attributes:
-        group: Number of the group.
-        t_ns: When it happened.
-        back_ns: When the last cell that had to had found its new way up; None if no cell had to.
-        complete_ns: When the computer knew of all; None while it does not.
-        lost_packets: Data packets that ended for want of a link or a route until then, or until the next
-            change: each is counted once.
+        group: Index of the group.
+        t_ns: Time of the change [ns].
+        back_ns: Time at which the last cell that changed its master had joined [ns]; None if none did.
+        complete_ns: Time at which the computer knew the new topology [ns]; None before.
+        lost_packets: Data packets dropped for want of a link or a route until then, or until the next
+            change; each is counted once.
     """
 
     group: int
@@ -34,14 +34,14 @@ class Recovery:
 
 
 class Recoveries:
-    """All changes so far, in order.
+    """Log of the recoveries from topology changes.
 
     Attributes:
-        all: The changes.
+        all: Recoveries in order of time.
     """
 
     def __init__(self, wiring: Wiring, driver: FormationDriver, lost: NDArray[np.int64]) -> None:
-        """Nothing has changed yet; `lost` (g,) counts data packets that want a link or a route, by group."""
+        """Start an empty log; `lost` (g,) is the live count of `Deliveries.lost`, by group."""
         self.all: list[Recovery] = []
         self._lost = lost
         self._counted = lost.copy()
@@ -50,7 +50,7 @@ class Recoveries:
         self._open: list[tuple[Recovery, int]] = []
 
     def note(self, change: Transition) -> None:
-        """Something has changed."""
+        """Open a recovery for each group of patches that a topology change affects."""
         topology, wiring = self._wiring.topology, self._wiring
         links, cells = change.links_down + change.links_up, change.cells_off + change.cells_on
         nodes = [int(topology.src[link]) for link in links] + [int(wiring.node_of_cell[c]) for c in cells]
@@ -61,7 +61,7 @@ class Recoveries:
             self._open.append((recovery, self._driver.gateways[group].version))
 
     def look(self, t_ns: int) -> None:
-        """Counts what was lost, and closes what is over by `t_ns`."""
+        """Count lost packets, and complete the recoveries that are over by `t_ns`."""
         for group in sorted({recovery.group for recovery, _ in self._open}):
             self._count(group)
         still = []
@@ -75,14 +75,14 @@ class Recoveries:
         self._open = still
 
     def _count(self, group: int) -> None:
-        """What a group has lost since the last look is put down to its latest change that is not over."""
+        """Attribute the packets a group has lost since the last call to its latest open recovery."""
         latest = next((recovery for recovery, _ in reversed(self._open) if recovery.group == group), None)
         if latest is not None:
             latest.lost_packets += int(self._lost[group] - self._counted[group])
         self._counted[group] = self._lost[group]
 
     def _last_join_ns(self, recovery: Recovery) -> int | None:
-        """When the last cell of the group found the master that it has now, if since the change."""
+        """Return the last time [ns] after the change at which a cell of the group joined; None if none."""
         of_patch = self._wiring.group_of_patch[self._wiring.patch_of_cell] == recovery.group
         in_network = self._driver.gateways[recovery.group].forest
         uids = {in_network.members[i].uid for i in in_network.joined}

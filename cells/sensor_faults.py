@@ -1,6 +1,6 @@
-"""What broken sensors of a host do to readings, between transducers and encoder: stuck and drifting.
+"""Sensor faults of a process, applied between transducers and encoder: stuck-at and drift.
 
-Where nothing is broken, nothing is touched.
+Readings of sensors without a fault are not modified.
 """
 
 import math
@@ -23,24 +23,24 @@ __all__ = ["SensorFaultState", "SensorFaults"]
 
 
 class SensorFaultState(NamedTuple):
-    """All of sensor faults that changes with time; opaque."""
+    """Snapshot of the time-varying state of sensor faults; opaque."""
 
     held: NDArray[np.float64]
     babbling: BabblingState
 
 
 class SensorFaults:
-    """The sensor faults of the cells of a host.
+    """Sensor faults of the cells of a process.
 
-    A drifting sensor reads more, or less, by an offset that grows with time, in steps and within the range of
-    the sensor. A stuck one, whatever else is wrong with it, reads what it read first, or what its rule says.
-    A babbling cell sends events of its own. That a cell is dead is not known here.
+    A drifting sensor adds an offset that grows linearly with time, quantised and clipped to its range. A
+    stuck sensor repeats its first reading during the fault, or the value of its rule; stuck-at overrides
+    drift. A babbling-idiot cell sends spurious events. Dead cells are handled elsewhere (`outages_of`).
     """
 
     def __init__(
         self, spans: Iterable[FaultSpan], first_cell: Mapping[str, int], spec: CellSpec, seed: int
     ) -> None:
-        """Picks from `spans` what is about the patches of `first_cell`, their first cells' numbers."""
+        """Select the sensor faults of the patches in `first_cell`, which maps each to its first cell."""
         mine = [span for span in spans if span.place.patch in first_cell]
         drifting = [(span, span.rule) for span in mine if isinstance(span.rule, Drift)]
         sticking = [(span, span.rule) for span in mine if isinstance(span.rule, Stuck)]
@@ -50,7 +50,7 @@ class SensorFaults:
             for span, rule in sticking
             for name in (READING_NAMES if rule.channel == "all" else (rule.channel,))
         ]
-        broken = [*drift, *stuck]  # in this order: what is stuck no longer drifts
+        broken = [*drift, *stuck]  # in this order: stuck-at overrides drift
         self._scales = scales(spec)
         self._period_ns = spec.period_ns
         self._broken = FaultTimes([span for span, *_ in broken], first_cell)
@@ -62,9 +62,14 @@ class SensorFaults:
     def apply(
         self, frame_start_ns: int, t_sampled_ns: NDArray[np.int64], readings: NDArray[np.float32]
     ) -> None:
-        """Changes the `readings` (cells, 8) of a frame in place, by the times (cells,) of sampling.
+        """Apply the faults to `readings` (cells, 8) of one period in place.
 
-        Frames come in order: a stuck channel keeps the first reading that it is given.
+        Periods come in order: a stuck channel keeps the first reading that it is given.
+
+        Args:
+            frame_start_ns: Begin of the period [ns].
+            t_sampled_ns: (cells,) sampling times [ns].
+            readings: (cells, 8) in `READING_NAMES` order.
         """
         active = self._broken.active(frame_start_ns, frame_start_ns + self._period_ns)
         if active.size:
@@ -85,22 +90,22 @@ class SensorFaults:
             )
 
     def babble(self, start_ns: int, end_ns: int) -> Babbling:
-        """What cells make up from `start_ns` to before `end_ns`, however that time is cut into calls."""
+        """Generate the spurious events in [start_ns, end_ns), the same however time is split into calls."""
         return self._babblers.babble(start_ns, end_ns)
 
     def snapshot(self) -> SensorFaultState:
-        """A copy of all that changes with time."""
+        """Return a copy of the time-varying state."""
         return SensorFaultState(self._held.copy(), self._babblers.snapshot())
 
     def restore(self, state: SensorFaultState) -> None:
-        """Goes back, or forth, to the moment at which faults of the same cells gave `state`."""
+        """Restore a snapshot that was taken with the same cells and faults."""
         np.copyto(self._held, state.held)
         self._babblers.restore(state.babbling)
 
 
 @compiled
 def _nearest(value: float, lsb: float, lowest: float, highest: float) -> float:
-    """What a sensor reads for a value: the nearest step within its range."""
+    """Quantise a value to the nearest step of `lsb` within the sensor's range."""
     steps = np.floor(value / lsb + 0.5)
     nearest: float = lsb * min(max(steps, lowest), highest)
     return nearest

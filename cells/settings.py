@@ -1,6 +1,6 @@
-"""What a cell's settings may be: thresholds of levels, hysteresis and deltas by modality.
+"""Validation of a cell's encoder settings: thresholds of levels, hysteresis and deltas by modality.
 
-A cell's level channels are force and proximity; deltas exist for every modality.
+Force and proximity have levels; every modality has a delta.
 """
 
 import math
@@ -12,7 +12,7 @@ from skinnet.messages import Modality
 __all__ = ["DELTAS", "LEVELS", "MAX_LEVELS", "checked_deltas", "checked_hysteresis", "checked_levels"]
 
 MAX_LEVELS = 4
-"""As many as Table I [M14] has."""
+"""Maximum number of thresholds of a channel, as in Table I [M14]."""
 DELTAS = tuple(modality.name.lower() for modality in Modality)
 """Modalities that have a delta, in the order of `Modality`."""
 LEVELS = DELTAS[:2]
@@ -20,7 +20,7 @@ LEVELS = DELTAS[:2]
 
 
 def checked_levels(levels: dict[str, list[float]]) -> dict[str, list[float]]:
-    """Ascending thresholds by modality, each list filled up to `MAX_LEVELS` with inf.
+    """Validate thresholds by modality; return them ascending, padded with inf to `MAX_LEVELS`.
 
     Raises:
         ValueError: a modality without levels, too many thresholds, or thresholds that do not ascend.
@@ -38,7 +38,7 @@ def checked_levels(levels: dict[str, list[float]]) -> dict[str, list[float]]:
 
 
 def checked_hysteresis(hysteresis: dict[str, float]) -> dict[str, float]:
-    """How far below a threshold a reading must fall to leave its level, by modality.
+    """Validate the hysteresis by modality: the margin below a threshold at which its level is left.
 
     Raises:
         ValueError: a modality without levels, or a value that is negative or not finite.
@@ -51,7 +51,7 @@ def checked_hysteresis(hysteresis: dict[str, float]) -> dict[str, float]:
 
 
 def checked_deltas(deltas: dict[str, float]) -> dict[str, float]:
-    """How far a reading moves before it is sent, by modality.
+    """Validate the deltas by modality: the change of a reading above which it is sent.
 
     Raises:
         ValueError: an unknown modality, or a value that is not positive and finite.

@@ -1,4 +1,4 @@
-"""The cell-to-cell network of a host while it runs: formation, data upwards, configuration downwards."""
+"""Cell-to-cell network of a process: formation, data to the gateways, configurations to the cells."""
 
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -27,15 +27,15 @@ __all__ = ["SkinNetwork"]
 
 
 class SkinNetwork:
-    """Carries the packets of all patches of a host over the modelled links.
+    """Network of all patches of a process over the modelled links.
 
     Attributes:
         wiring: Nodes and links.
-        kernel: The network.
-        formation: The agents.
-        members: Who takes part.
-        recoveries: What has changed since it formed, and how the network took it.
-        deliveries: What has come out, and how long it took.
+        kernel: Packet kernel.
+        formation: Driver of the formation agents.
+        members: Network membership of the cells.
+        recoveries: Recoveries from topology changes.
+        deliveries: Demultiplexer, with counters and latencies of packets.
     """
 
     def __init__(
@@ -48,15 +48,15 @@ class SkinNetwork:
         transitions: Sequence[Transition] = (),
         impairments: Iterable[Impairment] = (),
     ) -> None:
-        """A network that has not begun to form.
+        """Create a network that has not begun to form.
 
         Args:
             wiring: Nodes and links.
-            cells: How long a cell thinks.
-            spec: What links and packets are like.
-            seed: Of loss and jitter.
-            transitions: When links and cells go and come; the first at 0, as `outages` gives them.
-            impairments: When links become lossy, in order of time.
+            cells: Specification of cells, for their reaction time.
+            spec: Specification of links and packets.
+            seed: Seed of loss and jitter.
+            transitions: Topology changes; the first at 0, as `outages` returns them.
+            impairments: Changes of loss and bit errors of links, in order of time.
         """
         self.wiring = wiring
         self.kernel = wiring.network(seed)
@@ -90,7 +90,7 @@ class SkinNetwork:
                 self.kernel.repair_link(change.t_ns, link)
 
     def start(self, t_ns: int) -> None:
-        """What has power is switched on, and the network begins to form."""
+        """Switch on all powered nodes at `t_ns`; the network begins to form."""
         first = self._transitions.popleft()
         on, up = (
             np.ones(self.wiring.n_cells, dtype=np.bool_),
@@ -101,17 +101,17 @@ class SkinNetwork:
         self.formation.start(t_ns, np.flatnonzero(on).tolist(), up.tolist())
 
     def restarted(self) -> NDArray[np.int64]:
-        """Cells that were switched on since the last call."""
+        """Return the cells that were switched on again since the last call."""
         cells = np.array(self._restarted, dtype=np.int64)
         self._restarted.clear()
         return cells
 
     def changes_before(self, t_ns: int) -> bool:
-        """Whether links or cells go or come before `t_ns`."""
+        """Return True if a topology change is due before `t_ns`."""
         return bool(self._transitions) and self._transitions[0].t_ns < t_ns
 
     def has_power(self, t_sampled_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which cells have power when they sample, at `t_sampled_ns` (cells,), in the coming period."""
+        """Return which cells have power when they sample, at `t_sampled_ns` (cells,), in the next period."""
         powered = self.formation.powered.copy()
         end_ns = int(t_sampled_ns.max(initial=0))
         for change in self._transitions:
@@ -126,7 +126,7 @@ class SkinNetwork:
     def send_data(
         self, t_sampled_ns: NDArray[np.int64], emission: Emission, readings: NDArray[np.float32]
     ) -> None:
-        """Cells send what they have to say of the samples that they took at `t_sampled_ns` (cells,)."""
+        """Send the events and readings of cells that were sampled at `t_sampled_ns` (cells,) [ns]."""
         n_events = len(emission.cell)
         n = n_events + len(emission.full)
         ids = self._pool.take(n)
@@ -139,7 +139,7 @@ class SkinNetwork:
         self.kernel.offer(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
 
     def send_babble(self, babble: Babbling) -> None:
-        """Cells that babble send what they make up, if they have power and are part of the network."""
+        """Send the spurious events of babbling-idiot cells that are members of the network."""
         heard = self.members.reached[babble.cell]
         if not heard.any():
             return
@@ -157,14 +157,14 @@ class SkinNetwork:
         self.kernel.offer(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
 
     def send_config(self, t_ns: int, cell: int, config: Config) -> None:
-        """The interface sends a configuration down to a cell (host-wide number)."""
+        """Send a configuration from the interface to a cell (index within the process) at `t_ns`."""
         node, interface = int(self.wiring.node_of_cell[cell]), int(self._interface_of_cell[cell])
         row = self._pool.put_content(PacketKind.CONFIG, cell, config)
         self._offered[PacketKind.CONFIG] += 1
         self.kernel.offer([t_ns], [interface], [node], [self._spec.control_bytes], [row])
 
     def advance(self, until_ns: int) -> tuple[list[Delivered], list[tuple[int, Config]]]:
-        """Lets time pass; returns data by patch, and configurations by cell, in the order of delivery."""
+        """Advance to `until_ns`; return data by patch and configurations by cell, in order of delivery."""
         self._impair(until_ns)
         rest: list[Finished] = []
         busy = False
@@ -174,7 +174,7 @@ class SkinNetwork:
             rest.append(self._let_form(self.kernel.advance(step_ns)))
             self._change(step_ns)
             self.formation.ring(step_ns)
-        # as one: what a formed patch says may not depend on others that still form
+        # demultiplexed as one: the output of a formed patch must not depend on patches that still form
         finished = rest[0] if len(rest) == 1 else Finished._make(map(np.concatenate, zip(*rest, strict=True)))
         received = self.deliveries.sort(finished)
         if busy or not self.formation.at_rest:
@@ -183,7 +183,7 @@ class SkinNetwork:
         return received
 
     def counters(self) -> dict[str, dict[str, int]]:
-        """Packets by kind: offered, delivered, dropped by cause, in flight."""
+        """Count packets by kind: offered, delivered, dropped by cause, in flight."""
         result = {}
         self._offered[PacketKind.FORMATION] = self.formation.sent
         for kind in PacketKind:
@@ -199,14 +199,14 @@ class SkinNetwork:
         return max(self.kernel.now_ns, change_ns)
 
     def _impair(self, until_ns: int) -> None:
-        """Tells the kernel which links become lossy, and how, until then."""
+        """Hand the impairments up to `until_ns` to the kernel."""
         while self._impairment is not None and self._impairment.t_ns <= until_ns:
             at_ns, link, loss, bit_errors = self._impairment
             self.kernel.impair_link(at_ns, link, loss_probability=loss, bit_error_rate=bit_errors)
             self._impairment = next(self._impairments, None)
 
     def _change(self, t_ns: int) -> None:
-        """Agents lose and get their power, and lines their signals, as it is known for `t_ns`."""
+        """Apply the topology changes up to `t_ns`: power of agents and carriers of links."""
         while self._transitions and self._transitions[0].t_ns <= t_ns:
             change = self._transitions.popleft()
             for cell in change.cells_off + change.cells_on:
@@ -218,7 +218,7 @@ class SkinNetwork:
             self.recoveries.note(change)
 
     def _let_form(self, finished: Finished) -> Finished:
-        """Hands the packets of formation to the agents that they reached; returns the others."""
+        """Dispatch formation packets to the agents that they reached; return the other packets."""
         forming = self._pool.rows["kind"][finished.packet_id] == PacketKind.FORMATION
         if not forming.any():
             return finished

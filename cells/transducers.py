@@ -1,7 +1,7 @@
-"""From stimulus to readings: the transducers of all cells of a patch, as arrays.
+"""Transducer models of cells, from stimulus to readings, vectorised.
 
-Each cell samples once a period at a phase of its own. Noise depends on the cell's key and on the number of
-the sample only, so the readings are the same however cells are grouped or spread over processes.
+Each cell samples once a period at its own phase. Noise depends only on the cell's key and the index of the
+sample, so readings do not depend on how cells are distributed over processes.
 """
 
 import math
@@ -14,7 +14,7 @@ from skinnet.compiled import compiled
 from skinnet.deployment.schema import CellSpec
 from skinnet.errors import DeploymentError
 from skinnet.messages import FORCE_CHANNELS, READING_NAMES, STIMULUS_NAMES
-from skinnet.seeding import gaussian, key_of, uniform
+from skinnet.seeding import StreamName, gaussian, key_of, uniform
 
 __all__ = [
     "STANDARD_GRAVITY_M_S2",
@@ -27,28 +27,32 @@ __all__ = [
 ]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-"""By definition (CGPM, 1901)."""
+"""Standard gravity [m/s²], by definition (CGPM, 1901)."""
 _N = len(READING_NAMES)
 _PROXIMITY = STIMULUS_NAMES.index("distance_m")
 _TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
 
 
 def noise_keys(seed: int, patch: str, n: int) -> NDArray[np.uint64]:
-    """Keys (n,) of the noise of the cells of `patch`, one stream per name of a cell."""
-    return np.array([key_of(seed, patch, cell, "noise") for cell in range(n)], dtype=np.uint64)
+    """Return the noise keys (n,) of the cells of `patch`, one random stream per cell."""
+    return np.array(
+        [key_of(seed, patch, cell, StreamName.SENSOR_NOISE) for cell in range(n)], dtype=np.uint64
+    )
 
 
 def phases_ns(seed: int, patch: str, n: int, period_ns: int) -> NDArray[np.int64]:
-    """When in [0, period_ns) each cell of `patch` samples [ns], (n,): cells run on clocks of their own."""
-    shares = [uniform(key_of(seed, patch, cell, "phase"), np.uint64(0)) for cell in range(n)]
+    """Return the sampling phases (n,) [ns] of the cells of `patch` in [0, period_ns); clocks run freely."""
+    shares = [
+        uniform(key_of(seed, patch, cell, StreamName.SAMPLING_PHASE), np.uint64(0)) for cell in range(n)
+    ]
     return np.array([int(share * period_ns) for share in shares], dtype=np.int64)
 
 
 class Scales(NamedTuple):
-    """Noise and steps of the channels, each (8,).
+    """Noise, quantisation and range of the channels, each (8,).
 
-    `noise` and `lsb` are in units of the reading; `lowest` and `highest` are the ends of the range, in whole
-    steps of `lsb`.
+    `noise` (standard deviation) and `lsb` are in units of the reading; `lowest` and `highest` are the ends of
+    the range in whole steps of `lsb`.
     """
 
     noise: NDArray[np.float64]
@@ -58,25 +62,25 @@ class Scales(NamedTuple):
 
 
 class TransducerState(NamedTuple):
-    """All of transducers that changes with time; opaque, and good for the same cells."""
+    """Snapshot of the time-varying state of transducers; opaque, valid for the same cells."""
 
     frame: int
     warmth_c: NDArray[np.float64]
 
 
 class Transducers:
-    """The transducers of the cells of a patch.
+    """Transducers of a set of cells.
 
-    Force cells follow a piecewise linear calibration [M14], proximity the law (d0 / (d0 + d))² (assumed),
-    the accelerometer reads ±8 g in steps of 4 mg [T11], temperature lags by 2.6 s [T11]. All add Gaussian
-    noise, then round to the nearest step within the range.
+    Force sensors follow a piecewise-linear calibration [M14], proximity the law (d0 / (d0 + d))² (assumed),
+    the accelerometer reads ±8 g in steps of 4 mg [T11], temperature is a first-order lag of 2.6 s [T11]. All
+    add Gaussian noise, then quantise to the nearest step within the range.
     """
 
     def __init__(self, spec: CellSpec, cell_keys: NDArray[np.uint64], phases_ns: NDArray[np.int64]) -> None:
-        """Sets up `n` cells with keys (n,) of their noise and phases (n,) [ns] in [0, period).
+        """Create the transducers of n cells from noise keys (n,) and phases (n,) [ns] in [0, period).
 
         Raises:
-            DeploymentError: the calibration or a range of `spec` does not hold.
+            DeploymentError: an invalid calibration or range in `spec`.
         """
         force, proximity = spec.force, spec.proximity
         self._calibration = _calibration(force.calibration_n, force.calibration_reading)
@@ -98,7 +102,7 @@ class Transducers:
         self._frame = -1
 
     def sample_times_ns(self, frame_index: int) -> NDArray[np.int64]:
-        """When the cells sample in frame `frame_index` [ns], (n,)."""
+        """Return the sampling times (n,) [ns] of the cells in period `frame_index`."""
         return frame_index * self._period_ns + self._phases_ns
 
     def sample(
@@ -108,19 +112,18 @@ class Transducers:
         after: NDArray[np.floating],
         out: NDArray[np.float32],
     ) -> None:
-        """Writes the readings of frame `frame_index` into `out`.
+        """Sample all cells in period `frame_index` and write their readings into `out`.
 
         Args:
-            frame_index: Number of the frame, which spans [frame_index, frame_index + 1) periods; it rises
-                from call to call, and may skip.
-            before: Stimulus (n, 8) in `STIMULUS_NAMES` order at the start of the frame.
+            frame_index: Index of the period; it increases from call to call, and may skip.
+            before: Stimulus (n, 8) in `STIMULUS_NAMES` order at the start of the period.
             after: Stimulus (n, 8) at its end. In between, forces, accelerations and temperatures are linear
                 in time, and so is the *reading* of proximity (a distance may be inf).
             out: Readings (n, 8) float32 in `READING_NAMES` order.
         """
         assert frame_index > self._frame, f"frame {frame_index} after frame {self._frame}"
         assert before.shape == after.shape == out.shape == self._before.shape
-        # the copies make one compiled signature of any dtype and of read-only frames
+        # copies, so that any dtype and read-only arrays use one compiled signature
         np.copyto(self._before, before)
         np.copyto(self._after, after)
         warming = -math.expm1(-self._rate * (frame_index - self._frame))
@@ -140,21 +143,25 @@ class Transducers:
         )
 
     def reset(self, cells: NDArray[np.int64]) -> None:
-        """`cells` are switched on again: their temperature sensors begin at the temperature around them."""
+        """Reset `cells` after a power cycle: their temperature sensors start at ambient temperature."""
         self._warmth_c[cells] = math.nan
 
     def snapshot(self) -> TransducerState:
-        """A copy of all that changes with time."""
+        """Return a copy of the time-varying state."""
         return TransducerState(self._frame, self._warmth_c.copy())
 
     def restore(self, state: TransducerState) -> None:
-        """Goes back, or forth, to the moment at which transducers of the same cells gave `state`."""
+        """Restore a snapshot of transducers of the same cells."""
         self._frame = state.frame
         self._warmth_c[:] = state.warmth_c
 
 
 def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDArray[np.float64]:
-    """(2, k) table of forces [N] and readings."""
+    """Return the force calibration as a table (2, k) of forces [N] and readings.
+
+    Raises:
+        DeploymentError: fewer than two points, forces that do not rise or readings that fall.
+    """
     table = [list(force_n), list(reading)]
     if (
         len(force_n) != len(reading)
@@ -171,10 +178,10 @@ def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDAr
 
 
 def scales(spec: CellSpec) -> Scales:
-    """What the channels of a cell can read, in `READING_NAMES` order.
+    """Return noise, quantisation and range of a cell's channels, in `READING_NAMES` order.
 
     Raises:
-        DeploymentError: a range does not rise.
+        DeploymentError: an empty range.
     """
     force, proximity = spec.force, spec.proximity
     acceleration, temperature = spec.accelerometer, spec.temperature
@@ -187,13 +194,13 @@ def scales(spec: CellSpec) -> Scales:
     noise, lsb, low, high = np.repeat([c[:4] for c in channels], [c[4] for c in channels], axis=0).T
     if np.any(low >= high):
         raise DeploymentError(f"cells: each sensor's range must rise; got {low.tolist()} to {high.tolist()}")
-    # the tolerance keeps an end that is a whole number of steps; + 0.0 makes a zero of a minus zero
+    # the tolerance keeps an end that is a whole number of steps; + 0.0 turns -0.0 into 0.0
     return Scales(noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9))
 
 
 @compiled
 def _force_reading(force_n: float, calibration: NDArray[np.float64]) -> float:
-    """Reading of a force [N] on the piecewise line, its last segment prolonged, within [0, 1]."""
+    """Return the force reading on the piecewise-linear calibration, extrapolated, clipped to [0, 1]."""
     last = calibration.shape[1] - 2
     segment = 0
     while segment < last and force_n >= calibration[0, segment + 1]:
@@ -206,7 +213,7 @@ def _force_reading(force_n: float, calibration: NDArray[np.float64]) -> float:
 
 @compiled
 def _proximity_reading(distance_m: float, distance0_m: float) -> float:
-    """Reading at a distance [m]: 1 at contact, 0 at infinity."""
+    """Return the proximity reading at a distance [m]: 1 at contact, 0 at infinity."""
     share = distance0_m / (distance0_m + max(distance_m, 0.0))
     return share * share
 
@@ -239,7 +246,7 @@ def _sample(
                 value = _force_reading(value, calibration)
             elif channel == _TEMPERATURE:
                 if math.isnan(warmth_c[cell]):
-                    warmth_c[cell] = value  # a cell that is switched on has the temperature around it
+                    warmth_c[cell] = value  # ambient temperature at power-up
                 warmth_c[cell] += warming * (value - warmth_c[cell])
                 value = warmth_c[cell]
             elif channel > _PROXIMITY:
@@ -247,6 +254,6 @@ def _sample(
             if noise[channel] > 0.0:
                 value += noise[channel] * gaussian(keys[cell], np.uint64(frame_index * _N + channel))
             steps = np.floor(value / lsb[channel] + 0.5)
-            if not steps > lowest[channel]:  # also for a stimulus that is no number
+            if not steps > lowest[channel]:  # also for a NaN stimulus
                 steps = lowest[channel]
             out[cell, channel] = lsb[channel] * min(steps, highest[channel])

@@ -1,7 +1,7 @@
-"""The nodes and links of one host: all cells of its patches, and an interface for each group of patches.
+"""Wiring of one process: the nodes and links of its cells, and an interface for each group of patches.
 
-A group is what bridges join into one network; most are a single patch. A group's nodes follow one another:
-the cells of its patches, then its interface, whose ports are the gateways of its patches in their order.
+A group is a set of patches that bridges join into one network; most are a single patch. The nodes of a group
+are consecutive: the cells of its patches, then its interface, whose ports are the gateways of its patches.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skinnet.deployment.schema import NetworkSpec
 from skinnet.network.network import Network
 from skinnet.network.topology import UNBOUNDED, Topology
-from skinnet.seeding import key_of
+from skinnet.seeding import StreamName, key_of
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import Bridge, PlacedPatch
 from skinnet.skin.whole import WholeSkin, join
@@ -26,16 +26,16 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Wiring:
-    """How the cells of a host are numbered and wired.
+    """Wiring of the cells of a process: indices of cells, nodes, groups and links.
 
     Attributes:
-        skin: The patches, group after group, with the bridges between them; its numbers are host-wide.
-        first_patch: (g + 1,) number of the first patch of each group, then of all patches.
-        group_ports: (g,) ports of each group's interface.
+        skin: Patches, group after group, with the bridges between them; indices are those of the process.
+        first_patch: (g + 1,) index of the first patch of each group, then the number of patches.
+        group_ports: (g,) number of ports of each group's interface.
         gateway_port: (p,) first port of each patch's gateways at its group's interface.
         interface: (g,) node of each group's interface.
         node_of_cell: (cells,) node of each cell.
-        uid_of_cell: (cells,) hardware number: counts the cells of a group.
+        uid_of_cell: (cells,) hardware ID: index of a cell within its group.
         group_of_node: (nodes,) group of each node.
         link_out: (nodes, ports) link that leaves a node by a port, −1 for none.
         topology: Nodes and links for the kernel.
@@ -54,48 +54,50 @@ class Wiring:
 
     @property
     def n_cells(self) -> int:
-        """Cells of all patches."""
+        """Number of cells of all patches."""
         return self.skin.n_cells
 
     @property
     def patches(self) -> tuple[PlacedPatch, ...]:
-        """The patches."""
+        """Placed patches, group after group."""
         return self.skin.patches
 
     @property
     def first_cell(self) -> Ints:
-        """(p + 1,) number of the first cell of each patch, then of all cells."""
+        """Index of the first cell of each patch, then the number of cells, (p + 1,)."""
         return self.skin.first_cell
 
     @property
     def patch_of_cell(self) -> Ints:
-        """(cells,) patch of each cell."""
+        """Patch of each cell, (cells,)."""
         return self.skin.patch_of_cell
 
     @property
     def group_of_patch(self) -> Ints:
-        """(p,) group of each patch."""
+        """Group of each patch, (p,)."""
         return np.repeat(np.arange(len(self.group_ports)), np.diff(self.first_patch))
 
     def network(self, seed: int) -> Network:
-        """The kernel over these nodes; its random draws belong to the nodes, not to their host."""
+        """Return the packet kernel over these nodes; random streams belong to nodes, not to the process."""
         keys = []
         for first, last in pairwise(self.first_patch.tolist()):
             group = self.patches[first:last]
-            keys += [key_of(seed, "node", patch.name, i) for patch in group for i in range(patch.n_cells)]
-            keys.append(key_of(seed, "node", group[0].name, group[0].n_cells))
+            keys += [
+                key_of(seed, StreamName.NODE, patch.name, i) for patch in group for i in range(patch.n_cells)
+            ]
+            keys.append(key_of(seed, StreamName.NODE, group[0].name, group[0].n_cells))
         return Network(self.topology, seed=seed, node_keys=np.array(keys, dtype=np.uint64))
 
 
 def wire(
     groups: Sequence[Sequence[PlacedPatch]], spec: NetworkSpec, bridges: Sequence[Bridge] = ()
 ) -> Wiring:
-    """Numbers and wires the cells of groups of patches, with equal links.
+    """Index and wire the cells of groups of patches, with equal links.
 
     Args:
-        groups: Patches that bridges join.
-        spec: What the links are like.
-        bridges: Wires between patches; those that lead to other patches are left out.
+        groups: Groups of patches that bridges join.
+        spec: Specification of the links.
+        bridges: Wires between patches; those to patches outside `groups` are ignored.
     """
     patches = tuple(patch for group in groups for patch in group)
     names = {patch.name for patch in patches}
@@ -153,6 +155,6 @@ def _topology(wires: Ints, n_nodes: int, interface: Ints, spec: NetworkSpec) -> 
 
 
 def _queues(wires: Ints, interface: Ints, queue_packets: int) -> Ints:
-    """Room on every link: what a cell has, but no bound where the sender is a computer (assumed)."""
+    """Return the queue capacity of every link: a cell's, or unbounded if the computer sends (assumed)."""
     sender = wires[:, [0, 2]].ravel()
     return np.where(np.isin(sender, interface), UNBOUNDED, queue_packets)

@@ -1,1 +1,1 @@
-"""The brain: self-organisation, touch reactions and their safety, without ground truth."""
+"""Robot controller: self-organisation, tactile reactions and safety clamp, without ground truth."""

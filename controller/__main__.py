@@ -1,4 +1,4 @@
-"""`python -m controller`: the controller process of a run."""
+"""Controller process of a run, started by `python -m controller`."""
 
 import sys
 

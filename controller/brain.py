@@ -1,7 +1,8 @@
-"""The brain: ticks through its program of stages, tick by tick from the skin to a velocity. No I/O.
+"""Controller core without I/O: runs a program of stages and maps tactile input to joint velocities.
 
-At a tick: take in what was delivered, let the stage compute, clamp. Cells are asked for their full stream
-only while a stage needs it: all of them to explore, those in contact to react.
+Each tick fuses the delivered skin data, computes the velocity of the current stage, and clamps it. Cells are
+configured to stream full readings only while a stage needs them: all cells to explore, cells in contact to
+react.
 """
 
 from typing import NamedTuple
@@ -25,14 +26,14 @@ from skinnet.messages import FOREVER_NS
 __all__ = ["Brain", "Tick"]
 
 _PATIENCE_NS = 100_000_000
-"""A cell that does not do what it was asked for so long is asked again; an assumption."""
+"""Simulated time [ns] after which an ineffective stream request is repeated; an assumption."""
 _MEMORY_NS = 1_000_000_000
-"""Whoever streams on for longer after it was asked to stop was asked to by somebody else."""
+"""Simulated time [ns] after a stop request beyond which a stream counts as requested by another client."""
 _EVENT_FIELDS = ("t_sampled_ns", "modality", "channel", "kind", "level", "value")
 
 
 class Tick(NamedTuple):
-    """What a tick decides: velocities (D,) [rad/s], and the cells whose stream is switched."""
+    """Output of a tick: joint velocities (D,) [rad/s], and the cells whose stream is switched on or off."""
 
     velocity_rad_s: NDArray[np.float64]
     streams_on: NDArray[np.int64]
@@ -40,11 +41,11 @@ class Tick(NamedTuple):
 
 
 class Brain:
-    """The controller without its wires.
+    """Controller core: tactile state, stage program and safety clamp.
 
     Args:
-        control: What to do, and how.
-        skin: Where the skin's words come in.
+        control: Program, stages and limits.
+        skin: Input of the events and streams of all patches.
         n_cells: S, over all patches.
     """
 
@@ -52,7 +53,7 @@ class Brain:
         self.skin = skin
         self.knowledge = Knowledge(cut=control.map.cut)
         self.memory = LongTermMemory(None, self.knowledge)
-        """Where what is learnt is kept; nowhere unless somebody says where."""
+        """Long-term memory; the default has no store."""
         self.picture = TactilePicture(n_cells)
         self.sessions: list[Session] = []
         self.stage_log: list[tuple[str, int]] = []
@@ -68,53 +69,58 @@ class Brain:
         self._asked_ns = np.full(n_cells, -FOREVER_NS)
         self._heard_ns = np.full(n_cells, -FOREVER_NS)
         self.asked_again = 0
-        """Requests to cells that were repeated, since nothing came of them."""
+        """Number of stream requests that were repeated because they had no effect."""
 
     @property
     def done(self) -> bool:
-        """The program is through."""
+        """True once the program of stages is complete."""
         return not self._program and self._stage is None
 
     @property
     def stage(self) -> str:
-        """Name of the present stage, and after a dot what it is doing if it does more than one thing."""
+        """Name of the current stage, followed by a dot and its state if the stage has states."""
         label = self._stage.label if self._stage is not None else ""
         return f"{self._name}.{label}" if label else self._name
 
     @property
     def state(self) -> str:
-        """The present stage for watchers, to whom it is a state as well that none has begun."""
+        """Controller state as published: the current stage, or `FORMING` before the first."""
         return self.stage or FORMING
 
     @property
     def why(self) -> str:
-        """Why the present stage last changed its state; empty if it has none."""
+        """Event that led to the state of the current stage; empty without one."""
         return self._stage.why if self._stage is not None else ""
 
     @property
     def progress(self) -> float:
-        """Share of the present stage that is done, 0 to 1."""
+        """Completed fraction of the current stage, 0 to 1."""
         return self._stage.progress if self._stage is not None else float(self.done)
 
     @property
     def felt(self) -> NDArray[np.float64] | None:
-        """(S, 4) readings that the last tick reacted to; None without reactions."""
+        """Tactile input (S, 4) of the last tick's reaction; None without reactions."""
         return self._stage.felt if self._stage is not None else None
 
     @property
     def safety(self) -> SafetyClamp | None:
-        """The clamp; None before the first tick."""
+        """Safety clamp; None before the first tick."""
         return self._clamp
 
     def see_cells(self, cells: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
-        """Some cells are in the network, others are not: these feel nothing, and return as new."""
+        """Update the network membership of cells (n,); absent cells read zero until they rejoin.
+
+        Args:
+            cells: (n,) cell indices through all patches.
+            present: (n,) membership of each.
+        """
         gone, back = cells[~present], cells[present & ~self.picture.found[cells]]
         self.picture.set_found(gone, False)
         self.picture.set_found(back, True)
         self._streaming[gone] = False
 
     def ask(self, t_ns: int, what: str, argument: str) -> Reply:
-        """Passes a request on to the present stage, or refuses it; just before the tick of `t_ns`."""
+        """Pass a request to the current stage, or refuse it, before the tick at `t_ns`."""
         stage = self._stage
         if stage is not None:
             if isinstance(stage, Asked):
@@ -137,18 +143,18 @@ class Brain:
         ready: bool,
         outside_rad_s: NDArray[np.float64] | None = None,
     ) -> tuple[Tick, SkinRows, SkinRows]:
-        """One control period.
+        """Compute one control period.
 
         Args:
-            t_ns: now.
-            position_rad: (D,) measured positions.
-            t_joints_ns: when they were measured.
-            t_skin_ns: up to when the patch that is most behind has told everything.
-            ready: the skin's network is formed, the program may begin.
-            outside_rad_s: (D,) velocities that a user adds while the program goes on, finite; if any.
+            t_ns: Time of the tick.
+            position_rad: (D,) measured joint positions.
+            t_joints_ns: Time at which they were measured.
+            t_skin_ns: Lowest watermark of all patches.
+            ready: True once the skin's network is formed and the program may begin.
+            outside_rad_s: (D,) finite velocities that an external client adds to a running program; if any.
 
         Returns:
-            What to do, and what was taken in, in the order of delivery.
+            The tick's output, and the events and full readings of this tick in the order of delivery.
         """
         if self._clamp is None:
             self._home_rad = position_rad.copy()
@@ -179,7 +185,7 @@ class Brain:
                 self._stage.take(stream)
 
     def _turn_page(self, t_ns: int) -> None:
-        """Ends the present stage when it is done, and begins the next."""
+        """Finish the current stage if it is done, and start the next."""
         if self._stage is not None and self._stage.done:
             self._stage.finish(t_ns)
             self._stage = None

@@ -1,4 +1,4 @@
-"""Which samples drove a reaction, and when: for those who judge latencies, never used for control."""
+"""Log of the samples that triggered a reaction, for latency metrics; never used for control."""
 
 from typing import Any
 
@@ -21,26 +21,26 @@ DRIVE = np.dtype(
         ("stage", np.int8),
     ]
 )
-"""A sample above the threshold of its channel (0 to 2 force, 3 proximity), and the tick that used it."""
+"""Row of the log: a sample above its channel's threshold (0 to 2 force, 3 proximity), and its tick."""
 
 _FIRST_COLUMN = np.array([COLUMNS[modality].start for modality in Modality])
 
 
 class DriveLog:
-    """Collects the samples that drive the robot, of events and of streams."""
+    """Log of the event and stream samples that trigger tactile reactions."""
 
     def __init__(self) -> None:
         self._rows: list[NDArray[Any]] = []
 
     @property
     def rows(self) -> NDArray[Any]:
-        """All of them, (n,) `DRIVE`."""
+        """All logged samples, (n,) `DRIVE`."""
         return np.concatenate(self._rows) if self._rows else np.zeros(0, dtype=DRIVE)
 
     def add(
         self, tick_ns: int, stage: int, events: SkinRows, stream: SkinRows, thresholds: NDArray[np.float64]
     ) -> None:
-        """Adds what of a tick's input is above `thresholds` (S, 4), which are inf where there is no gain."""
+        """Add the samples of a tick above `thresholds` (S, 4), which are inf where the gain is zero."""
         channels = thresholds.shape[1]
         if len(stream.cell):
             above = stream.rows["values"][:, :channels] > thresholds[stream.cell]

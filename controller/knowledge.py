@@ -1,4 +1,4 @@
-"""What the robot knows of itself."""
+"""Self-model of the robot: structure, sensory-motor maps, key poses and touch areas."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,16 +15,16 @@ __all__ = ["Knowledge"]
 
 @dataclass
 class Knowledge:
-    """Found by exploration or taught by touch, used by reactions; no model of the robot in it.
+    """Self-model acquired by exploration and by teaching, without a given robot model.
 
     Attributes:
-        cut: Cells whose fused vector is shorter cannot move along their normal.
-        structure: From the structural exploration; None before.
+        cut: Norm of the fused map row below which a cell cannot move along its normal.
+        structure: Kinematic structure from structural exploration; None before.
         map: Sensory-motor maps by pose.
-        map_problems: What the exploration of the map could not measure.
+        map_problems: Measurements that the exploration of the map lacks, one line each.
         poses: Key poses by name, positions (D,) [rad].
-        areas: Touch areas by label, numbers (n,) of their cells in ascending order.
-        parameters: Tuned numbers by name.
+        areas: Touch areas by label, cell indices (n,) in ascending order.
+        parameters: Tuned state parameters by name.
     """
 
     cut: float
@@ -36,7 +36,7 @@ class Knowledge:
     parameters: dict[str, float] = field(default_factory=dict)
 
     def result(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Facts and arrays about what was explored, for the results of a run."""
+        """Return facts and arrays of the exploration, for the results of a run."""
         facts: dict[str, Any] = {"map_problems": self.map_problems}
         arrays: dict[str, NDArray[Any]] = {}
         if self.structure is not None:
@@ -54,19 +54,19 @@ class Knowledge:
         return facts, arrays
 
     def activity(self, n_cells: int, n_dofs: int) -> NDArray[np.bool_]:
-        """(S, D) which DoF moves which cell; any may before the structure is explored."""
+        """Return the activity matrix (S, D); all true before the structure is explored."""
         if self.structure is None:
             return np.ones((n_cells, n_dofs), dtype=np.bool_)
         return self.structure.activity
 
     def learn_map(self, found: Deflections) -> None:
-        """Adds the map of an explored pose, fused with the activity of the structure: equation (3)."""
+        """Add the map of an explored pose, fused with the activity matrix: equation (3) of [M14]."""
         weights = normal_weights(found.deflection_m)
         self.map_problems += found.problems
         self.map.add(found.pose_rad, fuse(self.activity(*weights.shape), weights, self.cut))
 
     def learn_pose(self, name: str, found: Deflections) -> None:
-        """Adds a key pose with its map, in the place of an older one of that name."""
+        """Add a key pose with its map; replace an older pose of the same name."""
         if name in self.poses:
             self.map.forget(self.poses[name])
         self.poses[name] = found.pose_rad

@@ -1,4 +1,4 @@
-"""What a controller tells users of itself: the states that it can be in, and what can be asked of it."""
+"""Published capabilities of the controller: its state machine and the requests it accepts."""
 
 from collections.abc import Iterable
 
@@ -13,13 +13,13 @@ from skinnet.watch_messages import Machine
 __all__ = ["FORMING", "Offers", "machine_of", "nursing_machine"]
 
 FORMING = "forming"
-"""Before the program begins, the network of the skin forms."""
+"""State before the program begins, while the skin's network forms."""
 
 
 def machine_of(control: ControllerSpec, poses: Iterable[str], t_ns: int) -> Machine:
-    """States and requests of a program of stages, whose controller knows `poses`.
+    """Describe the states and requests of a program of stages, given the known `poses`.
 
-    The states of a session are named after the stage and themselves, as commands name them.
+    States of a teach-and-grasp stage are named `<stage>.<state>`, as in commands.
     """
     states: list[str] = [FORMING]
     moves: list[list[str]] = []
@@ -38,13 +38,13 @@ def machine_of(control: ControllerSpec, poses: Iterable[str], t_ns: int) -> Mach
 
 
 def nursing_machine(t_ns: int) -> Machine:
-    """States of the nursing program, which takes no requests."""
+    """Describe the states of the nursing program, which takes no requests."""
     moves = [[state.value, event.value, to.value] for (state, event), to in nursing.TABLE.items()]
     return Machine(t_ns=t_ns, states=[state.value for state in nursing.State], moves=moves)
 
 
 class Offers:
-    """Tells users what there is, once and whenever it changes.
+    """Publisher of the capabilities, once and after every change.
 
     Args:
         keys: Keys of the robot.
@@ -56,7 +56,7 @@ class Offers:
         self._known: tuple[str, ...] | None = None
 
     def news(self, poses: Iterable[str], t_ns: int) -> list[tuple[str, bytes]]:
-        """Key and message, if the controller knows other poses than before."""
+        """Return key and message if the known poses have changed; else nothing."""
         known = tuple(poses)
         if known == self._known:
             return []
@@ -65,7 +65,7 @@ class Offers:
 
 
 def _session(stage: str) -> tuple[list[str], list[list[str]], list[tuple[str, str]]]:
-    """States and moves of a session, and what ends it."""
+    """States and transitions of a teach-and-grasp stage, and its final states with their event."""
     states = [f"{stage}.{state.value}" for state in state_machine.State]
     moves = [
         [f"{stage}.{state.value}", event.value, f"{stage}.{to.value}"]

@@ -1,4 +1,4 @@
-"""Joint velocities that a user adds to the controller's own: the newest, while it is fresh. No I/O."""
+"""External joint velocities, added to the controller's own while they are fresh. No I/O."""
 
 from collections import Counter
 
@@ -12,16 +12,16 @@ from skinnet.outside_messages import Velocity
 __all__ = ["OutsideVelocity"]
 
 _FRESH_NS = 100_000_000
-"""Simulated time after which a velocity counts no more, if no other comes; an assumption."""
+"""Simulated time [ns] for which an external velocity is valid; an assumption."""
 
 
 class OutsideVelocity:
-    """What comes in from outside, if the deployment lets it; whatever makes no sense stops it.
+    """External velocity command, if the deployment allows it; an invalid message cancels it.
 
     Args:
-        allowed: Whether anything may come in.
+        allowed: True if the deployment accepts external velocities.
         n_dofs: D, number of joints.
-        counters: Where to count what came in.
+        counters: Counters of the process; accepted messages are counted.
     """
 
     def __init__(self, allowed: bool, n_dofs: int, counters: Counter[str]) -> None:
@@ -30,10 +30,10 @@ class OutsideVelocity:
         self._until_ns = -1
 
     def take(self, t_ns: int, payload: bytes) -> None:
-        """A message came in before the tick of `t_ns`.
+        """Accept a velocity message before the tick at `t_ns`.
 
         Raises:
-            ProtocolError: it is none, nothing may come in, or it has another length or is not finite.
+            ProtocolError: the message is malformed, not allowed, of the wrong length or not finite.
         """
         self._until_ns = -1
         if not self._allowed:
@@ -49,5 +49,5 @@ class OutsideVelocity:
         self._velocity_rad_s, self._until_ns = wanted, t_ns + _FRESH_NS
 
     def at(self, t_ns: int) -> NDArray[np.float64] | None:
-        """(D,) what to add at the tick of `t_ns` [rad/s]; None if nothing fresh is there."""
+        """Return the velocities (D,) [rad/s] to add at the tick at `t_ns`; None without fresh ones."""
         return self._velocity_rad_s if t_ns < self._until_ns else None

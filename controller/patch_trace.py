@@ -1,4 +1,4 @@
-"""What each patch felt most, tick by tick, while a session lasts: for plots as Fig. 10 [M14]."""
+"""Trace of the largest readings of each patch, per tick of a teach-and-grasp stage: [M14, Fig. 10]."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ _FORCE, _PROXIMITY = slice(0, 3), 3
 
 
 class PatchTrace:
-    """The newest readings that the controller has, reduced to the largest of each patch.
+    """Trace of the controller's newest readings, reduced to the maximum of each patch.
 
     Args:
         sizes: Number of cells of each patch, by name, in order.
@@ -26,14 +26,14 @@ class PatchTrace:
         self._felt: list[NDArray[np.float32]] = []
 
     def add(self, t_ns: int, picture: TactilePicture) -> None:
-        """Adds a tick."""
+        """Add the readings of a tick."""
         touch = picture.touch(t_ns)
         felt = np.column_stack([touch[:, _FORCE].max(axis=1), touch[:, _PROXIMITY]])
         self._t_ns.append(t_ns)
         self._felt.append(np.maximum.reduceat(felt, self._first, axis=0).astype(np.float32))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Times (n,) and largest force and proximity readings (n, P, 2)."""
+        """Return times (n,) and largest force and proximity readings (n, P, 2)."""
         return {
             "patch_t_ns": np.array(self._t_ns, dtype=np.int64),
             "patch_felt": np.array(self._felt, dtype=np.float32).reshape(-1, self._n_patches, 2),

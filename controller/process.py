@@ -1,4 +1,4 @@
-"""The controller as a process: the brain with its wires."""
+"""Controller process: the controller core connected to the channels of the loop."""
 
 import hashlib
 import time
@@ -50,7 +50,7 @@ _STATE_EVERY_S = 0.1
 
 
 class ControllerNode:
-    """Ticks with the joint feedback, on what the skin had delivered by then."""
+    """Controller process, ticked by joint feedback on the skin data delivered before it."""
 
     role = Role.CONTROLLER.value
     paced = False
@@ -103,24 +103,28 @@ class ControllerNode:
         self._patch_trace = PatchTrace(sizes)
 
     def keep(self, base: Path, out: Path | None) -> None:
-        """Recalls what the deployment in `base` names, and keeps what is learnt in the run folder `out`."""
+        """Load the deployment's memory from folder `base`, and store what is learnt in run folder `out`."""
         self._brain.memory = LongTermMemory.begin(self._deployment, base, out, self._brain.knowledge)
 
     def start(self, put: Put) -> None:
-        """The first tick is at time zero."""
+        """Send nothing: the first tick is at time zero."""
 
     def needs(self) -> dict[str, int] | None:
-        """Joint feedback of this tick, and from every patch all that was delivered before it."""
+        """Require joint feedback of this tick, and every patch's watermark at its time."""
         if self._finished or self._t_ns >= self._max_ns:
             return None
         return {"body": self._t_ns} | dict.fromkeys(self._patches, self._t_ns)
 
     def due_ns(self) -> int:
-        """The next tick."""
+        """Return the time of the next tick."""
         return self._t_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in joint feedback, what a patch has to say, or what a user asks for."""
+        """Accept joint feedback, skin data, a request or an external velocity.
+
+        Raises:
+            ProtocolError: the message does not fit this run.
+        """
         if channel == "joints":
             joints = decode(payload, Joints)
             position = np.array(joints.position_rad, dtype=np.float64)
@@ -162,11 +166,11 @@ class ControllerNode:
                 raise ProtocolError(f"the controller does not read {channel}")
 
     def lose(self, upstream: Upstream) -> None:
-        """Cells of a lost patch feel nothing any more; the rest goes on."""
+        """Set the cells of a lost patch to absent; the others continue."""
         self._brain.picture.set_found(self._brain.skin.cells(upstream.name), False)
 
     def step(self, put: Put) -> None:
-        """One tick."""
+        """Compute one tick: send stream configurations, the command and the recorded state."""
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
         self._see_topologies()
@@ -182,7 +186,7 @@ class ControllerNode:
         )
         self._finished = self._brain.done
         effect_ns = t_ns + self._delay_ns
-        # not at once: who had come so far would wait for frames that nobody sends any more
+        # not at once: a process already past this tick would wait for period ends that are never sent
         end_ns = next_multiple(effect_ns, self._frame_ns)
         configs = self._send_configs(put, tick, effect_ns)
         command = Command(
@@ -207,7 +211,7 @@ class ControllerNode:
         self._t_ns += self._period_ns
 
     def _see_topologies(self) -> None:
-        """Takes in what is known by this tick; a host that is ahead may tell of it before its time."""
+        """Apply the topologies due by this tick; a cell process that is ahead sends them early."""
         for patch, waiting in self._topologies.items():
             while waiting and waiting[0].t_ns <= self._t_ns:
                 present = np.array(waiting.popleft().network_id) > 0
@@ -228,7 +232,7 @@ class ControllerNode:
     def _note(
         self, position: NDArray[np.float64], events: SkinRows, stream: SkinRows, command: bytes
     ) -> None:
-        """Writes the tick into the log: what came in, in its order, and what went out."""
+        """Add the tick's ordered inputs and its command to the log hash."""
         log = self._log
         log.update(position.tobytes())
         for column in (*events, *stream):
@@ -236,7 +240,7 @@ class ControllerNode:
         log.update(command)
 
     def news(self) -> list[tuple[str, bytes]]:
-        """Answers to requests; and what goes on, when it changes and by the wall clock. Never in the log."""
+        """Return answers, capabilities, and the state on change or by wall clock; never in the log."""
         brain, now_s = self._brain, time.monotonic()
         news = self._requests.news()
         news += self._offers.news(brain.knowledge.poses, self._t_ns)
@@ -250,7 +254,7 @@ class ControllerNode:
         return ControllerState(t_ns=t_ns, stage=brain.state, progress=brain.progress, text=brain.why)
 
     def result(self) -> Part:
-        """What was found out, and the traces of what was felt and commanded."""
+        """Return the self-model, and the traces of tactile input and commands."""
         brain, knowledge = self._brain, self._brain.knowledge
         brain.memory.close()
         facts: dict[str, Any] = {
@@ -278,7 +282,7 @@ class ControllerNode:
 
 
 def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
-    """The controller of `deployment`; of the skin it knows the patches and how many cells each has."""
+    """Build the controller process of `deployment`; it knows the patches and their cell counts only."""
     if deployment.nursing is not None:
         from controller.nursing.process import NursingNode  # brings MuJoCo with it
 

@@ -1,4 +1,4 @@
-"""A rehearsal of a tick, so that everything is compiled before others wait for it."""
+"""Warm-up of compiled functions by one tick, before other processes wait for the controller."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ __all__ = ["rehearse"]
 
 
 def rehearse(deployment: Deployment) -> None:
-    """Calls once what is compiled: loading the machine code takes half a second."""
+    """Call the compiled functions once: loading their code takes half a second."""
     skin = SkinInput({"none": 1})
     one = [0]
     events = Events(

@@ -1,7 +1,7 @@
-"""Requests of users to the controller: from their arrival to their answer. No I/O.
+"""Request queue of the controller: from arrival to answer. No I/O.
 
-A request waits for the next tick, which asks whatever goes on there and then. What it says is the answer.
-Few are handled in a tick and few may wait, so that a flood of them costs a bounded time and nothing else.
+A request waits for the next tick, at which the current stage accepts or refuses it; its reply is the answer.
+Queue length and requests per tick are bounded, so that a flood of requests costs a bounded time.
 """
 
 from collections import Counter, deque
@@ -18,11 +18,11 @@ __all__ = ["Asked", "Reply", "Requests"]
 _MOST_WAITING = 64
 _MOST_PER_TICK = 8
 _MOST_KEPT = 10_000
-"""Requests that the facts of a run name; all are counted."""
+"""Number of requests listed in the facts of a run; all are counted."""
 
 
 class Reply(NamedTuple):
-    """What comes of a request: the state after it, as watchers see it, and if it was refused, why."""
+    """Reply to a request: the published state after it, and the reason of a refusal."""
 
     accepted: bool
     state: str
@@ -31,23 +31,23 @@ class Reply(NamedTuple):
 
 @runtime_checkable
 class Asked(Protocol):
-    """A stage that takes requests."""
+    """Stage that takes requests."""
 
     def ask(self, t_ns: int, what: str, argument: str) -> Reply:
-        """Does what is asked for at `t_ns`, or refuses and changes nothing."""
+        """Handle a request at `t_ns`, or refuse it and change nothing."""
 
 
 class Requests:
-    """The requests that wait, and the answers that have not been sent.
+    """Queue of pending requests, and of answers that are not sent yet.
 
     Args:
         keys: Keys of the robot.
-        counters: Where to count what came from outside, and what was dropped since too many waited.
+        counters: Counters of the process; external requests and dropped ones are counted.
     """
 
     def __init__(self, keys: Keys, counters: Counter[str]) -> None:
         self.log: list[tuple[int, str, str, bool]] = []
-        """Time of the tick [ns], what was asked for, its argument, and whether it was accepted."""
+        """Handled requests: time of the tick [ns], request, argument, accepted."""
         self._answer_key = keys.of("answer")
         self._counters = counters
         self._waiting: deque[tuple[str, Request]] = deque()
@@ -55,11 +55,14 @@ class Requests:
 
     @property
     def answers(self) -> tuple[tuple[str, bytes], ...]:
-        """The answers that were not sent to watchers yet: those of this tick, until `news` is called."""
+        """Answers not yet published to observers: those since the last call of `news`."""
         return tuple(self._answers)
 
     def add(self, what: str, request: Request) -> None:
-        """A request came in; who asks past the desk of the launcher, which counts them, may come in vain."""
+        """Queue a request, or drop it if the queue is full.
+
+        The launcher's request server bounds open requests; clients that bypass it may be dropped.
+        """
         self._counters["requests_from_outside"] += 1
         if len(self._waiting) < _MOST_WAITING:
             self._waiting.append((what, request))
@@ -67,14 +70,14 @@ class Requests:
             self._counters["dropped_requests"] += 1
 
     def handle(self, t_ns: int, ask: Callable[[int, str, str], Reply]) -> bytes:
-        """Asks on behalf of those that waited, in the order of their arrival.
+        """Handle pending requests in the order of their arrival.
 
         Args:
             t_ns: Time of the tick.
-            ask: Answers a request: (t_ns, what, argument).
+            ask: Handler of a request: (t_ns, what, argument).
 
         Returns:
-            What was accepted, for the log; nothing if nothing was. What was refused has changed nothing.
+            The accepted requests for the log hash, empty without any; a refused request changes nothing.
         """
         accepted = []
         for _ in range(min(_MOST_PER_TICK, len(self._waiting))):
@@ -89,6 +92,6 @@ class Requests:
         return msgspec.msgpack.encode(accepted) if accepted else b""
 
     def news(self) -> list[tuple[str, bytes]]:
-        """The answers since the last call, for watchers."""
+        """Return the answers since the last call, for observers."""
         news, self._answers = self._answers, []
         return news

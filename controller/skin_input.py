@@ -1,8 +1,8 @@
-"""The controller's ear: what the gateways deliver, held back until its time and put into the one true order.
+"""Skin input of the controller: buffers gateway deliveries and releases them in a deterministic order.
 
-Rows are the controller's cells: patches in the order of the deployment, the cells of each in turn. What was
-delivered before a tick is handed out at that tick, ordered by (time of delivery, patch, gateway, sequence
-number), so the order in which messages arrive does not matter.
+Cell indices run through all patches in the order of the deployment. A tick takes the rows delivered before
+it, sorted by (time of delivery, patch, gateway, sequence number), so the order in which messages arrive does
+not matter.
 """
 
 from array import array
@@ -21,9 +21,9 @@ __all__ = ["EVENT_ROW", "SkinInput", "SkinRows"]
 _EVENT_COLUMNS = ("t_sampled_ns", "t_delivered_ns", "seq", "cell", "modality", "channel", "kind", "level")
 _N_COLUMNS = len(_EVENT_COLUMNS)
 EVENT_ROW = np.dtype([(name, np.int64) for name in (*_EVENT_COLUMNS, "gateway")] + [("value", np.float64)])
-"""One event, with the cell's number in its patch."""
+"""Event row, with the cell's index within its patch."""
 _CHANNELS = (FORCE_CHANNELS, 1, 3, 1)
-"""Channels of each modality."""
+"""Number of channels of each modality."""
 _U2_PER_ROW = STREAM_ROW.itemsize // 2
 _U2_OF_CELL = STREAM_ROW.fields["cell"][1] // 2  # type: ignore[index]
 
@@ -31,7 +31,7 @@ _U2_OF_CELL = STREAM_ROW.fields["cell"][1] // 2  # type: ignore[index]
 class SkinRows(NamedTuple):
     """Events (`EVENT_ROW`) or full readings (`STREAM_ROW`) in the order of delivery.
 
-    `cell` (n,) numbers the cells through all patches; `rows["cell"]` within each.
+    `cell` (n,) is the index through all patches; `rows["cell"]` the index within its patch.
     """
 
     cell: NDArray[np.int64]
@@ -39,10 +39,10 @@ class SkinRows(NamedTuple):
 
 
 class SkinInput:
-    """Collects events and streams of all patches.
+    """Input buffer of the events and streams of all patches.
 
-    A message is checked when it comes and otherwise only kept, for there are tens of thousands a second;
-    once a tick, what has come is laid out and ordered.
+    A message is checked and buffered on arrival, as there are tens of thousands a second; rows are unpacked
+    and sorted once a tick.
 
     Args:
         sizes: Number of cells of each patch, by name, in order.
@@ -65,25 +65,25 @@ class SkinInput:
 
     @property
     def received(self) -> int:
-        """Events and full readings that came until the last `take`."""
+        """Number of events and full readings received until the last `take`."""
         return int(self._received.sum())
 
     @property
     def gaps(self) -> int:
-        """How many of them are missing, by the sequence numbers of those that came."""
+        """Number of missing events and readings, by gaps in the sequence numbers."""
         return int((self._newest_seq + 1 - self._received).sum())
 
     def cells(self, patch: str) -> NDArray[np.int64]:
-        """Numbers of the cells of `patch`, through all patches; none if it is not in the run."""
+        """Return the cell indices of `patch` through all patches; none if it is not in the run."""
         index = self._patch.get(patch)
         return np.arange(0) if index is None else np.arange(self._first[index], self._first[index + 1])
 
     def add_events(self, patch: str, events: Events) -> int:
-        """Takes in events of a patch; returns how many.
+        """Add events of a patch; return their number.
 
         Raises:
-            ProtocolError: columns of different lengths, another patch, or a cell, a modality or a channel
-                that it does not have.
+            ProtocolError: columns of different lengths, another patch, or an unknown cell, modality or
+                channel.
         """
         cell, modality, channel = events.cell, events.modality, events.channel
         columns = (events.t_sampled_ns, events.t_delivered_ns, events.seq, cell)
@@ -107,10 +107,10 @@ class SkinInput:
         return n
 
     def add_stream(self, patch: str, stream: Stream) -> int:
-        """Takes in full readings of a patch; returns how many.
+        """Add full readings of a patch; return their number.
 
         Raises:
-            ProtocolError: no whole rows, another patch, or a cell that it does not have.
+            ProtocolError: incomplete rows, another patch, or an unknown cell.
         """
         n, rest = divmod(len(stream.rows), STREAM_ROW.itemsize)
         if rest:
@@ -128,7 +128,7 @@ class SkinInput:
             raise ProtocolError(f"unknown cell of {patch}: it has cells 0 to {self._sizes[patch] - 1}")
 
     def take(self, before_ns: int) -> tuple[SkinRows, SkinRows]:
-        """Events and full readings that were delivered before `before_ns` and not taken yet, in order."""
+        """Remove and return the events and full readings delivered before `before_ns`, in order."""
         n_events = len(self._values)
         event_patch, events = np.empty(n_events, dtype=np.int64), np.empty(n_events, dtype=EVENT_ROW)
         if n_events:
@@ -152,7 +152,7 @@ class SkinInput:
 
 
 class _Ordered:
-    """Puts rows of one kind into their order, and keeps those that are not due."""
+    """Sorted buffer of rows of one type, which keeps the rows that are not due."""
 
     def __init__(self, kind: np.dtype[Any]) -> None:
         self._patch = np.zeros(0, dtype=np.int64)
@@ -161,7 +161,7 @@ class _Ordered:
     def take(
         self, patch: NDArray[np.int64], rows: NDArray[Any], before_ns: int
     ) -> tuple[NDArray[np.int64], NDArray[Any]]:
-        """Patch and rows of what was delivered before `before_ns`: of what was kept, and of what is new."""
+        """Return patch and rows delivered before `before_ns`, buffered and new ones; buffer the others."""
         if not len(rows) and not len(self._rows):
             return patch, rows
         if len(self._rows):
@@ -174,12 +174,12 @@ class _Ordered:
 
 
 def _order(patch: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[np.int64]:
-    """Indices that order rows by time of delivery, patch, gateway, sequence number, then as they came."""
+    """Sort indices by time of delivery, patch, gateway, sequence number, then arrival."""
     t_ns = rows["t_delivered_ns"]
-    order = np.argsort(t_ns, kind="stable")  # a merge of the runs that the patches sent
+    order = np.argsort(t_ns, kind="stable")  # timsort merges the sorted runs of the patches
     t_ns = t_ns[order]
     same = t_ns[1:] == t_ns[:-1]
-    if same.any():  # few are delivered at the same nanosecond
+    if same.any():  # few rows share a delivery time
         tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
         index = order[tied]
         ties = rows[index]
@@ -194,13 +194,13 @@ def _unfold(
     patch: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> None:
-    """Lays out messages, each its patch, gateway, count and columns one after the other, as rows.
+    """Unpack column-wise messages (patch, gateway, count, columns) into rows.
 
     Args:
-        integers: All messages.
-        value_bits: (n,) bits of their readings.
-        patch: (n,) out.
-        rows: (n, 10) out, the words of `EVENT_ROW`.
+        integers: All messages, concatenated.
+        value_bits: (n,) bit patterns of their readings.
+        patch: (n,) output, patch index of each row.
+        rows: (n, 10) output, the 64-bit fields of `EVENT_ROW`.
     """
     at, row = 0, 0
     while at < integers.size:

@@ -1,4 +1,4 @@
-"""What the controller can be busy with: the stages of its program, each a small state machine without I/O."""
+"""Stages of the controller's program, each a state machine without I/O."""
 
 from typing import Protocol
 
@@ -27,54 +27,54 @@ _ACCELERATION = slice(4, 7)
 
 
 class Stage(Protocol):
-    """One stage: ticks until it is done."""
+    """Stage of the program, ticked until it is done."""
 
     @property
     def label(self) -> str:
-        """What it is doing, if a stage does more than one thing; else empty."""
+        """State within the stage; empty for a stage without states."""
 
     @property
     def why(self) -> str:
-        """Why the label last changed; empty if it never did."""
+        """Event of the last change of the label; empty before the first."""
 
     @property
     def done(self) -> bool:
-        """The next stage may begin."""
+        """True once the stage is complete."""
 
     @property
     def progress(self) -> float:
-        """Share that is done, 0 to 1."""
+        """Completed fraction of the stage, 0 to 1."""
 
     @property
     def wants_stream(self) -> bool:
-        """The full readings of all cells are needed."""
+        """True while the full readings of all cells are needed."""
 
     @property
     def gains(self) -> NDArray[np.float64] | None:
-        """(S, 4) gains of the reactions, whose cells should stream in contact; None without reactions."""
+        """Reaction gains (S, 4), whose cells stream while in contact; None without reactions."""
 
     @property
     def thresholds(self) -> NDArray[np.float64] | None:
-        """(S, 4) readings above which it reacts, inf where it never does; None without reactions."""
+        """Reaction thresholds (S, 4), inf where the gain is zero; None without reactions."""
 
     @property
     def felt(self) -> NDArray[np.float64] | None:
-        """(S, 4) readings that the last tick reacted to; None without reactions."""
+        """Tactile input (S, 4) of the last tick's reaction; None without reactions."""
 
     def take(self, stream: SkinRows) -> None:
-        """Takes in full readings."""
+        """Process the full readings of a tick."""
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
-        """Joint velocities (D,) [rad/s] at `t_ns`."""
+        """Compute the joint velocities (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
 
     def finish(self, t_ns: int) -> None:
-        """Leaves what was found in the controller's knowledge."""
+        """Store the result in the self-model."""
 
 
 class Explore:
-    """A motion program of self-organisation: structure or map."""
+    """Exploration stage of self-organisation: kinematic structure or sensory-motor map."""
 
     label = why = ""
     gains = None
@@ -93,34 +93,34 @@ class Explore:
 
     @property
     def done(self) -> bool:
-        """The motion program is through."""
+        """True once the motion program is complete."""
         return self._program.done
 
     @property
     def progress(self) -> float:
-        """Share of the motion program."""
+        """Completed fraction of the motion program."""
         return self._program.progress
 
     @property
     def wants_stream(self) -> bool:
-        """Accelerations are what it measures."""
+        """True while the accelerations of all cells are needed."""
         return self._program.wants_stream
 
     def take(self, stream: SkinRows) -> None:
-        """Accelerations for the averages and lock-ins."""
+        """Add accelerations to the averages and lock-in detectors."""
         acceleration_g = stream.rows["values"][:, _ACCELERATION].astype(np.float64)
         self._program.add_samples(stream.cell, stream.rows["t_sampled_ns"], acceleration_g)
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
-        """The motion program's velocities."""
+        """Compute the velocities of the motion program."""
         if isinstance(self._own, MapExploration):
             self._own.add_positions(t_ns, position_rad)
         return self._program.step(t_ns, position_rad)
 
     def finish(self, t_ns: int) -> None:
-        """Structure, or a map fused with the activity of the structure."""
+        """Store the structure, or the map fused with the activity matrix."""
         knowledge = self._knowledge
         if isinstance(self._own, StructuralExploration):
             knowledge.structure = self._own.result
@@ -130,7 +130,7 @@ class Explore:
 
 
 class TakePosture:
-    """Goes to a pose: equation (5)."""
+    """Posture stage: moves to a pose by equation (5) of [M14]."""
 
     label = why = ""
     gains = None
@@ -148,18 +148,18 @@ class TakePosture:
 
     @property
     def progress(self) -> float:
-        """Share of the longest way."""
+        """Completed fraction of the largest joint distance."""
         if self.done:
             return 1.0
         return max(0.0, 1.0 - self._left_rad / self._way_rad) if self._way_rad > 0.0 else 0.0
 
     def take(self, stream: SkinRows) -> None:
-        """Postures do not feel."""
+        """Ignore the readings: a posture uses no tactile input."""
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
-        """Velocities towards the pose; done when the completion event comes."""
+        """Compute the velocities towards the pose; the completion event ends the stage."""
         velocity, event = self._posture.step(t_ns, position_rad)
         self._left_rad = float(np.abs(self._target.position_rad - position_rad).max())
         self._way_rad = max(self._way_rad, self._left_rad)
@@ -167,7 +167,7 @@ class TakePosture:
         return velocity
 
     def finish(self, t_ns: int) -> None:
-        """Nothing is learnt."""
+        """Store nothing."""
 
 
 def make_stage(
@@ -181,7 +181,7 @@ def make_stage(
     n_cells: int,
     home_rad: NDArray[np.float64],
 ) -> Stage:
-    """The stage that `spec` describes, beginning at `t_ns`; `home_rad` (D,) is where the robot woke up."""
+    """Build the stage of `spec`, starting at `t_ns`; `home_rad` (D,) is the initial pose."""
     n_dofs = len(home_rad)
     match spec.kind:
         case "structure":

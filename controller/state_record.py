@@ -1,4 +1,4 @@
-"""What the controller does, for a recording: as for watchers, but by simulated time and never lost."""
+"""Recorded controller state: as published to observers, but by simulated time and lossless."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ _EVERY_NS = 100_000_000
 
 
 class StateRecord:
-    """Puts states and answers into the loop: a state when it changes, every 0.1 s, and at the end.
+    """Recorder output of states and answers: a state on change, every 0.1 s, and at the end.
 
     Args:
         keys: Keys of the robot.
@@ -26,13 +26,13 @@ class StateRecord:
     def tick(
         self, put: Put, state: ControllerState, news: Iterable[tuple[str, bytes]], *, last: bool
     ) -> None:
-        """Sends what there is to say of the tick at `state.t_ns`, before the command that closes it.
+        """Send the messages of the tick at `state.t_ns`, before the command that ends it.
 
         Args:
-            put: Sends.
-            state: What the controller does.
-            news: Keys and payloads of what else is new: answers, states and requests that there are.
-            last: Whether it is the last tick.
+            put: Adds a message to the period.
+            state: Controller state.
+            news: Keys and payloads of answers and capabilities.
+            last: True at the last tick.
         """
         for key, payload in news:
             put(key, payload)

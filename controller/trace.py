@@ -1,4 +1,4 @@
-"""The course of a run as the controller saw it: for figures and plots, never used for control."""
+"""Trace of a run's inputs and commands, for metrics and plots; never used for control."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ __all__ = ["Trace"]
 
 
 class Trace:
-    """What came in and was commanded in every tick, and what was felt in the ticks of stages that react."""
+    """Trace of inputs and commands of every tick, and of tactile input in reacting stages."""
 
     def __init__(self) -> None:
         self._t_ns: list[int] = []
@@ -25,7 +25,7 @@ class Trace:
         felt: NDArray[np.float64] | None,
         taken: tuple[int, int],
     ) -> None:
-        """Adds a tick: velocities (D,), readings (S, 4) if it reacted, events and full readings taken in."""
+        """Add a tick: velocities (D,) [rad/s], tactile input (S, 4), counts of events and full readings."""
         self._t_ns.append(t_ns)
         self._taken.append(taken)
         self._velocity.append(velocity.astype(np.float32))
@@ -34,11 +34,12 @@ class Trace:
             self._felt.append(felt.astype(np.float16))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The trace by name."""
+        """Return the trace's arrays by name."""
         return {
             "t_ns": np.array(self._t_ns, dtype=np.int64),
             "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
-            "taken": np.array(self._taken, dtype=np.int64).reshape(-1, 2),  # events, full readings
+            # counts of events and of full readings
+            "taken": np.array(self._taken, dtype=np.int64).reshape(-1, 2),
             "touch_t_ns": np.array(self._felt_ns, dtype=np.int64),
             "touch": np.array(self._felt, dtype=np.float16),
         }

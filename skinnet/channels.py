@@ -1,7 +1,7 @@
-"""The channel table, and the only builder and parser of key expressions.
+"""Channel table of the middleware, with the only builder and parser of key expressions.
 
-All keys begin with `skinnet/<robot>/`. The table says who sends what to whom and how often; the launcher's
-subscriptions, `skinnet check` and the documentation are made from it.
+All keys begin with `skinnet/<robot>/`. A row gives key, message type, sender, receivers and period of a
+channel; subscriptions, `skinnet check` and the documentation are derived from the rows.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ __all__ = [
 
 
 class Role(Enum):
-    """Who takes part in a run; the launcher looks on."""
+    """Roles of the processes of a run; the launcher only observes."""
 
     BODY = "body"
     CELLS = "cells"
@@ -53,18 +53,18 @@ class Role(Enum):
 
 @dataclass(frozen=True)
 class Channel:
-    """One row of the table.
+    """Channel: one row of the table.
 
     Attributes:
         name: Name of the channel in code.
-        pattern: Key below `skinnet/<robot>/`; `<field>` stands for one segment.
-        message: Type of its messages.
-        sender: Role that sends; None for users, who ask through the watch endpoint.
-        receivers: Roles that need every message.
-        period: When a message is sent.
-        public: Whether watchers get best-effort copies; the newest topology and state also answer queries.
-        recorded: Whether a recording of the run holds every message.
-        told: Whether watchers are told of it beside the loop, at a pace of their own.
+        pattern: Key pattern below `skinnet/<robot>/`; `<field>` stands for one segment.
+        message: Message type.
+        sender: Role that publishes; None for external clients, which enter through the observer endpoint.
+        receivers: Roles that subscribe and need every message.
+        period: Publication period or condition.
+        public: Observers get best-effort copies; the newest topology and state also answer queries.
+        recorded: A recording of the run holds every message.
+        told: Published best-effort to observers, outside the loop.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Channel:
 
     @property
     def origin(self) -> str:
-        """The sender in words."""
+        """Sender role as text; "outside" for external clients."""
         return OUTSIDE if self.sender is None else self.sender.value
 
 
@@ -110,17 +110,17 @@ CHANNELS = (
     Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
     Channel("fault", "run/fault", Fault, Role.RECORDER, (), "on change", public=False),
 )
-"""Rows in the order of a touch on its way round."""
+"""Channels in the order of the sensorimotor loop."""
 
 ALIVE = "alive"
 DEPLOYMENT = "skinnet/*/deployment"
-"""Asked at a watch endpoint, this tells what runs there, whatever the robot."""
+"""Key expression that an observer endpoint answers with its deployment, for any robot."""
 OUTSIDE = "outside"
-"""Sender of what strangers bring into the loop: configurations, requests to the controller, velocities."""
+"""Sender name of external clients in the loop: configurations, requests to the controller, velocities."""
 RECORDER = "recorder"
-"""Name of the process that records a run, if one does."""
+"""Process name of the recorder."""
 WATCHERS = "watchers"
-"""Lane of what nobody in the loop receives; it is put there only if somebody listens."""
+"""Route group of channels without receivers in the loop; put only if an observer subscribes."""
 _KNOWN_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
@@ -131,12 +131,16 @@ for _row in CHANNELS:
 
 
 def channel(name: str) -> Channel:
-    """Row of the table by its name."""
+    """Return the channel `name` of the table."""
     return _BY_NAME[name]
 
 
 class Keys:
-    """Builds and parses the keys of one robot."""
+    """Key builder and parser of one robot.
+
+    Attributes:
+        prefix: `skinnet/<robot>/`.
+    """
 
     def __init__(self, robot: str) -> None:
         self.prefix = f"skinnet/{robot}/"
@@ -144,13 +148,13 @@ class Keys:
         self._lanes: dict[str, str] = {}
 
     def of(self, name: str, *fields: str | int) -> str:
-        """Key of channel `name` with its fields filled in; "*" and "**" make it an expression."""
+        """Build the key of channel `name` from its fields; "*" and "**" make it a key expression."""
         parts = _BY_NAME[name].pattern.split("/")
         values = iter(fields)
         return self.prefix + "/".join(str(next(values)) if p.startswith("<") else p for p in parts)
 
     def lane(self, key: str) -> str:
-        """Receivers of what is put on `key`, maybe an expression: what they share travels together."""
+        """Return the route group of a key or expression: its receivers, whose messages share a batch."""
         lane = self._lanes.get(key)
         if lane is None:
             row = self.parse(key)[0]
@@ -160,20 +164,20 @@ class Keys:
         return lane
 
     def alive(self, role: Role | str, name: str) -> str:
-        """Key of a liveliness token; "*" stands for any."""
+        """Build the key of a liveliness token; "*" stands for any."""
         return f"{self.prefix}{ALIVE}/{role.value if isinstance(role, Role) else role}/{name}"
 
     def claim(self, name: str, process: str) -> str:
-        """Key of the token by which a process claims the name `name`; "*" stands for any process."""
+        """Build the token key by which `process` claims the name `name`; "*" stands for any process."""
         return f"{self.prefix}claim/{name}/{process}"
 
     @property
     def deployment(self) -> str:
-        """Key at the watch endpoint that answers with what runs."""
+        """Key under which the observer endpoint serves the deployment."""
         return f"{self.prefix}deployment"
 
     def parse(self, key: str) -> tuple[Channel, tuple[str, ...]]:
-        """Channel and field values of `key`.
+        """Parse `key` into its channel and field values.
 
         Raises:
             ProtocolError: no channel has this key.
@@ -188,7 +192,7 @@ class Keys:
                     s in (None, p) for s, p in zip(shape, parts, strict=True)
                 ):
                     parsed = row, tuple(parts[i] for i in fields)
-                    if len(self._parsed) < _KNOWN_KEYS:  # a stranger may invent keys without end
+                    if len(self._parsed) < _KNOWN_KEYS:  # external clients may send any number of keys
                         self._parsed[key] = parsed
                     return parsed
         raise ProtocolError(f"key {key}: no channel of this robot")

@@ -1,4 +1,4 @@
-"""Simulated time is an integer of nanoseconds; this is where it meets periods and the wall."""
+"""Simulated time in integer nanoseconds: period arithmetic, and pacing by the wall clock."""
 
 import time
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ NS_PER_S = 1_000_000_000
 
 
 def next_multiple(t_ns: int, period_ns: int, offset_ns: int = 0) -> int:
-    """First time after `t_ns` of the form offset + k × period [ns]."""
+    """Return the first time after `t_ns` of the form offset + k × period [ns]."""
     return t_ns + period_ns - (t_ns - offset_ns) % period_ns
 
 
 @dataclass
 class WallPace:
-    """Ties simulated time to the wall clock from its first use on, for `pace = "realtime"`."""
+    """Wall-clock pacing of simulated time from its first use on, for `pace = "realtime"`."""
 
     start_wall_ns: int | None = None
 
     def wait_s(self, t_ns: int) -> float:
-        """Seconds of wall time left until simulated time `t_ns`; negative when late."""
+        """Return the wall time [s] left until simulated time `t_ns`; negative when late."""
         now_ns = time.monotonic_ns()
         if self.start_wall_ns is None:
             self.start_wall_ns = now_ns

@@ -1,8 +1,8 @@
-"""The one way in which this project compiles: Numba, cached on disk, exact IEEE arithmetic.
+"""Numba compilation: decorators, on-disk cache, strict IEEE arithmetic.
 
-`fastmath` stays off: it lets the compiler reorder sums, and then one process and many would no longer give
-the same log. Numba's own cache looks at the file of a function only, not at those that it calls into; so the
-cache lies in a folder named after the contents of all compiled modules, and cannot be stale.
+`fastmath` stays off: it lets the compiler reorder sums, so that runs in one process and in several would give
+different logs. Numba's cache checks the file of a function only, not those of its callees; so the cache
+folder is named by a hash of all compiled modules, and is never stale.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ _PACKAGES = ("skinnet", "cells", "controller")
 
 
 def _fingerprint() -> str:
-    """Hash of all modules that have something compiled."""
+    """Return the hash of all modules that contain compiled functions."""
     digest = hashlib.sha256(numba.__version__.encode())
     root = Path(__file__).parents[1]
     for package in _PACKAGES:
@@ -48,26 +48,26 @@ if not numba.config.CACHE_DIR:
 
 
 def compiled(function: F) -> F:
-    """Compiles `function` on first use and keeps the machine code for the next process."""
+    """Compile `function` on first use and cache its machine code for later processes."""
     result: F = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
     return result
 
 
 def borrowing(function: F) -> F:
-    """Like `compiled`, for what makes no arrays: it borrows those it is given, and counts no references.
+    """Compile `function` without the Numba runtime (NRT): no reference counts, no array allocation.
 
-    Counting them, atomically, takes longer than the work on a few points of skin. Numba refuses to compile a
-    function that makes an array all the same. Its switch is not public yet.
+    Atomic reference counting takes longer than the work on a few points of skin. Numba refuses to compile a
+    function that allocates an array all the same. Its switch `_nrt` is not public yet.
     """
     result: F = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)(function)
     return result
 
 
 def inlined(function: F) -> F:
-    """Like `compiled`, and merged into whatever compiled function calls it.
+    """Compile `function` inlined into its compiled callers.
 
-    For what a hot loop calls with arrays: a real call counts references to them, atomically, which takes
-    longer than a few lines of work.
+    For functions that a hot loop calls with arrays: a real call counts references to them atomically, which
+    takes longer than a few lines of work.
     """
     result: F = numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")(function)
     return result

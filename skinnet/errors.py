@@ -1,20 +1,20 @@
-"""The exception tree.
+"""Exception tree of errors that a user or a peer can cause.
 
     SkinnetError
-    ├── DeploymentError     what a user wrote does not hold: file, key, value, what is allowed
-    ├── MemoryFileError     a file of long-term memory is damaged, in use, of another robot or version
-    ├── RecordingError      a file is no recording, or of a newer version, or damaged
+    ├── DeploymentError     invalid deployment or option: names file, key, value, what is allowed
+    ├── MemoryFileError     long-term memory file damaged, locked, or of another robot or version
+    ├── RecordingError      not a recording, of a newer version, or damaged
     ├── RecorderError       a recording cannot be written
-    ├── ModelError          an MJCF model does not compile or lacks something that was named
-    ├── ProtocolError       a peer sent what cannot be understood; counted and dropped, never fatal
-    ├── PortInUseError      the endpoint to listen on is taken
-    ├── RunFolderError      a folder is not what a run left behind, or what is in it is damaged
-    ├── UnreachableError    nobody answers at the endpoint to connect to
-    ├── NameTakenError      a process of this name is in the loop already
-    ├── UpstreamLostError   a process that this one needs is gone
+    ├── ModelError          an MJCF model does not compile or lacks a named element
+    ├── ProtocolError       malformed message of a peer; counted and dropped, never fatal
+    ├── PortInUseError      the endpoint to listen on is in use
+    ├── RunFolderError      not a run folder, incomplete, or damaged
+    ├── UnreachableError    no answer at the endpoint to connect to
+    ├── NameTakenError      a process of this name is already in the loop
+    ├── UpstreamLostError   a required upstream process is gone or silent
     └── ProcessFailedError  a process of the run ended with an error
 
-A bug of ours is an AssertionError or an ordinary Python exception, never one of these.
+A bug of this program is an AssertionError or an ordinary Python exception, never one of these.
 """
 
 __all__ = [
@@ -35,52 +35,52 @@ __all__ = [
 
 
 class SkinnetError(Exception):
-    """Root of all errors that a user or a peer can cause; its text is one clear line."""
+    """Root of all errors that a user or a peer can cause; the text is one line."""
 
 
 class DeploymentError(SkinnetError):
-    """A deployment does not hold; the text names file, key, value, what is allowed, what to do."""
+    """Invalid deployment or option; the text names file, key, value, what is allowed, what to do."""
 
 
 class MemoryFileError(SkinnetError):
-    """What a memory file holds, or what should be kept in one, does not hold; the text says which and why."""
+    """Invalid memory file, or invalid content for one; the text says which and why."""
 
 
 class ModelError(SkinnetError):
-    """An MJCF model does not compile, or does not have what a deployment names."""
+    """MJCF model that does not compile, or lacks an element that the deployment names."""
 
 
 class RecordingError(SkinnetError):
-    """A file is no recording that this program can read; the text says why."""
+    """Unreadable recording file; the text says why."""
 
 
 class RecorderError(SkinnetError):
-    """What is said cannot be written down; the text names the file and says why."""
+    """Recording that cannot be written; the text names the file and says why."""
 
 
 class ProtocolError(SkinnetError):
-    """A message that does not decode, has another schema version, or names what does not exist."""
+    """Malformed message: it does not decode, has another schema version, or names an unknown entity."""
 
 
 class PortInUseError(SkinnetError):
-    """The endpoint to listen on is already taken."""
+    """Endpoint to listen on that is already in use."""
 
 
 class RunFolderError(SkinnetError):
-    """A folder that no run left behind, or left unfinished, or a file in it that is damaged."""
+    """Folder that is no run folder, is incomplete, or has a damaged file."""
 
 
 class UnreachableError(SkinnetError):
-    """Nobody answers at the endpoint to connect to, or not as was asked."""
+    """Endpoint to connect to that does not answer, or not as expected."""
 
 
 class NameTakenError(SkinnetError):
-    """A process of this name is in the loop already: two would answer for one."""
+    """Process name that another process in the loop already holds."""
 
 
 class UpstreamLostError(SkinnetError):
-    """A process whose frames this one cannot do without is gone or silent."""
+    """Required upstream process that is gone or silent."""
 
 
 class ProcessFailedError(SkinnetError):
-    """A process of the run ended with an error; the text names it and carries its last lines."""
+    """Process of the run that ended with an error; the text names it and quotes its last lines."""

@@ -1,4 +1,4 @@
-"""Files that a kill leaves whole: the old one or the new one, never half of one."""
+"""Atomic file replacement: after a kill, the old file or the new one, never a partial one."""
 
 import os
 import tempfile
@@ -17,12 +17,12 @@ os.umask(_UMASK)
 
 @contextmanager
 def replacing(path: Path) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends without an error."""
+    """Open a temporary binary file that atomically replaces `path` if the block ends without an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
-            os.fchmod(handle, 0o666 & ~_UMASK)  # a temporary file is for its owner only
+            os.fchmod(handle, 0o666 & ~_UMASK)  # `mkstemp` makes files that only their owner may read
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -33,12 +33,12 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Writes `content` to `path` as a whole."""
+    """Write `content` to `path` atomically."""
     with replacing(path) as file:
         file.write(content)
 
 
 def write_json(path: Path, value: Any, enc_hook: Callable[[Any], Any] | None = None) -> None:
-    """Writes `value` to `path` as indented JSON."""
+    """Write `value` to `path` as indented JSON, atomically."""
     text = msgspec.json.format(msgspec.json.encode(value, enc_hook=enc_hook), indent=2)
     write_bytes(path, text + b"\n")

@@ -1,9 +1,9 @@
-"""The one period loop that body, cells and controller all run.
+"""Conservative synchronisation (Chandy-Misra-Bryant) of the logical processes of a run.
 
-A node says which source it needs up to which time before it can compute its next period. The loop takes in
-messages until every source that is still alive has covered that time, lets the node compute, and so on: a
-conservative, dataflow-driven parallel simulation. In lockstep that is all; in real time the body's periods
-also wait for the wall clock and, past their deadline, for nobody.
+A process states the time up to which it needs each upstream before it can compute its next period. The loop
+receives messages until the watermark of every live upstream has reached that time, lets the process compute,
+and repeats. In lockstep that is all; in real time the periods of the body also wait for the wall clock and,
+past their deadline, start without the upstreams that are late.
 """
 
 import logging
@@ -25,22 +25,22 @@ __all__ = ["Keeping", "Node", "Put", "Reporter", "Sparing", "run_loop"]
 log = logging.getLogger(__name__)
 
 Put = Callable[[str, bytes], None]
-"""Adds a message to those of the period: key and payload."""
+"""Callback that adds a message (key, payload) to the batch of the period."""
 
 
 class Node(Protocol):
-    """The core of a process: decides, without I/O.
+    """Logical process of the simulation: its logic without I/O.
 
     Attributes:
-        name: Name of the process.
-        role: Its role, for the liveliness token.
-        subscriptions: Key expressions that it reads.
-        senders: Processes whose messages it reads.
-        upstreams: Sources of frames by name.
-        tolerated: Processes whose loss does not end this one.
-        peers: Processes that must be there before the first period.
-        counters: What was counted on the way, by name.
-        paced: Its periods follow the wall clock when the run's pace is real time.
+        name: Process name.
+        role: Role, for the liveliness token.
+        subscriptions: Key expressions that it subscribes to.
+        senders: Names of the processes whose messages it receives.
+        upstreams: Upstreams by name.
+        tolerated: Names of the processes whose loss does not end this one.
+        peers: Names of the processes that must be present before the first period.
+        counters: Event counts by name.
+        paced: Periods follow the wall clock when the run's pace is real time.
     """
 
     name: str
@@ -54,65 +54,69 @@ class Node(Protocol):
     paced: bool
 
     def start(self, put: Put) -> None:
-        """Sends what has to be there before the first period."""
+        """Publish the messages that precede the first period."""
 
     def needs(self) -> Mapping[str, int] | None:
-        """Time [ns] up to which each source must have covered; None when the node is finished."""
+        """Return the watermark [ns] that each upstream must reach; None when the process is finished."""
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in a message; raises ProtocolError and changes nothing if it makes no sense."""
+        """Accept a message.
+
+        Raises:
+            ProtocolError: the message is malformed; the state is unchanged.
+        """
 
     def lose(self, upstream: Upstream) -> None:
-        """A source is gone: go on without it, safely."""
+        """Continue safely without an upstream that is lost."""
 
     def due_ns(self) -> int:
-        """Simulated time at which the next period ends, for the pace of real time."""
+        """Return the simulated time [ns] at which the next period ends."""
 
     def step(self, put: Put) -> None:
-        """Computes the next period and sends what it brings."""
+        """Compute the next period and publish its messages."""
 
     def news(self) -> Iterable[tuple[str, bytes]]:
-        """Keys and payloads of what is for watchers since the last period, and not part of the run."""
+        """Return keys and payloads for best-effort publication to observers, outside the loop."""
 
     def result(self) -> Part:
-        """What the summary needs of this process, when the loop is over."""
+        """Return the facts and arrays of this process for the summary, after the loop."""
 
 
 @runtime_checkable
 class Sparing(Protocol):
-    """A node that does not send what nobody hears."""
+    """Logical process that skips publications without a subscriber."""
 
     def listen_for(self, heard: Callable[[str], bool]) -> None:
-        """From now on `heard` tells whether anybody hears what is put on a key."""
+        """Take `heard`, which returns whether a key has a subscriber."""
 
 
 @runtime_checkable
 class Keeping(Protocol):
-    """A node that keeps something beyond the run, which is to be whole however the run ends."""
+    """Logical process with a resource to close, however the run ends (a file that must be complete)."""
 
     def end(self) -> None:
-        """The run is over, or ends here."""
+        """Close the resource, at the end of the run or on an error."""
 
 
 @runtime_checkable
 class Reporter(Protocol):
-    """A node that reports to watchers now and then, by the clock on the wall and only if there are any.
+    """Logical process that publishes telemetry by the wall clock, only while an observer subscribes.
 
     Attributes:
-        reported: Key expression of its reports.
+        reported: Key expression of the telemetry.
     """
 
     reported: str
 
     def report(self) -> Iterable[tuple[str, bytes]]:
-        """Keys and payloads of a report."""
+        """Return keys and payloads of the telemetry."""
 
 
 _REPORT_EVERY_S = 0.5
 _RECORD_EVERY = 8
-"""Periods of which the recorder hears at once: it has time, and each envelope costs three processes some."""
+"""Periods per batch to the recorder: it has no deadline, and each batch costs CPU time in three processes."""
 _GRACE_S = 0.2
-"""Liveliness may overtake the last messages of a process, which come through another thread."""
+"""Grace period [s]: the loss of a token may overtake the last messages, which come through another thread."""
 
 
 class _Loop:
@@ -127,23 +131,23 @@ class _Loop:
         self._blamed: set[str] = set()
 
     async def gather(self) -> None:
-        """Waits until every peer has announced itself, be it that some are gone again."""
+        """Wait until every peer has declared its liveliness token, including those gone again."""
         while not self.node.peers <= self.present | self.gone_s.keys():
             self.take(await self.transport.receive(1.0))
 
     async def fulfil(self, pace: WallPace | None) -> None:
-        """Takes in messages until the node has what it needs, or in real time until it is due."""
+        """Receive messages until the needed watermarks are reached or, in real time, the period is due."""
         self.heard_s = time.monotonic()
         while (needs := self.node.needs()) is not None:
             missing = self.missing(needs)
             if pace is None:
                 if not missing:
                     return
-                # every missing source still owes a frame at least
+                # every missing upstream still owes one period end at least
                 self.take(await self.transport.receive(self.patience_s(missing), len(missing)))
             else:
                 wait_s = pace.wait_s(self.node.due_ns())
-                # who is late looks too: what came meanwhile would wait for a body that has caught up
+                # receive even when late, or messages would stay unread until the body has caught up
                 self.take(await self.transport.receive(max(wait_s, 0.0)))
                 if wait_s <= 0.0:
                     self.node.counters["late_frames"] += bool(self.missing(needs))
@@ -152,16 +156,16 @@ class _Loop:
                 self.judge(up)
 
     def missing(self, needs: Mapping[str, int]) -> list[Upstream]:
-        """Sources that live and have not covered what the node needs."""
+        """Return the live upstreams whose watermark is below the needed time."""
         sources = self.node.upstreams
         return [up for name, t_ns in needs.items() if (up := sources[name]).covered_ns < t_ns and not up.lost]
 
     def patience_s(self, missing: list[Upstream]) -> float:
-        """How long to wait for the next message before looking at who is missing."""
+        """Return the timeout [s] for the next message before the missing upstreams are checked."""
         return _GRACE_S / 4 if any(up.process in self.gone_s for up in missing) else self.deadline_s
 
     def judge(self, up: Upstream) -> None:
-        """Gives up a missing source whose process is gone or silent for too long."""
+        """Drop a missing upstream whose process is gone, or silent beyond the deadline."""
         now_s = time.monotonic()
         if now_s - self.gone_s.get(up.process, now_s) > _GRACE_S:
             self.give_up(up, "is gone")
@@ -169,7 +173,7 @@ class _Loop:
             self.give_up(up, f"sent no frame for {self.deadline_s:g} s")
 
     def take(self, batch: list[Delivery]) -> None:
-        """Sorts what came in: liveliness here, messages to the node."""
+        """Dispatch deliveries: liveliness changes to the loop, messages to the process."""
         if batch:
             self.heard_s = time.monotonic()
         for key, payload in batch:
@@ -183,7 +187,7 @@ class _Loop:
                 self.accept(key, payload)
 
     def accept(self, key: str, payload: bytes) -> None:
-        """Hands a message to the node; one that makes no sense is counted and dropped."""
+        """Pass a message to the process; count and drop a malformed one."""
         try:
             row, fields = self.keys.parse(key)
             self.node.accept(row.name, fields, payload)
@@ -194,7 +198,11 @@ class _Loop:
                 log.warning("dropped a message on %s: %s", key, error)
 
     def give_up(self, up: Upstream, why: str) -> None:
-        """Goes on without a source, or ends with a clear error."""
+        """Continue without an upstream if its loss is tolerated.
+
+        Raises:
+            UpstreamLostError: it is not.
+        """
         if up.lost:
             return
         up.lost = True
@@ -207,9 +215,13 @@ class _Loop:
 
 
 def _claim(name: str, transport: Transport, keys: Keys) -> None:
-    """Makes sure that no other process speaks in the name of this one.
+    """Claim the process name `name` by a liveliness token.
 
-    First the token, then the look: of several that come at once at most one goes on, and perhaps none.
+    The token is declared before the others are read: of several simultaneous claimants at most one succeeds,
+    and possibly none.
+
+    Raises:
+        NameTakenError: another process holds the name.
     """
     own = keys.claim(name, uuid.uuid4().hex)
     transport.announce(own)
@@ -221,7 +233,7 @@ def _claim(name: str, transport: Transport, keys: Keys) -> None:
 
 
 class _Reports:
-    """Sends the reports of a node that makes some."""
+    """Telemetry publisher of a process that is a `Reporter`."""
 
     def __init__(self, node: Node, transport: Transport) -> None:
         self._tell = transport.tell
@@ -231,7 +243,7 @@ class _Reports:
         self._due_s = time.monotonic()
 
     def tell(self) -> None:
-        """Sends one if it is time, and somebody wants it."""
+        """Publish telemetry if it is due and an observer subscribes."""
         if self._reporter is None or (now_s := time.monotonic()) < self._due_s:
             return
         self._due_s = now_s + _REPORT_EVERY_S
@@ -249,13 +261,16 @@ async def run_loop(
     realtime: bool = False,
     on_period: Callable[[int], None] | None = None,
 ) -> set[str]:
-    """Runs `node` over `transport` until it is finished; returns the processes that are still there.
+    """Run the logical process `node` over `transport` until it is finished.
 
     After each period, `on_period` is called with the simulated time [ns] at which it ended.
 
+    Returns:
+        Names of the processes that are still present.
+
     Raises:
-        NameTakenError: there is a process of this name; it is not disturbed.
-        UpstreamLostError: a source that is not tolerated to be lost is gone or silent.
+        NameTakenError: a process of this name is in the loop; it is not disturbed.
+        UpstreamLostError: an upstream whose loss is not tolerated is gone or silent.
     """
     _claim(node.name, transport, keys)
     transport.subscribe(node.subscriptions, sorted(node.senders | {OUTSIDE}))

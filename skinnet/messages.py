@@ -1,10 +1,11 @@
-"""The wire: frozen MessagePack structs, one per channel of `skinnet.channels`.
+"""Messages of the loop: frozen MessagePack structs, one per channel of `skinnet.channels`.
 
 Every message is a map that names its type and its schema version, so that any MessagePack decoder reads it.
-New fields come last, with a default. Bulk numbers travel as little-endian bytes of the stated type.
+New fields come last, with a default. Bulk numbers are little-endian bytes of the stated type.
 
-Time: `t_ns` is simulated time. A frame closes its period with `covered_ns`: whatever its sender had to say
-about the time before it has been said (the receivers' guarantee in the conservative simulation).
+Time: `t_ns` is simulated time. A period end carries the watermark `covered_ns`: its sender publishes nothing
+more about the time before it (the lower bound on time stamps of conservative synchronisation,
+Chandy-Misra-Bryant).
 """
 
 from enum import IntEnum
@@ -56,9 +57,9 @@ STIMULUS_NAMES = (
     "az_m_s2",
     "temperature_c",
 )
-"""Columns of a stimulus, per cell, in the cell's frame (z: outward normal); distance is inf beyond reach."""
+"""Stimulus columns per cell, in the cell's frame (z: outward normal); distance is inf beyond the range."""
 READING_NAMES = ("force0", "force1", "force2", "proximity", "ax_g", "ay_g", "az_g", "temperature_c")
-"""Columns of a full reading, per cell."""
+"""Reading columns per cell."""
 
 STREAM_ROW = np.dtype(
     [
@@ -74,7 +75,7 @@ STREAM_ROW = np.dtype(
 
 
 class Modality(IntEnum):
-    """What a cell feels; the first reading column of each is (0, 3, 4, 7)."""
+    """Sensor modality of a cell; the first reading column of each is (0, 3, 4, 7)."""
 
     FORCE = 0
     PROXIMITY = 1
@@ -83,26 +84,26 @@ class Modality(IntEnum):
 
 
 class EventKind(IntEnum):
-    """Why an event was sent."""
+    """Event kind: the send condition of its encoding."""
 
     LEVEL = 0
-    """The reading went from one level of Table I to another; `level` is the new one, 0 for none."""
+    """Level crossing: the reading changed its level of Table I; `level` is the new one, 0 for none."""
     DELTA = 1
-    """The reading moved by more than the cell's delta since the last one sent."""
+    """Send-on-delta: the reading changed by more than the cell's delta since the last one sent."""
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
-    """Root of all messages."""
+    """Base struct of all messages."""
 
     schema: int = SCHEMA
 
 
 class Stimulus(Message, frozen=True, kw_only=True, tag="stimulus"):
-    """What the cells of one host feel at `t_ns`: (cells, 8) float32 rows in `STIMULUS_NAMES` order.
+    """Stimulus of the cells of one cell process at `t_ns`: (cells, 8) float32 rows in `STIMULUS_NAMES` order.
 
-    The body knows all commands that took effect before `t_ns`. It passes on how many configurations they sent
-    to the host's patches since the last frame, and where the run ends, so that hosts need no frames of the
-    controller.
+    The body has received all commands in effect before `t_ns`. It forwards the number of configurations sent
+    to the patches of the cell process since the last period end, and the end of the run, so that cell
+    processes need no period ends of the controller.
     """
 
     host: str
@@ -114,7 +115,7 @@ class Stimulus(Message, frozen=True, kw_only=True, tag="stimulus"):
 
 
 class Joints(Message, frozen=True, kw_only=True, tag="joints"):
-    """Position feedback [rad] of the controlled joints at `t_ns`; its length is the number of DoFs."""
+    """Joint position feedback [rad] at `t_ns`, (n_dof,) in the order of the controlled joints."""
 
     t_ns: int
     covered_ns: int
@@ -122,10 +123,10 @@ class Joints(Message, frozen=True, kw_only=True, tag="joints"):
 
 
 class Command(Message, frozen=True, kw_only=True, tag="command"):
-    """Joint velocities [rad/s] computed at `t_ns`, in effect from `effect_ns` until the next command's.
+    """Joint velocity command [rad/s] computed at `t_ns`, in effect from `effect_ns` until that of the next.
 
-    `configs` counts the configuration messages per patch that this period sent. With `end_ns` the run
-    ends there.
+    `configs` counts the configuration messages sent in this period, by patch. `end_ns`, if given, ends the
+    run.
     """
 
     t_ns: int
@@ -138,10 +139,11 @@ class Command(Message, frozen=True, kw_only=True, tag="command"):
 
 
 class Config(Message, frozen=True, kw_only=True, tag="config"):
-    """New settings of one cell; what is None stays. Leaves the gateway at `t_ns` (0: as soon as it arrives).
+    """Configuration of one cell; fields of None stay as they are.
 
-    `levels` are ascending thresholds of a modality ("force" or "proximity"). The board of a tactile sheet
-    (patch "boards", its number as cell) sends its raw pattern every `pattern_every` frames, 0 for no more.
+    It leaves the gateway at `t_ns` (0: as soon as it arrives). `levels` are ascending thresholds of a
+    modality ("force" or "proximity"). The board of a tactile sheet (patch "boards", its number as cell) sends
+    its raw pattern every `pattern_every` scan frames, 0 for never.
     """
 
     patch: str
@@ -156,7 +158,7 @@ class Config(Message, frozen=True, kw_only=True, tag="config"):
 
 
 class Events(Message, frozen=True, kw_only=True, tag="events"):
-    """A list of events, as columns of equal length, from one cell or from a gateway that bundles.
+    """Skin events as columns of equal length, from one cell or from a gateway that bundles.
 
     `cell` indexes the patch; `channel` counts within the modality; `seq` counts the gateway's deliveries.
     """
@@ -175,9 +177,9 @@ class Events(Message, frozen=True, kw_only=True, tag="events"):
 
 
 class Stream(Message, frozen=True, kw_only=True, tag="stream"):
-    """Full readings of the cells that stream, in the order of delivery: bytes of `STREAM_ROW` records.
+    """Stream of full readings, in the order of delivery: bytes of `STREAM_ROW` records.
 
-    It closes its period as a `SkinFrame` does, so that a patch that streams sends one message less.
+    It ends its period as a `SkinFrame` does, so that a patch that streams sends one message less.
     """
 
     patch: str
@@ -188,7 +190,7 @@ class Stream(Message, frozen=True, kw_only=True, tag="stream"):
 
 
 class SkinFrame(Message, frozen=True, kw_only=True, tag="skin_frame"):
-    """Closes a period of a patch in which nothing streamed: how many events were delivered in it."""
+    """Period end (null message) of a patch without streamed readings; `events` counts its deliveries."""
 
     patch: str
     t_ns: int
@@ -197,11 +199,11 @@ class SkinFrame(Message, frozen=True, kw_only=True, tag="skin_frame"):
 
 
 class Topology(Message, frozen=True, kw_only=True, tag="topology"):
-    """What a patch's cells found out about their network, as lists over its cells.
+    """Network topology of a patch, as discovered by its cells: lists over its cells.
 
     `network_id` 0 means unreached; `parent` −1 is the gateway, or a cell of another patch; `neighbours` are
-    cells, by port, −1 for an open port. `bridged` has (cell, port, number through all patches that are joined
-    by bridges) of every neighbour in another patch. A new version replaces the one before.
+    cells, by port, −1 for an open port. `bridged` has (cell, port, cell index across all bridged patches) of
+    every neighbour in another patch. A new version replaces the one before.
     """
 
     patch: str
@@ -217,9 +219,10 @@ class Topology(Message, frozen=True, kw_only=True, tag="topology"):
 
 
 class Request(Message, frozen=True, kw_only=True, tag="request"):
-    """What a user asks the controller for; the key says what, `argument` says how.
+    """Request to the controller; the key names it, `argument` is its argument.
 
-    Users do not send it: they query the key at the watch endpoint, and get the `Answer` of the same `id`.
+    External clients do not publish it: they query the key at the observer endpoint and get the `Answer` of
+    the same `id`.
     """
 
     id: int
@@ -227,7 +230,7 @@ class Request(Message, frozen=True, kw_only=True, tag="request"):
 
 
 class Answer(Message, frozen=True, kw_only=True, tag="answer"):
-    """What became of request `id` at the tick `t_ns`: the state after it; if it was refused, `why`."""
+    """Answer to request `id` at control tick `t_ns`: the state after it and, if refused, the reason `why`."""
 
     id: int
     t_ns: int
@@ -237,7 +240,7 @@ class Answer(Message, frozen=True, kw_only=True, tag="answer"):
 
 
 class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"):
-    """What the controller does, for watchers: sent when its stage changes, and now and then between."""
+    """Controller state for observers: stage, its progress (0 to 1) and a status text."""
 
     t_ns: int
     stage: str
@@ -247,14 +250,14 @@ class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"
 
 _encoder = msgspec.msgpack.Encoder()
 encode = _encoder.encode
-"""Bytes of a message."""
+"""Encode a message as MessagePack bytes."""
 
 M = TypeVar("M", bound=Message)
 _decoders: dict[type[Message], msgspec.msgpack.Decoder[Any]] = {}
 
 
 def decode(payload: bytes, kind: type[M]) -> M:
-    """Message of type `kind` in `payload`.
+    """Decode `payload` as a message of type `kind`.
 
     Raises:
         ProtocolError: the payload does not decode, is of another type or of another schema version.
@@ -272,12 +275,12 @@ def decode(payload: bytes, kind: type[M]) -> M:
 
 
 def pack(array: NDArray[Any], dtype: str) -> bytes:
-    """Bytes of `array` as `dtype` (little-endian, such as "<f4"), in C order."""
+    """Return the bytes of `array` as `dtype` (little-endian, such as "<f4"), in C order."""
     return np.ascontiguousarray(array, dtype=dtype).tobytes()
 
 
 def unpack(payload: bytes, dtype: np.dtype[Any] | str, columns: int | None = None) -> NDArray[Any]:
-    """Array of shape (n,) or (n, columns) over little-endian `payload`; read-only, no copy.
+    """Return a read-only view of little-endian `payload` as an array (n,) or (n, columns).
 
     Raises:
         ProtocolError: the length does not fit.

@@ -1,4 +1,4 @@
-"""The wire of users at the watch endpoint, beside what they overhear: what runs, and how it should move."""
+"""Messages of external clients at the observer endpoint: deployment info, added joint velocities."""
 
 from skinnet.messages import Message
 
@@ -6,17 +6,17 @@ __all__ = ["Deployed", "Velocity"]
 
 
 class Velocity(Message, frozen=True, kw_only=True, tag="velocity"):
-    """Joint velocities [rad/s] that a user adds to the controller's own, in the order of the joints.
+    """External joint velocities [rad/s], added to the controller's command, (n_dof,) in joint order.
 
-    They count for 100 ms of simulated time, unless others come. The safety clamp has the last word. Runs take
-    them only if `controller.outside_velocity` lets them.
+    They hold for 100 ms of simulated time unless newer ones arrive. The safety clamp limits the sum. A run
+    accepts them only if `controller.outside_velocity` is set.
     """
 
     velocity_rad_s: list[float]
 
 
 class Deployed(Message, frozen=True, kw_only=True, tag="deployed"):
-    """What runs: the whole deployment as JSON, as in the run folder; paths in it start from folder `base`."""
+    """Deployment of a run as JSON, as in its run folder; its relative paths start from folder `base`."""
 
     deployment: str
     base: str

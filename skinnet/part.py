@@ -1,4 +1,4 @@
-"""What one process contributes to the summary of a run."""
+"""Result of one process, its contribution to the summary of a run."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +15,10 @@ __all__ = ["Part"]
 
 @dataclass
 class Part:
-    """Facts (what JSON can hold) and arrays of one process, by name.
+    """Process result: facts (JSON values) and arrays by name.
 
-    Every part carries `log_sha256` by source in `facts["logs"]`, so that the hash of a run does not depend on
-    how its sources were spread over processes.
+    `facts["logs"]` holds the SHA-256 of the log of each source, so that the hash of a run does not depend on
+    the distribution of its sources over processes.
     """
 
     name: str
@@ -27,14 +27,18 @@ class Part:
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
-        """Writes `<name>.npz` and, last, `<name>.json`."""
+        """Write `<name>.npz` and, last, `<name>.json`."""
         with replacing(folder / f"{self.name}.npz") as file:
             np.savez(file, **self.arrays)  # type: ignore[arg-type]
         write_json(folder / f"{self.name}.json", {"name": self.name, "role": self.role, "facts": self.facts})
 
     @classmethod
     def load(cls, folder: Path, name: str) -> "Part":
-        """Reads what `save` wrote; FileNotFoundError if the process did not get that far."""
+        """Load the files that `save` wrote.
+
+        Raises:
+            FileNotFoundError: the process ended before it saved its result.
+        """
         head = msgspec.json.decode((folder / f"{name}.json").read_bytes())
         with np.load(folder / f"{name}.npz") as archive:
             arrays = {key: archive[key] for key in archive.files}

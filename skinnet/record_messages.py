@@ -1,4 +1,4 @@
-"""The wire of recordings and watchers: what nobody in the loop needs, and everybody who looks at a run."""
+"""Messages for recordings and observers only, with no receiver in the loop."""
 
 from skinnet.messages import Message
 
@@ -6,10 +6,10 @@ __all__ = ["Counters", "Fault", "World"]
 
 
 class World(Message, frozen=True, kw_only=True, tag="world"):
-    """Where what moves freely in the world is at `t_ns`, by name: position [m] and quaternion (w, x, y, z).
+    """Poses of the free bodies at `t_ns`, by name: position [m] and quaternion (w, x, y, z), world frame.
 
-    There are the teacher's `finger`, `object` and `stand`, and `payload`, each if the deployment has it. This
-    is ground truth: for recordings and watchers, never for the controller.
+    The bodies are the teacher's `finger`, `object`, `stand` and `payload`, each if the deployment has it.
+    Ground truth: for recordings and observers, never for the controller.
     """
 
     t_ns: int
@@ -18,7 +18,7 @@ class World(Message, frozen=True, kw_only=True, tag="world"):
 
 
 class Counters(Message, frozen=True, kw_only=True, tag="counters"):
-    """What a host has counted up to `t_ns`, by name."""
+    """Counters of a cell process up to `t_ns`, by name."""
 
     host: str
     t_ns: int
@@ -26,9 +26,10 @@ class Counters(Message, frozen=True, kw_only=True, tag="counters"):
 
 
 class Fault(Message, frozen=True, kw_only=True, tag="fault"):
-    """A fault of the deployment begins or ends at `t_ns` at one place.
+    """Fault event: an injected fault begins or ends at `t_ns` at one target.
 
-    `rule` is the number of its rule in `[[faults]]`. A fault that begins with the run and stays has no end.
+    `rule` is the index of its rule in `[[faults]]`. A fault that lasts to the end of the run has no end
+    event.
     """
 
     t_ns: int

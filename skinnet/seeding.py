@@ -1,8 +1,8 @@
-"""Named random streams from one seed.
+"""Named random streams of one seed, with a counter-based generator for hot loops.
 
-Every entity draws from a stream of its own name, so that one more cell, patch or process does not
-shift what the others draw. Hot loops use the counter-based hash below: the value depends on
-(key, counter) only, hence not on chunks, threads or processes.
+Every entity draws from a stream of its own name, so that one more cell, patch or process does not shift the
+draws of the others. A value of the counter-based hash depends on (key, counter) only, hence not on chunks,
+threads or processes.
 """
 
 import hashlib
@@ -12,25 +12,49 @@ import numpy as np
 
 from skinnet.compiled import compiled
 
-__all__ = ["gaussian", "hash64", "key_of", "stream", "uniform"]
+__all__ = ["StreamName", "gaussian", "hash64", "key_of", "stream", "uniform"]
 
 _TWO_PI = 2.0 * math.pi
 
 
+class StreamName:
+    """Names of the random streams, frozen: each is part of every result that was ever published.
+
+    They follow neither identifiers nor deployment keys; whatever is renamed, these literals stay.
+    """
+
+    BABBLING = "babble"
+    BENCHMARK = "bench"
+    BOARD_NETWORK = "boards"
+    FAULT = "fault"
+    FAULT_BURST = "burst"
+    FAULT_PICK = "pick"
+    MODEL_ERROR = "nursing"
+    MODEL_ERROR_JOINT = "joint"
+    MODEL_ERROR_LINK = "link"
+    NETWORK = "network"
+    NODE = "node"
+    SAMPLING_PHASE = "phase"
+    SCRIPTED_STIMULI = "script"
+    SENSOR_NOISE = "noise"
+    STAND = "stand"
+    SWAY = "sway"
+
+
 def key_of(seed: int, *names: str | int) -> np.uint64:
-    """64-bit key of the stream `names` under `seed`, the same on every machine."""
+    """Return the 64-bit key of the stream `names` under `seed`, the same on every platform."""
     digest = hashlib.sha256(repr((seed, *names)).encode()).digest()
     return np.uint64(int.from_bytes(digest[:8], "little"))
 
 
 def stream(seed: int, *names: str | int) -> np.random.Generator:
-    """NumPy generator of the stream `names` under `seed`, for set-up work outside hot loops."""
+    """Return the NumPy generator of the stream `names` under `seed`, for set-up outside hot loops."""
     return np.random.default_rng(int(key_of(seed, *names)))
 
 
 @compiled
 def hash64(key: np.uint64, counter: np.uint64) -> np.uint64:
-    """Uniform 64-bit hash of (key, counter): the finaliser of SplitMix64 (Steele et al., 2014), twice."""
+    """Hash (key, counter) to uniform 64 bits: the finaliser of SplitMix64 (Steele et al., 2014), twice."""
     z = key + np.uint64(0x9E3779B97F4A7C15) * (counter + np.uint64(1))
     for _ in range(2):
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -41,13 +65,13 @@ def hash64(key: np.uint64, counter: np.uint64) -> np.uint64:
 
 @compiled
 def uniform(key: np.uint64, counter: np.uint64) -> float:
-    """Uniform value in (0, 1), never an end point, with 52 random bits (with 53, the top one rounds to 1)."""
+    """Draw a uniform value in the open interval (0, 1) with 52 random bits (53 could round to 1)."""
     return (float(hash64(key, counter) >> np.uint64(12)) + 0.5) * (1.0 / 4503599627370496.0)
 
 
 @compiled
 def gaussian(key: np.uint64, counter: np.uint64) -> float:
-    """Standard normal value by Box and Muller (1958), from counters 2 × counter and the next."""
+    """Draw a standard normal value (Box and Muller, 1958) from counters 2 × counter and the next."""
     even = counter * np.uint64(2)
     radius = math.sqrt(-2.0 * math.log(uniform(key, even)))
     return radius * math.cos(_TWO_PI * uniform(key, even + np.uint64(1)))

@@ -1,4 +1,4 @@
-"""The wire of tactile sheets: what their elements feel, and what their boards tell of it."""
+"""Messages of tactile sheets: element pressures, and contact regions reported by the boards."""
 
 import numpy as np
 
@@ -22,11 +22,11 @@ REGION_ROW = np.dtype(
         ("board", "<u2"),
     ]
 )
-"""One region in one frame of a board: 44 bytes, no padding.
+"""Contact region in one scan frame of a board: 44 bytes, no padding.
 
-`number` is the region's own, from 1, as long as it lives. In the frame in which a region begins by
-splitting off, `kin` is the number of the region that it was part of. A region that ends has one more row,
-of no `elements`; there `kin` is the number of the region that took it over. Otherwise `kin` is 0.
+`number` is the region id, from 1, constant over its lifetime. In the first frame of a region that split off,
+`kin` is the id of the region that it split from. A region that ends has one last row with 0 `elements`; there
+`kin` is the id of the region that it merged into. Otherwise `kin` is 0.
 """
 
 BOARD_FRAME = np.dtype(
@@ -38,9 +38,9 @@ BOARD_FRAME = np.dtype(
         ("rows", "<u2"),
     ]
 )
-"""One features message of a board that arrived, also if it says that there is no region: 28 bytes.
+"""Scan frame of a board, as received in a features message, with or without regions: 28 bytes.
 
-`t_sampled_ns` is when the board had read its last element; its `rows` rows are those of the same
+`t_sampled_ns` is the time at which the board read its last element; its `rows` region rows have the same
 board and time.
 """
 
@@ -54,13 +54,13 @@ PATTERN_ROW = np.dtype(
         ("pressure_kpa", "<f4", _SHEET_ELEMENTS),
     ]
 )
-"""One raw pattern that arrived: readings of the board's `elements` in their order, then zeros."""
+"""Raw pressure pattern [kPa] as received: readings of the board's `elements` in order, then zeros."""
 
 
 class Pressures(Message, frozen=True, kw_only=True, tag="pressures"):
-    """What the elements of all sheets feel at `t_ns`: float32 [kPa], sheets in the order of the deployment.
+    """Pressures on the elements of all sheets at `t_ns`: float32 [kPa], sheets in deployment order.
 
-    With `end_ns` the run ends there.
+    `end_ns`, if given, ends the run.
     """
 
     t_ns: int
@@ -70,11 +70,11 @@ class Pressures(Message, frozen=True, kw_only=True, tag="pressures"):
 
 
 class Regions(Message, frozen=True, kw_only=True, tag="regions"):
-    """What the boards of the tactile sheets told the main PC in a period, and closes it.
+    """Contact regions that the boards sent to the main PC in a period; also its period end.
 
-    `frames`: bytes of `BOARD_FRAME`, one for each features message that arrived, in the order of delivery,
-    also if it has no region; `rows`: bytes of `REGION_ROW`, those of the first frame, then of the next;
-    `patterns`: bytes of `PATTERN_ROW`. `seq` counts the frames delivered before this message.
+    `frames`: bytes of `BOARD_FRAME`, one for each features message received, in the order of delivery, with
+    or without regions; `rows`: bytes of `REGION_ROW`, grouped by frame in the same order; `patterns`: bytes
+    of `PATTERN_ROW`. `seq` counts the frames delivered before this message.
     """
 
     t_ns: int

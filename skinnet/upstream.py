@@ -1,4 +1,4 @@
-"""What a process knows of those it listens to: how far each has said all it had to say."""
+"""Upstream watermarks: the time up to which each source has published all its messages."""
 
 from collections import deque
 
@@ -6,17 +6,17 @@ __all__ = ["Upstream"]
 
 
 class Upstream:
-    """One source of frames.
+    """Upstream of a logical process: its watermark and message counts.
 
-    A frame closes a period: it says up to which time its source has said everything, and how many messages
-    belong to that period. It counts only when that many have come in, so nothing depends on the order
-    in which messages arrive.
+    A period end (null message) carries the watermark of its source and the number of messages of that period.
+    The watermark advances once that many messages have arrived, so the result does not depend on their order
+    of arrival.
 
     Attributes:
-        name: Name of the source, e.g. a patch.
+        name: Source name, e.g. a patch.
         process: Name of the process whose loss is the loss of this source.
-        covered_ns: Everything before this time has been said and has arrived.
-        lost: The source is gone; nobody waits for it any more.
+        covered_ns: Watermark [ns]: every message about the time before it has arrived.
+        lost: The source is lost and no longer waited for.
     """
 
     def __init__(self, name: str, process: str, covered_ns: int = 0) -> None:
@@ -29,12 +29,12 @@ class Upstream:
         self._open: deque[tuple[int, int]] = deque()
 
     def arrive(self, count: int = 1) -> None:
-        """`count` messages of the source came in."""
+        """Count `count` messages that arrived from the source."""
         self._arrived += count
         self._settle()
 
     def close(self, covered_ns: int, count: int = 0) -> None:
-        """The frame came in that closes a period of `count` messages."""
+        """Record the end of a period of `count` messages, with its watermark `covered_ns` [ns]."""
         self._announced += count
         self._open.append((covered_ns, self._announced))
         self._settle()
@@ -45,5 +45,5 @@ class Upstream:
 
     @property
     def missing(self) -> int:
-        """Messages that frames announced and that have not come in."""
+        """Messages announced by period ends that have not arrived."""
         return max(0, self._announced - self._arrived)

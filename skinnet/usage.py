@@ -1,4 +1,4 @@
-"""What a process has used of its machine and of the wire, over simulated time; never part of a log."""
+"""Resource usage of a process (CPU time, bytes) over simulated time; never part of a log."""
 
 import time
 from collections.abc import Callable
@@ -19,14 +19,14 @@ USAGE_ROW = np.dtype(
         ("sent_bytes", np.int64),
     ]
 )
-"""Totals since the process began (`wall_s`: of the monotonic clock), when `t_ns` had been computed."""
+"""Usage sample when `t_ns` had been computed: totals since process start (`wall_s`: monotonic clock)."""
 
 
 class UsageTrace:
-    """Notes the totals every 50 ms of simulated time.
+    """Usage samples of a process, one every 50 ms of simulated time.
 
     Args:
-        traffic: Gives the bytes received and sent so far.
+        traffic: Returns the bytes received and sent up to now.
     """
 
     def __init__(self, traffic: Callable[[], tuple[int, int]]) -> None:
@@ -35,12 +35,12 @@ class UsageTrace:
         self._rows: list[tuple[int, float, float, int, int]] = []
 
     def note(self, t_ns: int) -> None:
-        """The period that ends at `t_ns` is computed."""
+        """Take a sample after the period that ends at `t_ns`, if one is due."""
         if t_ns >= self._next_ns:
             self._next_ns = t_ns - t_ns % _EVERY_NS + _EVERY_NS
             self._rows.append((t_ns, time.process_time(), time.monotonic(), *self._traffic()))
 
     @property
     def rows(self) -> NDArray[np.void]:
-        """(n,) `USAGE_ROW`."""
+        """Usage samples, (n,) `USAGE_ROW`."""
         return np.array(self._rows, dtype=USAGE_ROW)

@@ -1,6 +1,6 @@
-"""What is told to watchers only: loads of links and processes, and which states the controller can be in.
+"""Telemetry messages for observers: load of links and processes, state machine of the controller.
 
-None of it is part of the run: it is sent by the wall clock and never logged.
+They are not part of the run: published by the wall clock and never logged.
 """
 
 import msgspec
@@ -11,7 +11,7 @@ from skinnet.messages import Message
 __all__ = ["LINK_INWARDS", "LINK_ROW", "LINK_UP", "LinkLoad", "Machine", "ProcessLoad"]
 
 LINK_UP, LINK_INWARDS = 1, 2
-"""Bits of `state` in a `LINK_ROW`."""
+"""Bits of `state` in a `LINK_ROW`: link up, link from the computer into the cell."""
 
 LINK_ROW = np.dtype(
     [
@@ -25,15 +25,15 @@ LINK_ROW = np.dtype(
         ("state", "u1"),
     ]
 )
-"""One link, which is one direction of a wire: 40 bytes, no padding; totals since the run began.
+"""Link (one direction of a wire): 40 bytes, no padding; totals since the start of the run.
 
-`state` is the sum of 1 if the link is up, and 2 if it leads from the computer into the cell; others lead out
-of the cell's port. The queue's high water is the most packets that waited behind one in transmission.
+`state` is the sum of 1 if the link is up, and 2 if it leads from the computer into the cell; other links lead
+out of the cell's port. `queue_high_water` is the largest number of packets queued behind one in transmission.
 """
 
 
 class LinkLoad(Message, frozen=True, kw_only=True, tag="link_load"):
-    """What the links of a patch have carried up to `t_ns`, bytes of `LINK_ROW`; its cells without power."""
+    """Link load of a patch up to `t_ns`: bytes of `LINK_ROW`; `dark` lists its cells without power."""
 
     patch: str
     t_ns: int
@@ -42,9 +42,9 @@ class LinkLoad(Message, frozen=True, kw_only=True, tag="link_load"):
 
 
 class ProcessLoad(Message, frozen=True, kw_only=True, tag="process_load"):
-    """What the processes of the run use of the machine, as columns: cores since the last message, and memory.
+    """Process load as columns: mean cores since the last message, and resident memory [MB].
 
-    A process that is gone has no memory.
+    A process that is gone has 0 MB.
     """
 
     t_ns: int
@@ -55,11 +55,11 @@ class ProcessLoad(Message, frozen=True, kw_only=True, tag="process_load"):
 
 
 class Machine(Message, frozen=True, kw_only=True, tag="machine"):
-    """The states that the controller can be in, and what leads from one to another.
+    """State machine of the controller: states, transitions, accepted requests.
 
-    `states` are named as `ControllerState` names them; `moves` are rows of (state, event, next state).
-    `requests` has the arguments that each request takes, [""] for none; an empty list stands for a name of
-    the user's choice.
+    `states` are the stages of `ControllerState`; `moves` are transitions (state, event, next state).
+    `requests` lists the arguments that each request takes, [""] for none; an empty list stands for a free
+    name.
     """
 
     t_ns: int

@@ -1,7 +1,7 @@
-"""The process shell around a node: arguments, transport, loop, orderly end, result.
+"""Process shell around a logical process: arguments, transport, loop, shutdown, result.
 
-Exit codes: 0 finished, 1 failed with a clear line on standard error, 3 told to stop by the launcher.
-A worker ends when its standard input closes: so a launcher that is killed leaves no orphans.
+Exit codes: 0 finished, 1 failed with one line on standard error, 3 stopped by the launcher.
+A worker ends when its standard input closes, so that a killed launcher leaves no orphans.
 """
 
 import argparse
@@ -34,23 +34,23 @@ STOPPED = 3
 _STDIN = 0
 _LINGER_S = 5.0
 _GC_THRESHOLD = 50_000
-"""Periods make many short-lived objects and no cycles: looking for those often is lost time."""
+"""Garbage-collection threshold: periods allocate many short-lived objects without reference cycles."""
 log = logging.getLogger(__name__)
 
 
 class NodeModule(Protocol):
-    """A package that can be a process: `python -m <package>`."""
+    """Process package: `python -m <package>` runs its logical process."""
 
     def build(self, deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
-        """The node `name` of `deployment`, compiled and ready.
+        """Build the logical process `name` of `deployment`, compiled and ready.
 
-        `base` is the deployment's folder, `out` that of the run: where a node may leave files of its own.
-        Without one it leaves none.
+        `base` is the deployment's folder, `out` the run folder, to which the process may write files of its
+        own. Without one it writes none.
         """
 
 
 def build_node(module: str, deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
-    """Imports `<module>.process` and builds its node."""
+    """Import `<module>.process` and build its logical process."""
     process: NodeModule = importlib.import_module(f"{module}.process")
     return process.build(deployment, name, base, out)
 
@@ -74,11 +74,11 @@ def _arguments(module: str) -> argparse.Namespace:
 
 
 class _Stop(BaseException):
-    """The launcher told this process to stop, or is gone."""
+    """Stop signal: the launcher stopped this process, or is gone."""
 
 
 def main(module: str) -> int:
-    """Runs one process to its end and returns its exit code."""
+    """Run one process to its end and return its exit code."""
     args = _arguments(module)
     logging.basicConfig(
         level=logging.INFO, stream=sys.stderr, format=f"{args.name}: %(levelname)s %(message)s"
@@ -97,17 +97,17 @@ def main(module: str) -> int:
 
 
 def _settle_on(cpus: list[int]) -> None:
-    """Stays on these cores, and lets whoever computes there finish before it takes its turn.
+    """Pin this process to cores and set the scheduling policy SCHED_BATCH.
 
-    Each frame wakes threads in several processes. If they preempt each other, everybody computes with cold
-    caches (figures in docs/decisions.md).
+    Each period end wakes threads in several processes. If they preempt each other, all compute with cold
+    caches (measurements in docs/decisions.md).
     """
     os.sched_setaffinity(0, cpus)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def _obey_launcher() -> None:
-    """Ends this process on SIGTERM, and when standard input closes; Ctrl-C is the launcher's affair."""
+    """Stop on SIGTERM and when standard input closes; ignore SIGINT, which the launcher handles."""
 
     def stop(_signal: int, _frame: object) -> None:
         raise _Stop
@@ -155,7 +155,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
 
 
 async def _outlast(transport: ZenohTransport, there: set[str]) -> None:
-    """The hub relays for the others, so it leaves last; their tokens tell when."""
+    """Keep the hub, which relays for the others, open until their liveliness tokens are gone."""
     deadline_s = time.monotonic() + _LINGER_S
     while there and time.monotonic() < deadline_s:
         for key, payload in await transport.receive(0.1):
@@ -164,7 +164,7 @@ async def _outlast(transport: ZenohTransport, there: set[str]) -> None:
 
 
 def part_of(node: Node) -> Part:
-    """The node's result with what the operating system says of its process."""
+    """Return the process result with CPU time [s], peak memory [MB] and counters added."""
     part = node.result()
     usage = resource.getrusage(resource.RUSAGE_SELF)
     part.facts["cpu_s"] = usage.ru_utime + usage.ru_stime
@@ -174,7 +174,7 @@ def part_of(node: Node) -> Part:
 
 
 def _peak_mb(maxrss: int) -> float:
-    """Peak memory of this program; on Linux, `maxrss` also remembers the launcher that it was forked from."""
+    """Return the peak memory [MB]; on Linux, `maxrss` includes that of the launcher before the fork."""
     status = Path("/proc/self/status")
     if status.exists():
         peaks = [line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM:")]

@@ -1,1 +1,1 @@
-"""Tactile sheets: their transducers, regions of contact, boards, and the network of the boards."""
+"""Tactile sheets: pressure transducers, contact regions, boards, and the network of the boards."""

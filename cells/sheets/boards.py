@@ -1,7 +1,7 @@
-"""The boards of one network: each scans its sheet, follows its regions, and tells the main PC.
+"""Boards of one network: each scans its sheet, tracks contact regions, and sends them to the main PC.
 
-Per frame a board sends one message with its regions, also if there are none: so the PC knows that it lives.
-It sends the raw pattern every few frames if it is asked to. A message arrives whole, late, or not at all.
+In each scan frame a board sends one message with its regions, even if there are none, as a heartbeat. On
+request it also sends the raw pattern every n frames. Messages may be delayed or lost, never truncated.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _CONTENT = np.dtype(
     [
         ("kind", np.uint8),
         ("frame", np.int64),
-        ("count", np.int64),  # rows of regions, elements of a pattern, or the frames that a request asks for
+        ("count", np.int64),  # rows of regions, elements of a pattern, or the frame interval of a request
         ("rows", REGION_ROW, MAX_ROWS),
         ("pressure_kpa", np.float32, MAX_SIDE * MAX_SIDE),
     ]
@@ -37,7 +37,7 @@ _CONTENT = np.dtype(
 
 
 class MessageKind(IntEnum):
-    """What a message is."""
+    """Kind of a message on the board network."""
 
     REGIONS = 0
     PATTERN = 1
@@ -45,7 +45,7 @@ class MessageKind(IntEnum):
 
 
 class Delivered(NamedTuple):
-    """What reached the PC: `BOARD_FRAME`, `REGION_ROW` and `PATTERN_ROW` in the order of delivery."""
+    """Messages delivered to the PC: `BOARD_FRAME`, `REGION_ROW` and `PATTERN_ROW`, in order of delivery."""
 
     frames: NDArray[Any]
     rows: NDArray[Any]
@@ -53,15 +53,15 @@ class Delivered(NamedTuple):
 
 
 class Boards:
-    """The boards of the sheets on one network.
+    """Boards of the sheets on one network.
 
-    Boards are numbered as their sheets are given, and elements through all of them. What a board finds
-    depends on its own name, sheet and pressures only; when it arrives also on what else is on the network.
+    Boards are indexed as their sheets are given, elements consecutively through all boards. A board's regions
+    depend only on its own name, sheet and pressures; their time of arrival also on other traffic.
 
     Attributes:
-        readings_kpa: (n,) readings of the last frame.
-        tracker: The regions of the last frame.
-        network: How messages travel.
+        readings_kpa: (n,) readings of the last frame [kPa].
+        tracker: Region tracker, with the regions of the last frame.
+        network: Board network, which carries the messages.
     """
 
     def __init__(
@@ -72,7 +72,11 @@ class Boards:
         seed: int,
         name: str = "boards",
     ) -> None:
-        """Boards at rest; errors as `PressureTransducers` and `RegionTracker`."""
+        """Create boards without contact.
+
+        Raises:
+            DeploymentError: as `PressureTransducers` and `RegionTracker`.
+        """
         self._spec, self._network_spec = spec, network
         self._transducers = PressureTransducers(sheets, spec, seed)
         self.tracker = RegionTracker(sheets, spec.regions)
@@ -92,10 +96,10 @@ class Boards:
     def step(
         self, frame: int, before_kpa: NDArray[np.floating], after_kpa: NDArray[np.floating]
     ) -> Delivered:
-        """Lets frame `frame` pass, from `frame` to `frame` + 1 periods.
+        """Simulate scan frame `frame`, which spans [frame, frame + 1) periods; return what was delivered.
 
         Args:
-            frame: Its number.
+            frame: Index of the frame.
             before_kpa: (n,) pressures of the elements at its start [kPa].
             after_kpa: (n,) pressures at its end [kPa].
         """
@@ -112,9 +116,12 @@ class Boards:
         return self._receive(begin_ns + self._spec.period_ns)
 
     def request(self, t_ns: int, board: int, pattern_every: int) -> None:
-        """The PC asks a board at `t_ns` for its raw pattern every n frames, 0 for no more.
+        """Request the raw pattern of a board every `pattern_every` frames, 0 to stop, at `t_ns`.
 
-        The request takes effect with the frame that begins after it has arrived, if it arrives.
+        The request takes effect with the first frame that begins after it has been delivered.
+
+        Raises:
+            ValueError: no such board, or a negative interval.
         """
         if not 0 <= board < len(self._on) or pattern_every < 0:
             raise ValueError(
@@ -126,13 +133,13 @@ class Boards:
         self.network.ask(t_ns, board, self._network_spec.head_bytes, int(number[0]))
 
     def switch(self, board: int, on: bool) -> None:
-        """A board goes off with the coming frame, or on again: then it knows only what a new one knows."""
+        """Switch a board's power from the next frame on; a board that is switched on is reset."""
         self._on[board] = on
         self.tracker.reset(board)
         self._every[board] = self._spec.pattern_every
 
     def counters(self) -> dict[str, dict[str, int]]:
-        """Messages by kind: offered, delivered, dropped by cause, in flight."""
+        """Count messages by kind: offered, delivered, dropped by cause, in flight."""
         result = {}
         for kind in MessageKind:
             ended, offered = self._ended[kind], int(self._offered[kind])
@@ -160,7 +167,7 @@ class Boards:
         self.network.send(begin_ns + self._ready_ns[boards], boards, size, numbers)
 
     def _enter(self, kind: MessageKind, frame: int, boards: Ints, sampled_ns: Ints) -> Ints:
-        """Numbers of new messages."""
+        """Register new messages; return their numbers."""
         numbers = self._ledger.enter(boards, sampled_ns)
         if (missing := int(numbers.max(initial=-1)) + 1 - len(self._content)) > 0:
             self._content = np.concatenate([self._content, np.zeros(2 * missing, dtype=_CONTENT)])
@@ -195,7 +202,7 @@ class Boards:
         return Delivered(frames, self._rows(frames, with_rows), patterns)
 
     def _rows(self, frames: NDArray[Any], numbers: Ints) -> NDArray[Any]:
-        """The regions of messages that arrived, as they fit into the bytes of a message."""
+        """Return the region rows of delivered messages, quantised as on the wire."""
         filled = np.arange(MAX_ROWS) < frames["rows"][:, None]
         rows: NDArray[Any] = self._content["rows"][numbers][filled]
         for name in ("t_sampled_ns", "t_delivered_ns"):

@@ -1,11 +1,10 @@
-"""Which region of a frame is which of the frame before.
+"""Region tracking: greedy matching of the contact regions of consecutive frames.
 
-Two regions that have elements in common may be the same. Pairs are made one after the other: most common
-elements first, then nearest centres of pressure, then the order of the board's lists. So of regions that
-merge, the one that brings most elements keeps its number, and of the parts of one that splits, the largest
-does. Then regions without anything in common, before or after, are paired if their centres are near. What
-is left over of now begins with a new number; what is left over of before has ended. Numbers of a board
-count up to 65535 before they begin anew, past those in use.
+Regions are matched by overlap: most common elements first, then nearest centres of pressure, then list order.
+So when regions merge, the one with the largest overlap keeps its ID, and when one splits, its largest part
+does. Regions without any overlap are then matched if their centres of pressure are near. Unmatched current
+regions get a new ID; unmatched previous regions have ended. IDs of a board count to 65535, then start over,
+skipping those in use.
 """
 
 import math
@@ -23,14 +22,14 @@ _LAST = 65535
 
 
 class Followed(NamedTuple):
-    """The regions of all boards in the last frame.
+    """Tracked regions of all boards in the last frame.
 
     Attributes:
-        label: (elements,) place of an element's region in its board's list, −1 for none.
+        label: (elements,) index of an element's region in its board's list, −1 for none.
         n: (boards,) number of regions.
-        number: (boards, 16) their numbers.
-        xi_m: (boards, 16, 2) their centres of pressure [m].
-        last: (boards,) the number that was given last.
+        number: (boards, 16) region IDs.
+        xi_m: (boards, 16, 2) centres of pressure [m].
+        last: (boards,) last assigned region ID.
     """
 
     label: NDArray[np.int64]
@@ -52,21 +51,22 @@ def follow(
     overlap: NDArray[np.int64],
     row: Any,
 ) -> int:
-    """Numbers the regions of board `b`, and keeps them for the next frame.
+    """Match the regions of board `b` to those of the last frame, and store them for the next.
 
     Args:
-        b: The board.
-        begin: Its first element.
-        end: After its last.
-        n: How many regions it has now.
-        group: (elements,) place of an element's region in the list of now, −1 for none.
-        follow_m: How far a region without common elements may have moved [m].
-        followed: The regions of the last frame; updated.
+        b: Index of the board.
+        begin: First element of the board.
+        end: One past its last element.
+        n: Number of current regions.
+        group: (elements,) index of an element's current region in the board's list, −1 for none.
+        follow_m: Maximum displacement of a region without overlap [m].
+        followed: Regions of the last frame; updated.
         overlap: (16, 16) working memory.
-        row: (32,) `REGION_ROW` of the board: features of its regions; numbers and ended regions are written.
+        row: (32,) `REGION_ROW` of the board with the features of its regions; IDs and ended regions are
+            written.
 
     Returns:
-        How many rows there are.
+        Number of rows.
     """
     before = followed.n[b]
     overlap[:before, :n] = 0
@@ -105,7 +105,7 @@ def _pair(
     ended: NDArray[np.bool_],
     row: Any,
 ) -> bool:
-    """Makes the best of the pairs that are left: with elements in common, or among regions without any."""
+    """Match the best remaining pair, with overlap or among regions without any; return False if none."""
     best_old, best_new, most, nearest_m = -1, -1, 0, 0.0
     for old in range(before):
         for new in range(n):
@@ -116,7 +116,7 @@ def _pair(
                 if shared == 0:
                     continue
             elif overlap[old, :n].any() or overlap[:before, new].any():
-                continue  # it merged, or split off
+                continue  # one of the two merged or split
             distance_m = math.hypot(
                 followed.xi_m[b, old, 0] - row[new].xi1_m, followed.xi_m[b, old, 1] - row[new].xi2_m
             )
@@ -133,7 +133,7 @@ def _pair(
 
 @compiled
 def _begin(b: int, before: int, n: int, followed: Followed, overlap: NDArray[np.int64], row: Any) -> None:
-    """Regions without a number get a new one; those that split off say from which."""
+    """Assign new IDs to unmatched regions; regions that split off name the region they came from."""
     for new in range(n):
         if row[new].number != 0:
             continue
@@ -161,7 +161,7 @@ def _end(
     ended: NDArray[np.bool_],
     row: Any,
 ) -> int:
-    """Writes a row for each region that ended, with the one that took it over; returns the number of rows."""
+    """Write a row for each ended region, with the one it merged into; return the number of rows."""
     rows = n
     for old in range(before):
         if not ended[old]:

@@ -1,10 +1,10 @@
-"""Regions of contact: connected groups of active elements, their features, and their numbers over time.
+"""Contact regions of tactile sheets: segmentation, features, and tracking over frames.
 
-An element is active from `on_kpa` until it falls below `off_kpa`. A region is a connected group of active
-elements. To it belongs its rim: their neighbours that are not active but feel something, which is several per
-cent of the force of a cylinder. Its force is the sum of pressures times areas, its centre of pressure ξ the
-mean of coordinates weighted by pressure [R11, III]; area, peak and number of elements are of the active ones.
-`matching` gives each region the number that it had before.
+An element (taxel) is active from `on_kpa` until it falls below `off_kpa` (hysteresis thresholding). A region
+is a connected component of active elements. Its rim, inactive neighbours with a reading above zero, also
+counts for its force: several per cent for a cylinder. The force is the sum of pressure times area, the
+centre of pressure ξ the pressure-weighted mean of coordinates [R11, III]; area, peak and number of elements
+are those of the active elements. `matching` keeps the region's ID from frame to frame.
 """
 
 from collections.abc import Sequence
@@ -27,9 +27,9 @@ _PA_PER_KPA = 1e3
 
 
 class _Layout(NamedTuple):
-    """Elements of all boards: board b has elements start[b] to start[b + 1].
+    """Adjacency of the elements of all boards: board b has elements start[b] to start[b + 1].
 
-    Neighbours of element i are neighbour[first[i]] to neighbour[first[i + 1]].
+    Neighbours of element i are neighbour[first[i]] to neighbour[first[i + 1]] (compressed sparse rows).
     """
 
     start: NDArray[np.int64]
@@ -40,17 +40,17 @@ class _Layout(NamedTuple):
 
 
 class RegionTracker:
-    """Extracts and follows the regions of boards.
+    """Tracker of the contact regions of boards.
 
     Attributes:
-        rows: (boards, 32) `REGION_ROW` of the last frame: the regions by their first element, then those that
-            ended; times are left out.
-        n_rows: (boards,) how many rows there are.
-        number: (n,) number of the region of each element in the last frame, 0 for none.
+        rows: (boards, 32) `REGION_ROW` of the last frame: regions in order of their first element, then those
+            that ended; times are not set.
+        n_rows: (boards,) number of valid rows.
+        number: (n,) region ID of each element in the last frame, 0 for none.
     """
 
     def __init__(self, sheets: Sequence[PlacedSheet], spec: RegionSpec) -> None:
-        """No region yet.
+        """Create a tracker without regions.
 
         Raises:
             DeploymentError: `off_kpa` is above `on_kpa`.
@@ -79,7 +79,7 @@ class RegionTracker:
         self._overlap = np.zeros((MAX_REGIONS, MAX_REGIONS), dtype=np.int64)
 
     def track(self, readings_kpa: NDArray[np.float64]) -> None:
-        """Takes the readings (n,) [kPa] of the next frame of all boards."""
+        """Update the regions of all boards with the readings (n,) [kPa] of the next frame."""
         assert readings_kpa.shape == self.number.shape
         _track(
             readings_kpa,
@@ -98,7 +98,7 @@ class RegionTracker:
         )
 
     def reset(self, board: int) -> None:
-        """A board is switched on again: it knows of no region; numbers go on."""
+        """Reset a board after a power cycle: it has no region; region IDs continue."""
         mine = slice(*self._layout.start[board : board + 2].tolist())
         self._followed.label[mine] = -1
         self._followed.n[board] = 0
@@ -160,7 +160,10 @@ def _group(
     group: NDArray[np.int64],
     stack: NDArray[np.int64],
 ) -> int:
-    """Groups the active elements begin to end; `label` says which were active; returns how many groups."""
+    """Label the connected components of active elements in [begin, end); return their number.
+
+    Elements with `label` ≥ 0 were active in the last frame.
+    """
     waits = -2
     for i in range(begin, end):
         active = readings_kpa[i] >= (off_kpa if label[i] >= 0 else on_kpa)
@@ -193,7 +196,7 @@ def _add_rims(
     group: NDArray[np.int64],
     member: NDArray[np.int64],
 ) -> None:
-    """Writes `member`: the group of each element and rim; between two, that of the higher pressure."""
+    """Add rims to components: write `member`, the component of each element or of its highest neighbour."""
     for i in range(begin, end):
         member[i] = group[i]
         highest_kpa = 0.0
@@ -214,7 +217,7 @@ def _describe(
     row: Any,
     n: int,
 ) -> None:
-    """Writes the features of the `n` groups of board `b` into its rows."""
+    """Write the features of the `n` regions of board `b` into its rows."""
     for r in range(n):
         total_kpa, moment1, moment2, peak_kpa, elements = 0.0, 0.0, 0.0, 0.0, 0
         for i in range(layout.start[b], layout.start[b + 1]):

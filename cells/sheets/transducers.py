@@ -1,8 +1,8 @@
-"""From pressures to readings: the elements of all boards of a network, as arrays.
+"""Pressure transducers of tactile sheets: from pressure to readings, vectorised over all boards.
 
-A board reads its elements one after the other, so each has a sampling time of its own within the frame.
-Boards run on clocks of their own: where in the period a scan begins belongs to the board. Noise depends on
-the board's name, the element and the number of the frame only.
+A board scans its elements (taxels) sequentially, so each has its own sampling time within the frame. Clocks
+of boards are free-running: each board begins its scan at its own phase. Noise depends only on the board's
+name, the element and the frame.
 """
 
 from collections.abc import Sequence
@@ -15,24 +15,24 @@ from skinnet.compiled import compiled
 from skinnet.deployment.sheets import BoardSpec
 from skinnet.deployment.table import ns_of_ms
 from skinnet.errors import DeploymentError
-from skinnet.seeding import gaussian, key_of, uniform
+from skinnet.seeding import StreamName, gaussian, key_of, uniform
 from skinnet.skin.sheet import PlacedSheet
 
 __all__ = ["PressureTransducers"]
 
 
 class PressureTransducers:
-    """The pressure elements of boards.
+    """Pressure elements of a set of boards.
 
-    A reading is the pressure with Gaussian noise, rounded to the nearest of 2^bits steps over the range.
+    A reading is the pressure with Gaussian noise, quantised to 2^bits steps over the range.
 
     Attributes:
-        sampled_ns: (n,) when in a frame each element is read [ns]; the last of a full board ends its scan.
-        complete_ns: (boards,) when in a frame each board has read its last element [ns].
+        sampled_ns: (n,) time after the start of the frame at which each element is read [ns].
+        complete_ns: (boards,) time after the start of the frame at which each scan ends [ns].
     """
 
     def __init__(self, sheets: Sequence[PlacedSheet], spec: BoardSpec, seed: int) -> None:
-        """Sets up the elements of `sheets`, board after board.
+        """Create the elements of `sheets`, board after board.
 
         Raises:
             DeploymentError: a scan takes longer than a period.
@@ -47,7 +47,9 @@ class PressureTransducers:
                     f"sheets.{sheet.name}: {sheet.n_elements} elements of {spec.pressure.element_us} µs each "
                     f"take longer than the period of {spec.period_ms} ms; lower element_us"
                 )
-            begin_ns = int(uniform(key_of(seed, sheet.name, "phase"), np.uint64(0)) * spare_ns)
+            begin_ns = int(
+                uniform(key_of(seed, sheet.name, StreamName.SAMPLING_PHASE), np.uint64(0)) * spare_ns
+            )
             sampled_ns.append(begin_ns + element_ns * np.arange(1, sheet.n_elements + 1))
             self.complete_ns[b] = sampled_ns[-1][-1]
         self.sampled_ns = np.concatenate(sampled_ns)
@@ -64,16 +66,16 @@ class PressureTransducers:
         after_kpa: NDArray[np.floating],
         out: NDArray[np.float64],
     ) -> None:
-        """Writes the readings of a frame.
+        """Scan all boards in one frame and write the readings into `out`.
 
         Args:
-            frame: Number of the frame, which spans [frame, frame + 1) periods.
+            frame: Index of the scan frame, which spans [frame, frame + 1) periods.
             before_kpa: (n,) pressures at its start [kPa]; in between they are linear in time.
             after_kpa: (n,) pressures at its end [kPa].
             out: (n,) readings [kPa].
         """
         assert before_kpa.shape == after_kpa.shape == out.shape == self._keys.shape
-        # the copies make one compiled signature of any dtype and of read-only frames
+        # copies, so that any dtype and read-only arrays use one compiled signature
         np.copyto(self._before_kpa, before_kpa)
         np.copyto(self._after_kpa, after_kpa)
         _scan(
@@ -106,6 +108,6 @@ def _scan(
         if noise_kpa > 0.0:
             value += noise_kpa * gaussian(keys[i], np.uint64(frame))
         steps = np.floor(value / lsb_kpa + 0.5)
-        if not steps > 0.0:  # also for a pressure that is no number
+        if not steps > 0.0:  # also for a NaN pressure
             steps = 0.0
         out[i] = lsb_kpa * min(steps, highest)

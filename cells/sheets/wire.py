@@ -1,4 +1,4 @@
-"""What of a region fits into the bytes of a board's message."""
+"""Quantisation of region features in a board's message."""
 
 from skinnet.deployment.sheets import MAX_SIDE
 
@@ -11,12 +11,12 @@ __all__ = [
 ]
 
 MAX_REGIONS = (MAX_SIDE // 2) ** 2
-"""Of a board at a time: so many kings stand on its grid without attacking each other."""
+"""Maximum number of regions of a board: elements of its grid of which no two are 8-adjacent."""
 MAX_ROWS = 2 * MAX_REGIONS
-"""Of a board in a frame: all regions end and as many begin."""
+"""Maximum number of region rows of a board in a frame: all regions end and as many begin."""
 FORCE_STEP_N = 0.05
-"""Of a force in two bytes: up to 3277 N, more than a full sheet at its range. *(assumed, as the next two)*"""
+"""Force step [N] in two bytes: up to 3277 N, above a full sheet at its range. *(assumed, as the next two)*"""
 XI_STEP_M = 1e-4
-"""Of a coordinate in two bytes: ±3.2 m."""
+"""Coordinate step [m] in two bytes: ±3.2 m."""
 PEAK_STEPS = 255
-"""Steps of a peak pressure in one byte, over the range."""
+"""Peak-pressure steps over the range, in one byte."""

@@ -1,1 +1,1 @@
-"""Teaching by touch and grasping unknown objects with the whole upper body [M14, IV and V]."""
+"""Tactile teaching, and grasping of unknown objects with the whole upper body [M14, IV and V]."""

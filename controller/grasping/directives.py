@@ -1,6 +1,6 @@
-"""What each state tells the low-level controllers: Table II of [M14], as settled in docs/grasping.md.
+"""State parameters of the low-level controllers: Table II of [M14], as settled in docs/grasping.md.
 
-Table II is garbled by its scan; rows and cells that it does not have are assumptions, marked below.
+The scan of Table II is incomplete; rows and entries that it lacks are assumptions, marked below.
 """
 
 import math
@@ -16,20 +16,20 @@ __all__ = ["Area", "Directive", "Gains", "directives", "parameters", "without_pr
 
 
 class Area(Enum):
-    """Touch areas of [M14, IV.C]: what a cell is for."""
+    """Touch areas of the skin [M14, IV.C]."""
 
     PAT = "pat"
-    """PA: a touch starts the grasp."""
+    """Pat area (PA): a touch starts the grasp."""
     CONTACT = "contact"
-    """CA: where the object is expected."""
+    """Contact area (CA): the expected contact with the object."""
     CHEST = "chest"
-    """CHA: the third contact."""
+    """Chest area (CHA): the third contact."""
     OTHER = "other"
-    """NCA: all that is in no other area."""
+    """Non-contact area (NCA): cells in no other area."""
 
 
 class Gains(NamedTuple):
-    """Thresholds and gains of the cells of an area; a gain of zero inhibits."""
+    """Reaction thresholds and gains [rad/s per reading] of an area's cells; a gain of zero inhibits."""
 
     force_threshold: float = 0.0
     force_gain: float = 0.0
@@ -39,16 +39,16 @@ class Gains(NamedTuple):
 
 @dataclass(frozen=True)
 class Directive:
-    """What is in force while a state lasts."""
+    """Low-level control parameters of a state."""
 
     gains: Mapping[Area, Gains] = field(default_factory=dict)
-    """By area."""
+    """Reaction parameters by area."""
     pose: str | None = None
-    """Name of the key pose that the robot goes to; None: it stays where it is pushed to."""
+    """Name of the target key pose; None: no posture control, the robot stays where it is pushed."""
     speed_rad_s: float = 0.4
     accuracy_rad: float = 0.01
     patience_s: float = math.inf
-    """After so long the state times out."""
+    """Time [s] after which the state times out."""
 
 
 def _all(gains: Gains) -> dict[Area, Gains]:
@@ -56,7 +56,7 @@ def _all(gains: Gains) -> dict[Area, Gains]:
 
 
 def _toward_contact(other: Gains, contact: Gains) -> dict[Area, Gains]:
-    """The chest is as little to evade as the contact area: both are where the object shall touch."""
+    """Return gains by area; contact area and chest do not evade, as the object shall touch both."""
     return {Area.OTHER: other, Area.PAT: other, Area.CONTACT: contact, Area.CHEST: Gains()}
 
 
@@ -80,16 +80,19 @@ _TABLE_II = {
     State.RELEASE: Directive(_all(_EVADE_SLOWLY), "open", 0.1, patience_s=60.0),
     State.SAFE: Directive(_all(_EVADE_SLOWLY), "open", 0.1),
 }
-"""Times to wait are assumptions; so are the rows go (as open), set_down (as hold) and safe (as release), and
-the pose and speed of release, which the scan cut off: open, as slowly as the contact was made."""
+"""State parameters of Table II [M14].
+
+Timeouts are assumptions; so are the rows go (as open), set_down (as hold) and safe (as release), and the pose
+and speed of release, which the scan cut off: open, at the speed of the contact.
+"""
 
 
 def directives(spec: SessionSpec, remembered: Mapping[str, float] | None = None) -> dict[State, Directive]:
-    """Directives of all states: Table II, over it what is remembered, over that what the deployment says.
+    """Merge the parameters of all states: Table II, overridden by memory, overridden by the deployment.
 
     Args:
-        spec: What the deployment says.
-        remembered: Numbers by name as `parameters` gives them; others are not of a directive.
+        spec: Parameters of the deployment.
+        remembered: Stored numbers, named as in `parameters`; other names are ignored.
     """
     numbers = parameters(_TABLE_II)
     numbers |= {name: value for name, value in (remembered or {}).items() if name in numbers}
@@ -98,7 +101,7 @@ def directives(spec: SessionSpec, remembered: Mapping[str, float] | None = None)
 
 
 def parameters(table: Mapping[State, Directive]) -> dict[str, float]:
-    """All numbers of directives by name: `load.speed_rad_s`, `load.contact.force_gain`."""
+    """Flatten state parameters to numbers by name: `load.speed_rad_s`, `load.contact.force_gain`."""
     numbers: dict[str, float] = {}
     for state, directive in table.items():
         numbers |= {f"{state.value}.{name}": getattr(directive, name) for name in _NUMBERS}
@@ -110,7 +113,7 @@ def parameters(table: Mapping[State, Directive]) -> dict[str, float]:
 
 
 def _said(spec: SessionSpec) -> dict[str, float]:
-    """The numbers that a deployment gives."""
+    """Return the parameters that the deployment sets, by name."""
     said = {f"{State.SET_DOWN.value}.patience_s": spec.set_down_s}
     for state, own in spec.states.items():
         given = {name: getattr(own, name) for name in _NUMBERS}
@@ -131,7 +134,7 @@ def _made(state: State, numbers: Mapping[str, float]) -> Directive:
 
 
 def without_pre_contact(table: Mapping[State, Directive]) -> dict[State, Directive]:
-    """The same without proximity sensors."""
+    """Return the state parameters with all proximity gains zero."""
     return {
         state: replace(
             directive,

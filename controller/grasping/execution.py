@@ -1,4 +1,4 @@
-"""The low-level controllers under the directive of a state: tactile reaction and posture, superimposed."""
+"""Low-level control of a state: superposition of tactile reaction and posture control [M14, V]."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +14,25 @@ from skinnet.messages import FOREVER_NS, Modality
 __all__ = ["Execution"]
 
 _PROGRESS_RAD = 0.002
-"""A robot that comes nearer to its pose by less than this makes no progress (assumed)."""
+"""Minimum decrease [rad] of the summed joint distance that counts as progress (assumed)."""
 
 
 class Execution:
-    """Does what a directive says, and tells when it is done or cannot be.
+    """Low-level controllers under the current state's parameters, with their completion events.
 
     Attributes:
-        felt: (S, 4) readings that the last tick reacted to; None while all is inhibited.
-        touched: The last tick reacted to something.
+        felt: (S, 4) tactile input of the last tick's reaction; None while all gains are zero.
+        touched: True if the last tick had a tactile reaction.
     """
 
     def __init__(self, knowledge: Knowledge, n_cells: int, max_age_ns: int, stall_ns: int) -> None:
-        """Starts inhibited, without a pose.
+        """Start with zero gains, without a target pose.
 
         Args:
             knowledge: Maps and areas.
             n_cells: S.
-            max_age_ns: Older readings are lost ones.
-            stall_ns: Patience with a robot that comes no nearer to its pose.
+            max_age_ns: Age beyond which readings count as lost.
+            stall_ns: Time without progress towards the pose after which the robot counts as stalled.
         """
         self._knowledge, self._max_age_ns, self._stall_ns = knowledge, max_age_ns, stall_ns
         self._reaction = TactileReaction(n_cells)
@@ -45,11 +45,11 @@ class Execution:
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """(S, 4) gains."""
+        """Reaction gains (S, 4) [rad/s per reading]."""
         return self._reaction.gains
 
     def obey(self, t_ns: int, directive: Directive, target: PoseTarget | None, *, reacts: bool) -> None:
-        """Takes a new directive: areas are tuned, and the posture goes to `target`, or rests."""
+        """Apply a state's parameters: set the gains of all areas, and the posture target if any."""
         self._reaction.inhibit()
         if reacts:
             self._tune(None, directive.gains.get(Area.OTHER, Gains()))
@@ -64,7 +64,7 @@ class Execution:
         self._nearest_rad, self._nearest_ns = np.inf, t_ns
 
     def _tune(self, cells: NDArray[np.int64] | None, gains: Gains) -> None:
-        """Tunes the cells (n,) of an area, or all."""
+        """Set thresholds and gains of the cells (n,) of an area, or of all."""
         for modality, threshold, gain in (
             (Modality.FORCE, gains.force_threshold, gains.force_gain),
             (Modality.PROXIMITY, gains.proximity_threshold, gains.proximity_gain),
@@ -74,7 +74,7 @@ class Execution:
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> tuple[NDArray[np.float64], set[Event]]:
-        """Joint velocities (D,) [rad/s], and the completion events of this tick."""
+        """Compute the joint velocities (D,) [rad/s], and the completion events of this tick."""
         velocity, reached = self._posture.step(t_ns, position_rad)
         events = set() if reached is None else {Event.POSE_REACHED}
         if self._stalled(t_ns, position_rad):
@@ -83,16 +83,15 @@ class Execution:
             events.add(Event.TIMED_OUT)
         self.felt, self.touched = None, False
         if self._reaction.gains.any() and len(self._knowledge.map):
-            touch = picture.touch(
-                t_ns, self._max_age_ns
-            )  # cells in contact stream: an old reading is a lost one
+            # cells in contact stream: an old reading means lost packets
+            touch = picture.touch(t_ns, self._max_age_ns)
             reaction = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
             velocity = velocity + reaction
             self.felt, self.touched = touch, bool(self._reaction.activation(touch).any())
         return velocity, events
 
     def _stalled(self, t_ns: int, position_rad: NDArray[np.float64]) -> bool:
-        """No nearer to the pose for too long; whoever has arrived and is pushed away is not stalled."""
+        """Return True after `stall_ns` without progress to the pose; a push after arrival is no stall."""
         if self._target is None:
             return False
         away = np.abs(self._target.position_rad - position_rad)

@@ -1,4 +1,4 @@
-"""Long-term memory of the controller: recalled at the start of a run, written through as it learns."""
+"""Long-term memory of the controller: loaded at the start of a run, written through on every change."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,14 +17,16 @@ from skinnet.memory.store import MemoryStore
 __all__ = ["MEMORY_FILE", "LongTermMemory", "take_in"]
 
 MEMORY_FILE = "memory.sqlite"
-"""In the run folder."""
+"""File name in the run folder."""
 _SAME_POSE_RAD = 0.05
-"""A map belongs to a key pose that is no farther away in any joint: five times a posture's accuracy, and far
-below what tells key poses apart (assumed)."""
+"""Joint distance [rad] within which a map belongs to a key pose.
+
+Five times a posture's accuracy, and far below the distance between key poses (assumed).
+"""
 
 
 def take_in(memory: Memory, knowledge: Knowledge) -> None:
-    """Adds what is remembered to `knowledge`; a map holds around the key pose that it was kept with."""
+    """Add stored memory to the self-model; each map is valid around the key pose stored with it."""
     if memory.activity is not None:
         unknown = np.zeros(memory.robot.shape, dtype=np.bool_)
         unknown[memory.unmeasured] = True
@@ -38,11 +40,11 @@ def take_in(memory: Memory, knowledge: Knowledge) -> None:
 
 
 class LongTermMemory:
-    """Keeps what the controller knows; each method is durable when it returns.
+    """Long-term memory: stores the self-model; each method is durable when it returns.
 
     Args:
-        store: Where it is kept; None if it is not.
-        knowledge: What to keep, as it is when a method is called.
+        store: Store of the run; None to store nothing.
+        knowledge: Self-model to store, in its state at each call.
     """
 
     def __init__(self, store: MemoryStore | None, knowledge: Knowledge) -> None:
@@ -51,17 +53,17 @@ class LongTermMemory:
 
     @classmethod
     def begin(cls, deployment: Deployment, base: Path, out: Path | None, knowledge: Knowledge) -> Self:
-        """Recalls into `knowledge` what the deployment names; keeps it, and what follows, in the run folder.
+        """Load the deployment's memory into `knowledge`, and store it and later changes in the run folder.
 
         Args:
-            deployment: What is run; a robot without patches keeps nothing.
-            base: Its folder.
-            out: The run folder; nothing is kept without one.
-            knowledge: Of a controller that has just started.
+            deployment: Deployment of the run; a robot without patches stores nothing.
+            base: Folder of the deployment.
+            out: Run folder; None to store nothing.
+            knowledge: Self-model of a controller that has just started.
 
         Raises:
-            MemoryFileError: the file that the deployment names does not hold or is of another robot, or the
-                run's own is in use.
+            MemoryFileError: the file that the deployment names is invalid or of another robot, or the run's
+                own file is in use.
         """
         known = recall(deployment, base)
         if known is not None:
@@ -71,7 +73,7 @@ class LongTermMemory:
         return cls(MemoryStore.create(out / MEMORY_FILE, robot_of(deployment), known), knowledge)
 
     def remember_structure(self) -> None:
-        """Keeps the structure that was found."""
+        """Store the kinematic structure."""
         structure = self._knowledge.structure
         assert structure is not None, "there is no structure to remember"
         if self._store is not None:
@@ -79,24 +81,24 @@ class LongTermMemory:
             self._store.remember_structure(structure.activity, unmeasured)
 
     def remember_pose(self, name: str) -> None:
-        """Keeps a key pose, with the map that was explored there, if one was."""
+        """Store a key pose, with the map explored there, if any."""
         if self._store is not None:
             position_rad = self._knowledge.poses[name]
             weights = self._knowledge.map.explored_at(position_rad, _SAME_POSE_RAD)
             self._store.remember_pose(name, KeyPose(position_rad, weights))
 
     def remember_areas(self) -> None:
-        """Keeps all touch areas: one that is taught takes cells away from others."""
+        """Store all touch areas: teaching one removes its cells from the others."""
         if self._store is not None:
             self._store.replace(dataclasses.replace(self._store.memory, areas=dict(self._knowledge.areas)))
 
     def remember_parameters(self, parameters: Mapping[str, float]) -> None:
-        """Knows and keeps parameters; others stay."""
+        """Update and store parameters by name; others stay."""
         self._knowledge.parameters.update(parameters)
         if self._store is not None:
             self._store.remember_parameters(parameters)
 
     def close(self) -> None:
-        """Gives the file back to whoever wants to read it."""
+        """Close the store and release its file."""
         if self._store is not None:
             self._store.close()

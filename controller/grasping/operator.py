@@ -1,4 +1,4 @@
-"""The scripted operator of a deployment: requests one after the other, each at its time."""
+"""Scripted operator of a deployment: a sequence of requests with conditions."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ __all__ = ["Operator"]
 
 
 class Operator:
-    """Follows a script; what is due depends on the session's state and its touches only.
+    """Scripted operator; a request is due by the stage's state, its duration and the last touch.
 
     Args:
         script: Requests in their order.
-        patience_ns: How long to wait for a state that does not come while the session rests.
-        t_ns: now.
+        patience_ns: Time to wait at rest for a state that does not occur.
+        t_ns: Current time.
     """
 
     def __init__(self, script: Sequence[OperatorSpec], patience_ns: int, t_ns: int) -> None:
@@ -27,7 +27,7 @@ class Operator:
         self._since_ns = self._sent_ns = self._touched_ns = t_ns
 
     def due(self, t_ns: int, state: State, *, touched: bool) -> tuple[str, str] | None:
-        """The request to send now with its argument, or None; `touched`: a reaction is active."""
+        """Return the request due at `t_ns` with its argument, or None; `touched`: a reaction is active."""
         if state is not self._state:
             self._state, self._since_ns = state, t_ns
             self._touched_ns = t_ns
@@ -49,7 +49,7 @@ class Operator:
         return step.request, step.argument
 
     def gives_up(self, t_ns: int, state: State) -> bool:
-        """The script is through or waits in vain, and the session rests for too long."""
+        """Return True if the script is over or blocked, and the stage at rest beyond the timeout."""
         waits = bool(self._script) and self._script[0].state == state.value
         rested_ns = t_ns - max(self._since_ns, self._sent_ns)
         return self._scripted and not waits and state in RESTING and rested_ns >= self._patience_ns

@@ -1,4 +1,4 @@
-"""What a session has to tell when the run is over."""
+"""Result facts of the teach-and-grasp stages."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ __all__ = ["session_facts"]
 
 
 def session_facts(sessions: Sequence[Session], knowledge: Knowledge) -> dict[str, Any]:
-    """Transitions and refused requests of all sessions, and what the robot was taught."""
+    """Collect transitions and refused requests of all stages, and the taught poses and areas."""
     return {
         "session": [entry._asdict() for session in sessions for entry in session.log],
         "refused_requests": [entry for session in sessions for entry in session.refused],

@@ -1,4 +1,4 @@
-"""The session: what users ask for and what the skin feels move the state machine, which moves the robot."""
+"""Teach-and-grasp stage: a state machine driven by requests and tactile events, without I/O."""
 
 import re
 from collections.abc import Iterable
@@ -45,13 +45,13 @@ _PLAIN = {
 
 
 def requests_of(poses: Iterable[str]) -> dict[str, list[str]]:
-    """The arguments that each request takes: [""] for none, an empty list for a name of one's choice."""
+    """List the arguments of each request: [""] for none, an empty list for a free name."""
     requests = {what: list(arguments) for what, arguments in _ARGUMENTS.items()}
     return requests | {what: [""] for what in _PLAIN} | {"remember": [], "go": list(poses)}
 
 
 class Transition(NamedTuple):
-    """One row of the session's log; `contacts` counts cells on each arm, then on the chest."""
+    """Transition log entry; `contacts` counts cells in contact on each arm, then on the chest."""
 
     t_ns: int
     state: str
@@ -62,11 +62,11 @@ class Transition(NamedTuple):
 
 
 class Session:
-    """A stage that lasts until somebody ends it: teaching and grasping, without I/O.
+    """Teach-and-grasp stage, which lasts until a request ends it.
 
     Attributes:
-        log: All transitions so far.
-        refused: Requests that were refused: time, request, argument, state, why.
+        log: All transitions.
+        refused: Refused requests: time [ns], request, argument, state, reason.
     """
 
     thresholds = None
@@ -104,47 +104,47 @@ class Session:
 
     @property
     def done(self) -> bool:
-        """Somebody has ended it."""
+        """True once the stage is ended."""
         return self.state is State.ENDED
 
     @property
     def label(self) -> str:
-        """The present state."""
+        """Current state."""
         return self.state.value
 
     @property
     def why(self) -> str:
-        """The event that led to the present state."""
+        """Event that led to the current state; empty in the initial state."""
         return self.log[-1].event if self.log else ""
 
     @property
     def progress(self) -> float:
-        """A session has no end that one could come nearer to."""
+        """Completed fraction: 1 once ended, else 0, as the duration is open."""
         return float(self.done)
 
     @property
     def wants_stream(self) -> bool:
-        """All accelerations, while a pose is explored."""
+        """True while a pose is explored, which needs all accelerations."""
         return self._exploration is not None and self._exploration.wants_stream
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """(S, 4) gains of the reactions."""
+        """Reaction gains (S, 4) [rad/s per reading]."""
         return self._execution.gains
 
     @property
     def felt(self) -> NDArray[np.float64] | None:
-        """(S, 4) readings that the last tick reacted to."""
+        """Tactile input (S, 4) of the last tick's reaction; None while all gains are zero."""
         return self._execution.felt
 
     def take(self, stream: SkinRows) -> None:
-        """Accelerations for the exploration of a pose."""
+        """Add accelerations to the exploration of a pose."""
         if self._exploration is not None:
             acceleration_g = stream.rows["values"][:, _ACCELERATION].astype(np.float64)
             self._exploration.add_samples(stream.cell, stream.rows["t_sampled_ns"], acceleration_g)
 
     def ask(self, t_ns: int, what: str, argument: str) -> Reply:
-        """Does what a user asks, or refuses; what is refused changes nothing."""
+        """Handle a request, or refuse it and change nothing."""
         event, why = self._understand(what, argument)
         if event is not None and not why:
             why = self._hindrance(event, argument)
@@ -158,7 +158,7 @@ class Session:
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
-        """Joint velocities (D,) [rad/s] at `t_ns`."""
+        """Compute the joint velocities (D,) [rad/s] at `t_ns`."""
         brushed = self._attention is not None and self._attention.brushed
         request = self._operator.due(t_ns, self.state, touched=self._execution.touched or brushed)
         if request is not None:
@@ -181,10 +181,10 @@ class Session:
         return velocity
 
     def finish(self, t_ns: int) -> None:
-        """All that was learnt is remembered already."""
+        """Store nothing: the memory is written at each transition."""
 
     def _understand(self, what: str, argument: str) -> tuple[Event | None, str]:
-        """The event that a request is, or why it is none."""
+        """Return the event of a request, or the reason of a refusal."""
         if what in _ARGUMENTS:
             allowed = _ARGUMENTS[what]
             if argument in allowed:
@@ -201,7 +201,7 @@ class Session:
         return _PLAIN[what], ""
 
     def _hindrance(self, event: Event, argument: str) -> str:
-        """Why an event cannot happen now; empty if it can."""
+        """Return the reason why an event is not possible now; empty if it is."""
         poses = self._knowledge.poses
         if after(self.state, event) is None:
             possible = ", ".join(known.value for known in TABLE[self.state] if known not in SENSED)
@@ -221,7 +221,7 @@ class Session:
         return ""
 
     def _happen(self, t_ns: int, event: Event) -> None:
-        """Leaves the present state and enters the next."""
+        """Leave the current state, log the transition and enter the next state."""
         state = after(self.state, event)
         assert state is not None
         self._leave(event)

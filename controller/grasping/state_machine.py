@@ -1,7 +1,7 @@
-"""The state machine of teaching and grasping, as one table: Fig. 7 of [M14] and the states around it.
+"""State machine of teaching and grasping, as one table: Fig. 7 of [M14] with teaching states added.
 
-Events come from three sources: completion of the low-level controllers, touch, and requests of users.
-What a state's row does not list does not happen in it: it is not looked for, or if it is a request, refused.
+Events have three sources: completion of the low-level controllers, touch, and requests of users. An event
+that a state's row does not list causes no transition: it is ignored or, if it is a request, refused.
 """
 
 from enum import Enum
@@ -10,7 +10,7 @@ __all__ = ["CARRYING", "GRASPING", "RESTING", "SENSED", "TABLE", "Event", "State
 
 
 class State(Enum):
-    """What a session is doing; the value is its name in deployments, messages and plots."""
+    """States of teaching and grasping; values are the names in deployments, messages and plots."""
 
     IDLE = "idle"
     GUIDE_FORCE = "guide_force"
@@ -31,7 +31,7 @@ class State(Enum):
 
 
 class Event(Enum):
-    """Why a session leaves a state."""
+    """Events of the state machine, by source."""
 
     # completion events of the low-level controllers
     POSE_REACHED = "pose reached"
@@ -75,7 +75,7 @@ SENSED = (
     Event.STALLED,
     Event.TIMED_OUT,
 )
-"""Events that the session senses by itself, first those that win at the same tick; the rest are requests."""
+"""Sensed events in order of priority within a tick; all others are requests."""
 
 _AT_REST = {
     Event.GUIDE_FORCE: State.GUIDE_FORCE,
@@ -102,7 +102,7 @@ _FAILS = {
     Event.SKIN_LOST: State.SAFE,
 }
 _UNSATISFIED = {**_FAILS, Event.POSE_REACHED: State.SAFE}
-"""A pose that is reached without the contact that the state is for: no object, or one that does not fit."""
+"""Failures of a state that expects contact: also the pose reached without it (no or unfit object)."""
 
 TABLE: dict[State, dict[Event, State]] = {
     State.IDLE: _AT_REST,
@@ -139,22 +139,22 @@ TABLE: dict[State, dict[Event, State]] = {
     State.SAFE: _AT_REST,
     State.ENDED: {},
 }
-"""For each state, the state that follows each event."""
+"""Transition table: next state by state and event."""
 
 GRASPING = (State.OPEN, State.APPROACH, State.CONTACT, State.LOAD, State.PULL, State.HOLD)
-"""The superstate 'execute grasp' of Fig. 7."""
+"""Superstate 'execute grasp' of [M14, Fig. 7]."""
 CARRYING = (State.HOLD, State.SET_DOWN)
-"""The object may hang in the arms: they do not open before somebody had time to take it."""
+"""States that may carry the object: the arms open only after a delay for a person to take it."""
 RESTING = (State.IDLE, State.SAFE)
 
 
 def after(state: State, event: Event) -> State | None:
-    """The state that follows `event` in `state`; None if nothing follows: sensed in vain, or refused."""
+    """Return the next state after `event` in `state`; None without a transition."""
     return TABLE[state].get(event)
 
 
 def diagram() -> str:
-    """The table as a Mermaid state diagram; transitions between the same two states share an arrow."""
+    """Draw the table as a Mermaid state diagram; transitions between the same states share an arrow."""
     lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE.value}"]
     for state, row in TABLE.items():
         reasons: dict[State, list[str]] = {}

@@ -10,35 +10,35 @@ __all__ = ["Attention", "learn_area"]
 
 
 class Attention:
-    """Collects the cells with new contact events while the robot pays attention.
+    """Collector of the cells with new contacts while attention is on.
 
-    A cell that was in contact before must be let go and touched again: only a new event counts.
+    A cell already in contact must be released and touched again: only new contacts count.
 
     Attributes:
-        label: Area that is taught.
+        label: Name of the taught area.
     """
 
     def __init__(self, label: str, picture: TactilePicture, contact_level: int) -> None:
-        """Begins to pay attention; proximity from `contact_level` on is close contact."""
+        """Start collecting; a proximity level of at least `contact_level` is contact."""
         self.label = label
         self._level = contact_level
         self._before = self._contact(picture)
         self._touched = np.zeros_like(self._before)
 
     def see(self, picture: TactilePicture) -> None:
-        """Takes in what is in contact now."""
+        """Add the cells with new contact."""
         contact = self._contact(picture)
         self._touched |= contact & ~self._before
         self._before = contact
 
     @property
     def brushed(self) -> bool:
-        """Something is in contact now."""
+        """True while any cell is in contact."""
         return bool(self._before.any())
 
     @property
     def cells(self) -> NDArray[np.int64]:
-        """Cells with a new contact so far."""
+        """Cell indices (n,) with a new contact, ascending."""
         return np.flatnonzero(self._touched)
 
     def _contact(self, picture: TactilePicture) -> NDArray[np.bool_]:
@@ -50,6 +50,6 @@ class Attention:
 def learn_area(
     areas: dict[str, NDArray[np.int64]], label: str, cells: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
-    """The areas with `label` taught anew; a cell belongs to the area that it was taught for last."""
+    """Return the areas with `label` replaced; a cell belongs to the area taught last."""
     kept = {name: np.setdiff1d(old, cells) for name, old in areas.items() if name != label}
     return {name: old for name, old in kept.items() if len(old)} | {label: cells}

@@ -1,4 +1,4 @@
-"""Tactile events that drive the state machine, from the levels that the cells report [M14, V.C]."""
+"""Tactile events of the state machine, from the levels that the cells report [M14, V.C]."""
 
 from collections.abc import Mapping
 
@@ -17,11 +17,11 @@ Cells = NDArray[np.int64]
 
 
 def limbs_of(cells: Cells, activity: NDArray[np.bool_]) -> list[Cells]:
-    """Cells (n,) by the limb that carries them: two cells that some DoF moves both are on the same limb.
+    """Group cells by limb: two cells that share a moving DoF are on the same limb.
 
     Args:
-        cells: Cells of an area.
-        activity: (S, D) from the structural exploration; cells that nothing moves are on no limb.
+        cells: (n,) cells of an area.
+        activity: (S, D) from the structural exploration; cells that no DoF moves are on no limb.
     """
     limbs: list[tuple[NDArray[np.bool_], list[int]]] = []
     for cell in cells.tolist():
@@ -39,16 +39,16 @@ def limbs_of(cells: Cells, activity: NDArray[np.bool_]) -> list[Cells]:
 
 
 class TouchEvents:
-    """Looks for the tactile events of one state, in a skin whose areas are known.
+    """Detector of tactile events in one state, given the taught areas.
 
-    What touches the robot when the state begins is no pat, and no arm has lost anything yet.
+    A contact at the start of the state is no pat, and the timeout of a lost object starts with the state.
 
     Args:
         spec: Levels and times.
         areas: Cells of the taught areas.
         activity: (S, D) from the structural exploration.
-        picture: What the skin feels when the state begins,
-        t_ns: at this time.
+        picture: Tactile state at the start of the state.
+        t_ns: Start time of the state.
 
     Attributes:
         arms: Cells of the contact area on each arm.
@@ -71,13 +71,13 @@ class TouchEvents:
 
     @property
     def missing(self) -> str:
-        """What is missing for a grasp; empty if nothing is."""
+        """Unmet requirement of a grasp; empty if all are met."""
         if len(self.arms) < 2:
             return f"the contact area must be on two arms, it is on {len(self.arms)}"
         return "" if len(self._chest) else "the chest area has no cells"
 
     def sense(self, t_ns: int, picture: TactilePicture) -> set[Event]:
-        """What holds at `t_ns`."""
+        """Detect the events at `t_ns`."""
         spec = self._spec
         force, contact = picture.level(Modality.FORCE), self._contact(picture)
         near = contact | (self._proximity(picture) >= spec.near_level)
@@ -98,7 +98,7 @@ class TouchEvents:
         return {event for event, holds in conditions.items() if holds}
 
     def contacts(self, picture: TactilePicture) -> tuple[int, ...]:
-        """How many cells are in contact: on each arm, then on the chest."""
+        """Count the cells in contact: on each arm, then on the chest."""
         contact = self._contact(picture)
         return tuple(int(contact[cells].sum()) for cells in (*self.arms, self._chest))
 

@@ -1,1 +1,1 @@
-"""Nursing: whole-body contact manipulation after Mukai et al., IROS 2011 [R11]."""
+"""Nursing-care manipulation with whole-body tactile feedback after Mukai et al., IROS 2011 [R11]."""

@@ -1,7 +1,7 @@
-"""From tactile coordinates to frames on the controller's own model: what is touched, where, and how it faces.
+"""Contact frames on the kinematic model from tactile coordinates, equations (1) and (3) [R11].
 
-The coordinates ξ (2,) [m] of a sheet run along its surface. The sheet is known by its elements; in between it
-is taken to bend evenly.
+The coordinates ξ (2,) [m] of a sheet run along its surface. The sheet is given by its elements; between them
+its curvature is taken as constant.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,44 +19,44 @@ Floats = NDArray[np.float64]
 
 
 class Region(NamedTuple):
-    """What a board says of one region of neighbouring active elements."""
+    """Contact region of neighbouring active elements, as a board reports it."""
 
     sheet: str
     number: int
-    """Stable while the region lives."""
+    """Region id, constant while the board tracks the region."""
     xi_m: tuple[float, float]
-    """Centre of pressure ξ in tactile coordinates."""
+    """Centre of pressure ξ in tactile coordinates [m]."""
     force_n: float
-    """Total normal force f."""
+    """Total normal force f [N]."""
     peak_kpa: float
-    """Highest pressure of an element."""
+    """Highest pressure of an element [kPa]."""
 
 
 class Felt(NamedTuple):
-    """All that the skin felt last."""
+    """Latest tactile input: all contact regions of all boards."""
 
     t_ns: int
-    """When the board that is most behind took its readings."""
+    """Sampling time of the oldest frame among the latest frames of all boards [ns]."""
     regions: tuple[Region, ...]
 
 
 class Sheet:
-    """The surface that a tactile sheet spans on one body."""
+    """Tactile sheet surface on one body, interpolated between its elements."""
 
     def __init__(
         self, body: str, xi_m: Floats, position_m: Floats, R_body_element: Floats, pitch_m: float
     ) -> None:
-        """Takes n elements.
+        """Take the n elements of the sheet.
 
         Args:
             body: Name of the body that carries the sheet.
-            xi_m: (n, 2) tactile coordinates, on a lattice of `pitch_m`.
-            position_m: (n, 3) places of the elements, frame of the body.
+            xi_m: (n, 2) tactile coordinates on a grid of `pitch_m` [m].
+            position_m: (n, 3) positions of the elements, body frame [m].
             R_body_element: (n, 3, 3) columns e1, e2 along the coordinates, and the outward normal e1 × e2.
-            pitch_m: Distance between neighbours.
+            pitch_m: Distance between neighbours [m].
 
         Raises:
-            ValueError: shapes that do not fit, or no element.
+            ValueError: the shapes do not match, or there is no element.
         """
         n = len(xi_m)
         if n == 0 or not (
@@ -70,18 +70,19 @@ class Sheet:
         self._xi_m, self._position_m, self._R, self._pitch_m = xi_m, position_m, R_body_element, pitch_m
 
     def at(self, xi_m: Sequence[float] | Floats) -> SurfacePoint:
-        """The surface at ξ with its local frame Σ_L: e1, e2 and their outer product [R11, V].
+        """Return the surface point at ξ with its local frame Σ_L: e1, e2 and e1 × e2 [R11, V].
 
-        Each element near ξ predicts it half by its place and half by its tangent plane. Together they are
-        exact where the surface bends evenly; at rims and in the gaps of a comb, where ξ is not in the middle
-        of those that are left, off by κ δ² / 2 with the curvature κ and the way δ to their middle.
+        Each element near ξ contributes half by its position and half by its tangent plane, with bilinear
+        weights. The sum is exact for constant curvature; at rims and in gaps of the grid, where the remaining
+        elements are not centred on ξ, the error is κ δ² / 2 with the curvature κ and the distance δ from ξ
+        to their weighted centre.
 
         Raises:
             ValueError: ξ is two pitches or more from every element.
         """
         away = np.asarray(xi_m, dtype=np.float64) - self._xi_m
         share = self._shares(away, self._pitch_m)
-        if not share.sum() > 1.0 - 1e-9:  # some of the four around ξ are cut away: those behind help out
+        if not share.sum() > 1.0 - 1e-9:  # fewer than four elements surround ξ: widen the kernel
             share = self._shares(away, 2.0 * self._pitch_m)
         if not share.sum() > 0.0:
             raise ValueError(f"tactile coordinates {tuple(xi_m)} m are not on the sheet of {self.body}")
@@ -95,28 +96,28 @@ class Sheet:
 
     @staticmethod
     def _shares(away_m: Floats, width_m: float) -> Floats:
-        """(n,) bilinear weights, which fall to zero at `width_m` along either coordinate."""
+        """Return bilinear weights (n,), which fall to zero at `width_m` along either coordinate."""
         shares: Floats = np.prod(np.maximum(1.0 - np.abs(away_m) / width_m, 0.0), axis=1)
         return shares
 
 
 class Contacts(NamedTuple):
-    """C contacts as they were in the beginning: equations (1) and (3) [R11]."""
+    """Initial contact frames of C contacts, equations (1) and (3) [R11]."""
 
     names: tuple[str, ...]
-    """Name of the sheet, with the region's number where a sheet has more than one."""
+    """Sheet name per contact, with the region id where a sheet has more than one."""
     points: tuple[SurfacePoint, ...]
-    """Surface at ξ_c(0)."""
+    """Surface points at ξ_c(0)."""
     xi_m: Floats
-    """(C, 2): ξ_c(0)."""
+    """Centres of pressure ξ_c(0) (C, 2) [m]."""
     force_n: Floats
-    """(C,): f_c(0)."""
+    """Contact forces f_c(0) (C,) [N]."""
     object_m: Floats
-    """(3,): x̃_O, origin of the object frame Σ_O, world frame."""
+    """Origin x̃_O (3,) of the object frame Σ_O, world frame [m]."""
     x_object: Floats
-    """(C, 3): ^O x_c [m]."""
+    """Contact positions ^O x_c (C, 3), object frame [m]."""
     R_object: Floats
-    """(C, 3, 3): ^O R_c."""
+    """Contact rotations ^O R_c (C, 3, 3), object frame."""
 
 
 def initial_contacts(
@@ -126,17 +127,17 @@ def initial_contacts(
     regions: Sequence[Region],
     object_m: Sequence[float] | None = None,
 ) -> Contacts:
-    """Records the initial contacts, equation (3).
+    """Record the initial contacts, equation (3) [R11].
 
     Args:
-        kinematics: The controller's model.
-        q: (N,) joint readings [rad].
-        sheets: By name.
-        regions: What is touched, at least one.
-        object_m: Inherent centre of the object, world frame; the mean of the contacts unless given.
+        kinematics: Kinematic model of the controller.
+        q: (N,) measured joint positions [rad].
+        sheets: Sheets by name.
+        regions: Contact regions, at least one.
+        object_m: Inherent centre of the object, world frame [m]; by default the mean of the contacts.
 
     Raises:
-        ValueError: no region, or one that is not on its sheet.
+        ValueError: no region is given, or one lies outside its sheet.
     """
     if not regions:
         raise ValueError("no contact to record")

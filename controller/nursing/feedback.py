@@ -1,6 +1,6 @@
-"""Tactile feedback, (19) to (23) [R11]: what each contact is moved and turned by to keep its pressure.
+"""Tactile feedback control of contact positions and rotations, equations (19) to (23) [R11].
 
-A correction to the paper: the first term of (19) is M s̈, as in (21). s is a length, as (20) needs it.
+Correction to the paper: the first term of (19) is M s̈, as in (21). s is a length, as (20) requires.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ _TOO_NEAR_M = 1e-6
 
 
 class Impedance(NamedTuple):
-    """Virtual inertia M, viscosity D and stiffness K of equation (19) or (21)."""
+    """Impedance parameters of equation (19) or (21): virtual inertia M, viscosity D, stiffness K."""
 
     inertia: float
     damping: float
@@ -28,20 +28,20 @@ class Impedance(NamedTuple):
 
 
 POSITION = Impedance(545.0, 1090.0, 2725.0)
-"""Of s [m] against a force [N]: N s²/m, N s/m, N/m [R11, Table II]."""
+"""Position impedance of s [m] under a force [N]: N s²/m, N s/m, N/m [R11, Table II]."""
 ROTATION = Impedance(0.0043, 0.143, 0.108)
-"""Of α [rad] against a way of the centre of pressure [m]: m s², m s, m [R11, Table II]."""
+"""Rotation impedance of α [rad] under a shift of the centre of pressure [m]: m s², m s, m [R11, Table II]."""
 
 
 class Response:
-    """M ẍ + D ẋ + K x = u, exact for an input that stays as it is over each period.
+    """Discrete impedance response M ẍ + D ẋ + K x = u, exact under zero-order hold of u.
 
-    The matrix exponential has its eigenvalues inside the unit circle for any period, since the continuous
-    system is stable: there is no step that is too long.
+    The continuous system is stable, so the eigenvalues of the matrix exponential lie inside the unit circle
+    for every period.
     """
 
     def __init__(self, impedance: Impedance, period_s: float) -> None:
-        """Solves the period once.
+        """Discretise the impedance for one period [s].
 
         Raises:
             ValueError: inertia, damping, stiffness or period is not above zero.
@@ -57,29 +57,29 @@ class Response:
         self._takes: Floats = whole[:2, 2]
 
     def step(self, state: Floats, u: Floats) -> Floats:
-        """States (..., 2) x and ẋ after one period with the input (...)."""
+        """Return states (..., 2), x and ẋ, after one period with input u (...)."""
         after: Floats = state @ self._passes.T + u[..., None] * self._takes
         return after
 
 
 def lengthened(x_object: Floats, s_m: Floats) -> Floats:
-    """^O x_c (C, 3) [m] made longer by s (C,) [m]: equation (20)."""
+    """Extend the vectors ^O x_c (C, 3) [m] by lengths s (C,) [m], equation (20) [R11]."""
     longer: Floats = x_object * (1.0 + s_m / np.linalg.norm(x_object, axis=1))[:, None]
     return longer
 
 
 def additional_rotation(alpha_rad: Floats) -> Floats:
-    """Rot(k, |α|) (C, 3, 3) in the local frames Σ_L, for α (C, 2) [rad]: equation (22).
+    """Return rotations Rot(k, |α|) (C, 3, 3) in the local frames Σ_L for α (C, 2) [rad], equation (22).
 
     The axis k is tangential and orthogonal to α; of the two, k = (-α2, α1, 0) / |α| moves the point at α
-    along -e3. The outward normal e3 of the robot points into the object, so that is away from the object.
+    along -e3, away from the object, since the outward normal e3 of the robot points into the object.
     """
     vector = np.stack((-alpha_rad[:, 1], alpha_rad[:, 0], np.zeros(len(alpha_rad))), axis=1)
     return Rotation.from_rotvec(vector).as_matrix()
 
 
 class Feedback:
-    """Adjustment parameters of C contacts; position and rotation are switched on by giving an impedance."""
+    """Tactile feedback state of C contacts; position or rotation feedback is off if its impedance is None."""
 
     def __init__(
         self,
@@ -88,11 +88,11 @@ class Feedback:
         position: Impedance | None = POSITION,
         rotation: Impedance | None = ROTATION,
     ) -> None:
-        """Starts without adjustment, at rest.
+        """Start at rest without adjustment.
 
         Raises:
-            ValueError: an impedance is not above zero, or, with position feedback, a contact lies in the
-                origin of the object frame, from which it could not be moved away.
+            ValueError: an impedance is not above zero, or, with position feedback, a contact lies at the
+                origin of the object frame, where the direction of (20) is undefined.
         """
         count = len(contacts.names)
         self._position = None if position is None else Response(position, period_s)
@@ -109,18 +109,18 @@ class Feedback:
 
     @property
     def s_m(self) -> Floats:
-        """(C,): s_c^x, by which each contact is moved away from the object's centre."""
+        """Displacements s_c^x (C,) of the contacts away from the object's centre [m]."""
         return self._s[:, 0].copy()
 
     @property
     def alpha_rad(self) -> Floats:
-        """(C, 2): α_c."""
+        """Rotation parameters α_c (C, 2) [rad]."""
         return self._alpha[:, :, 0].copy()
 
     def step(self, force_n: Floats, xi_m: Floats, felt: NDArray[np.bool_]) -> None:
-        """One period of (19) and (21) with f_c (C,) [N] and ξ_c (C, 2) [m].
+        """Integrate (19) and (21) over one period with f_c (C,) [N] and ξ_c (C, 2) [m].
 
-        Contacts that are not `felt` (C,) keep their adjustment and come to rest: nobody pushes blindly.
+        Contacts without tactile input (`felt` (C,) is False) keep their adjustment with zero velocity.
         """
         if self._position is not None:
             self._s = self._position.step(self._s, force_n - self._force_n) * felt[:, None] + (
@@ -132,12 +132,12 @@ class Feedback:
             )
 
     def adjusted(self, x_object: Floats, R_object: Floats) -> tuple[Floats, Floats]:
-        """^O x_c^new (C, 3) and ^O R_c^new (C, 3, 3) from the original ones: equations (20) and (23)."""
+        """Return ^O x_c^new (C, 3) [m] and ^O R_c^new (C, 3, 3) from the originals, (20) and (23) [R11]."""
         moved = x_object if self._position is None else lengthened(x_object, self._s[:, 0])
         return moved, R_object @ additional_rotation(self._alpha[:, :, 0])
 
     def original(self, x_new: Floats, R_new: Floats) -> tuple[Floats, Floats]:
-        """What `adjusted` would turn into (C, 3), (C, 3, 3) with the present adjustment."""
+        """Invert `adjusted`: return the originals of x_new (C, 3) [m] and R_new (C, 3, 3)."""
         moved = x_new if self._position is None else lengthened(x_new, -self._s[:, 0])
         return moved, R_new @ additional_rotation(-self._alpha[:, :, 0])
 

@@ -1,4 +1,4 @@
-"""Follows the recorded contacts through what the skin says period by period."""
+"""Contact tracking: recorded contacts matched to the tactile regions of every period."""
 
 from collections.abc import Sequence
 
@@ -14,32 +14,32 @@ _Felt = dict[tuple[str, int], Region]
 
 
 class Following:
-    """Force and centre of pressure of C contacts, and for how long each was too weak to be held.
+    """Tracked force and centre of pressure of C contacts, and the time since each was above threshold.
 
-    A contact is the region of its number. If a board gave up the number, since regions merged or the contact
-    broke for a moment, it goes on as the nearest region of its sheet that no other contact is. What jumps too
-    far from one period to the next is another region, whatever its number.
+    A contact is matched to the region with its id. If that id no longer exists, because regions merged or the
+    contact broke briefly, it is matched to the nearest unassigned region of its sheet. A region further than
+    `follow_m` from the contact's last position is never matched, whatever its id.
     """
 
     def __init__(self, regions: Sequence[Region], t_ns: int, contact_n: float, follow_m: float) -> None:
-        """Starts at what was recorded at `t_ns`.
+        """Start from the contacts recorded at `t_ns`.
 
         Args:
             regions: The contacts.
-            t_ns: now.
-            contact_n: Weaker is no contact.
-            follow_m: How far a contact may jump along its sheet.
+            t_ns: Current time [ns].
+            contact_n: Contact threshold [N].
+            follow_m: Greatest displacement of a contact along its sheet per period [m].
         """
         self._regions = list(regions)
         self._contact_n, self._follow_m = contact_n, follow_m
         self._held_ns = np.full(len(regions), t_ns)
         self.force_n: Floats = np.array([region.force_n for region in regions])
-        """(C,): f_c; zero where the skin says nothing of the contact."""
+        """Contact forces f_c (C,) [N]; zero where no region matches the contact."""
         self.xi_m: Floats = np.array([region.xi_m for region in regions])
-        """(C, 2): ξ_c, the last one that was felt."""
+        """Centres of pressure ξ_c (C, 2), last measured [m]."""
 
     def take(self, t_ns: int, regions: Sequence[Region]) -> None:
-        """Takes in all regions that are felt at `t_ns`."""
+        """Update the contacts with all regions at `t_ns`."""
         felt = {(region.sheet, region.number): region for region in regions}
         found = [self._same(old, felt) for old in self._regions]
         for c, old in enumerate(self._regions):
@@ -53,19 +53,19 @@ class Following:
                 self._held_ns[c] = t_ns
 
     def weak_ns(self, t_ns: int) -> NDArray[np.int64]:
-        """(C,) time since each contact was strong enough."""
+        """Return the time (C,) since each contact was last at or above the threshold [ns]."""
         weak: NDArray[np.int64] = t_ns - self._held_ns
         return weak
 
     def _same(self, old: Region, felt: _Felt) -> Region | None:
-        """Takes the region of the same number out of `felt`, unless it jumped."""
+        """Pop the region with the same id from `felt`; None if it is missing or too far away."""
         region = felt.get((old.sheet, old.number))
         if region is None or _way_m(old, region) > self._follow_m:
             return None
         return felt.pop((old.sheet, old.number))
 
     def _nearest(self, old: Region, felt: _Felt) -> Region | None:
-        """Takes the nearest of what is left on the sheet out of `felt`; the lower number of two as near."""
+        """Pop the nearest region of the sheet from `felt`; ties go to the lower id; None if too far away."""
         near = [(_way_m(old, region), key) for key, region in felt.items() if key[0] == old.sheet]
         way_m, key = min(near, default=(np.inf, ("", 0)))
         return felt.pop(key) if way_m <= self._follow_m else None

@@ -1,7 +1,7 @@
-"""The controller's own model of the robot: where points of its surface are, and how the joints move them.
+"""Forward kinematics and Jacobians of surface points on the controller's own model of the robot.
 
-What the controller believes may differ from the body: joint offsets and displaced links are settable, since
-every robot is built a little otherwise than drawn. Nothing here sees the body.
+The model may differ from the simulated body by joint offsets and link displacements (calibration errors).
+This module has no access to the body's state.
 """
 
 import copy
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import ModelError
-from skinnet.seeding import stream
+from skinnet.seeding import StreamName, stream
 
 __all__ = ["Kinematics", "MjModel", "ModelErrors", "Poses", "SurfacePoint", "draw_errors"]
 
@@ -24,42 +24,42 @@ _ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 class SurfacePoint(NamedTuple):
-    """A point of the surface with its frame, fixed to a body of the model."""
+    """Surface point with its frame, fixed to a body of the model."""
 
     body: str
     position_m: Floats
-    """(3,), frame of the body."""
+    """Position (3,), body frame [m]."""
     R_body_surface: Floats
-    """(3, 3)."""
+    """Surface frame (3, 3) in the body frame."""
 
 
 class Poses(NamedTuple):
-    """Where C points of the surface are, world frame, and how N joints move them."""
+    """Poses of C surface points, world frame, and their Jacobians for N joints."""
 
     position_m: Floats
-    """(C, 3): T_x of equation (2) [R11]."""
+    """Positions (C, 3), T_x of equation (2) [R11] [m]."""
     R_world_surface: Floats
-    """(C, 3, 3): T_R of equation (2)."""
+    """Rotations (C, 3, 3), T_R of equation (2) [R11]."""
     J_x: Floats
-    """(C, 3, N) velocity per joint velocity, equation (14) [m/rad, m/m for a slide]."""
+    """Translational Jacobians (C, 3, N), equation (14) [m/rad, m/m for a slide]."""
     J_w: Floats
-    """(C, 3, N) angular velocity per joint velocity [rad/rad]."""
+    """Rotational Jacobians (C, 3, N) [rad/rad]."""
 
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """By how much the controller's model is wrong."""
+    """Kinematic errors of the controller's model: joint offsets and link displacements."""
 
     joint_offset_rad: Mapping[str, float] = field(default_factory=dict)
-    """Added to the reading of a joint to get the angle that the model believes, by joint."""
+    """Offset added to a joint's measured position to get the model's joint angle, by joint [rad]."""
     link_offset_m: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Displacement of a body against its parent, in the parent's frame, by body."""
+    """Displacement of a body relative to its parent, parent frame, by body [m]."""
 
 
 class Kinematics:
-    """Forward kinematics and Jacobians of the joints that take part, in their order.
+    """Forward kinematics and Jacobians of the controlled joints, in their order.
 
-    Other joints of the model stay where `home_qpos` has them.
+    Other joints of the model stay at `home_qpos`.
     """
 
     def __init__(
@@ -69,13 +69,13 @@ class Kinematics:
         errors: ModelErrors | None = None,
         home_qpos: Floats | None = None,
     ) -> None:
-        """Makes a copy of `mj` with the errors in it.
+        """Copy `mj` and apply the errors.
 
         Args:
-            mj: A compiled model of the robot; it is not changed.
-            joints: Names of N hinge or slide joints: the columns of all Jacobians.
-            errors: How the copy differs from `mj`.
-            home_qpos: (nq,) where the other joints stay; the model's own reference unless given.
+            mj: Compiled model of the robot; not modified.
+            joints: Names of N hinge or slide joints, the columns of all Jacobians.
+            errors: Errors of the copy relative to `mj`.
+            home_qpos: (nq,) configuration of the other joints; `qpos0` by default.
 
         Raises:
             ModelError: a joint or a body is unknown, a joint is neither hinge nor slide, or is named twice.
@@ -93,24 +93,24 @@ class Kinematics:
         self._offset = np.array([errors.joint_offset_rad.get(name, 0.0) for name in self.joints])
         limited = mj.jnt_limited[ids].astype(bool)[:, None]
         self.range: Floats = np.where(limited, mj.jnt_range[ids], [-np.inf, np.inf]) - self._offset[:, None]
-        """(N, 2) lowest and highest reading of each joint, infinite without limit [rad, m for a slide]."""
+        """Joint range (N, 2) of measured positions, infinite without limit [rad, m for a slide]."""
         self.dofs: NDArray[np.int64] = mj.jnt_dofadr[ids].astype(np.int64)
-        """(N,) their places among the model's degrees of freedom."""
+        """Degree-of-freedom indices (N,) of the joints in the model."""
         self._qpos = mj.jnt_qposadr[ids]
         self._home_qpos: Floats = (mj.qpos0 if home_qpos is None else home_qpos).copy()
         self._bodies = {mj.body(i).name: i for i in range(1, mj.nbody) if mj.body(i).name}
         self._data = mujoco.MjData(self.mj)
 
     def __len__(self) -> int:
-        """N."""
+        """Number of joints N."""
         return len(self.joints)
 
     def knows(self, body: str) -> bool:
-        """The model has a body of this name."""
+        """Return True if the model has a body of this name."""
         return body in self._bodies
 
     def moved_bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that some joint in use moves, parents first."""
+        """Return the names of all bodies that the controlled joints move, parents first."""
         moved = np.zeros(self.mj.nbody, dtype=np.bool_)
         moved[self.mj.dof_bodyid[self.dofs]] = True
         for index in range(1, self.mj.nbody):
@@ -118,16 +118,16 @@ class Kinematics:
         return tuple(name for name, index in self._bodies.items() if moved[index])
 
     def full_qpos(self, q: Floats) -> Floats:
-        """(nq,) the model's configuration at readings `q` (N,), other joints at home."""
+        """Return the model configuration (nq,) at measured positions `q` (N,), other joints at home."""
         qpos = self._home_qpos.copy()
         qpos[self._qpos] = q + self._offset
         return qpos
 
     def at(self, q: Floats, points: Sequence[SurfacePoint]) -> Poses:
-        """Poses and Jacobians of `points` at joint readings `q` (N,) [rad].
+        """Compute poses and Jacobians of `points` at measured joint positions `q` (N,) [rad].
 
         Raises:
-            ModelError: a point lies on a body that the model does not have.
+            ModelError: a point is on a body that the model does not have.
         """
         data, n, count = self._data, len(self), len(points)
         data.qpos[:] = self.full_qpos(q)
@@ -151,18 +151,24 @@ class Kinematics:
 def draw_errors(
     seed: int, kinematics: Kinematics, sigma_joint_rad: float, sigma_link_m: float
 ) -> ModelErrors:
-    """Normal errors of every joint in use, and of every body that they move along each of its axes.
+    """Draw normally distributed errors of every controlled joint and every body moved, along each axis.
 
-    Each joint and body draws from a stream of its own name: one more does not shift the others.
+    Each joint and body has a random stream of its own name, so that adding one does not shift the others.
     """
 
     def offset_m(body: str) -> tuple[float, float, float]:
-        x, y, z = (sigma_link_m * stream(seed, "nursing", "link", body).standard_normal(3)).tolist()
+        x, y, z = (
+            sigma_link_m
+            * stream(seed, StreamName.MODEL_ERROR, StreamName.MODEL_ERROR_LINK, body).standard_normal(3)
+        ).tolist()
         return x, y, z
 
     return ModelErrors(
         {
-            name: sigma_joint_rad * float(stream(seed, "nursing", "joint", name).standard_normal())
+            name: sigma_joint_rad
+            * float(
+                stream(seed, StreamName.MODEL_ERROR, StreamName.MODEL_ERROR_JOINT, name).standard_normal()
+            )
             for name in kinematics.joints
         },
         {name: offset_m(name) for name in kinematics.moved_bodies()},

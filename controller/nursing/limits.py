@@ -1,4 +1,4 @@
-"""What the joints may do within one period: position, speed and acceleration limits as one box of steps."""
+"""Joint position, velocity and acceleration limits as bounds on the step of one period."""
 
 from dataclasses import dataclass
 
@@ -12,14 +12,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of N joints; infinite where there is none."""
+    """Joint limits of N joints; infinite where there is none."""
 
     range: Floats
-    """(N, 2) lowest and highest reading [rad, m for a slide]."""
+    """Position range (N, 2) of measured positions [rad, m for a slide]."""
     speed: Floats
-    """(N,) [rad/s]."""
+    """Speed limits (N,) [rad/s]."""
     acceleration: Floats
-    """(N,) [rad/s²]."""
+    """Acceleration limits (N,) [rad/s²]."""
 
     def __post_init__(self) -> None:
         n = len(self.speed)
@@ -33,10 +33,11 @@ class JointLimits:
             raise ValueError("joint limits: accelerations above zero")
 
     def steps(self, q: Floats, last_step: Floats, period_s: float) -> tuple[Floats, Floats]:
-        """Smallest and largest step (N,) [rad] from `q` (N,) within one period, after `last_step` (N,).
+        """Return smallest and largest steps (N,) [rad] from `q` (N,) in one period, after `last_step` (N,).
 
-        A joint slows down early enough to stop at its limit with its acceleration. From beyond a limit it
-        only comes back. The box is never empty: range and speed win over acceleration.
+        A joint brakes early enough to stop at its position limit within its acceleration limit. Beyond a
+        limit only steps back are allowed. The bounds are never empty: position and velocity limits take
+        precedence over the acceleration limit.
         """
         fastest = self.speed * period_s
         lowest = np.clip(-self._towards(q - self.range[:, 0], period_s), -fastest, fastest)
@@ -45,10 +46,10 @@ class JointLimits:
         return np.clip(last_step - change, lowest, highest), np.clip(last_step + change, lowest, highest)
 
     def _towards(self, distance: Floats, period_s: float) -> Floats:
-        """Largest step towards a limit at this distance; back to it, thus negative, from beyond.
+        """Return the largest step towards a limit at this distance; negative beyond the limit.
 
-        A joint that steps by x and then by aΔt² less each time stands after k steps, and has come
-        k x - aΔt² k (k - 1) / 2 far: x is the largest for which that is the distance.
+        A joint whose step x decreases by aΔt² each period stops after k steps, having moved by
+        k x - aΔt² k (k - 1) / 2; x is the largest step for which that equals the distance.
         """
         braking = np.isfinite(self.acceleration) & np.isfinite(distance) & (distance > 0.0)
         change = np.where(braking, self.acceleration * period_s**2, 1.0)

@@ -1,4 +1,4 @@
-"""One object in the hold of its contacts: feedback and trajectory generation together, period by period."""
+"""Whole-body manipulation of one object: tactile feedback and trajectory generation per control period."""
 
 from collections.abc import Mapping, Sequence
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 class Manipulation:
-    """Moves the recorded contacts with the object, and adjusts them by what they feel."""
+    """Contact manipulation: moves recorded contacts with the object, adjusted by tactile feedback."""
 
     def __init__(
         self,
@@ -39,10 +39,10 @@ class Manipulation:
         q: Floats,
         period_s: float,
     ) -> None:
-        """Records the initial contacts `regions` at `t_ns` with joint readings `q` (N,) [rad].
+        """Record the initial contacts `regions` at `t_ns` with measured joint positions `q` (N,) [rad].
 
         Raises:
-            ValueError: a region is off its sheet, or where position feedback cannot move it.
+            ValueError: a region is outside its sheet, or at the object's centre with position feedback on.
         """
         self._spec = spec
         self.contacts: Contacts = initial_contacts(kinematics, q, sheets, regions, spec.object_m)
@@ -74,18 +74,18 @@ class Manipulation:
 
     @property
     def displacement_m(self) -> Floats:
-        """(3,) where the object was asked to be last, against the beginning."""
+        """Last commanded object displacement (3,) since the contacts were recorded, world frame [m]."""
         return self._displacement_m.copy()
 
     @property
     def mobility(self) -> float:
-        """How well the contacts can carry the object now, 0 to 1."""
+        """Mobility of the contacts in the present posture, 0 to 1 (see `mobility`)."""
         return mobility(self.generator.poses.J_x, self._position_weights, self._spec.mobility_lever_m)
 
     def feel(self, t_ns: int, regions: Sequence[Region] | None) -> NDArray[np.bool_]:
-        """Takes in all regions, or None from a silent skin, and adjusts the contacts; (C,) which are lost.
+        """Update tactile feedback with all regions (None without tactile input); return lost contacts (C,).
 
-        A contact that is lost, and every one of a silent skin, keeps its adjustment until it is felt again.
+        A contact that is lost or without tactile input keeps its adjustment until it is measured again.
         """
         if regions is not None:
             self.following.take(t_ns, regions)
@@ -95,21 +95,20 @@ class Manipulation:
         return lost
 
     def move(self, displacement_m: Floats, R_world_object: Floats) -> Step:
-        """The next period with the object displaced by (3,) [m] and turned by (3, 3) since the beginning."""
+        """Compute the next step with the object displaced by (3,) [m] and rotated by (3, 3), world frame."""
         self._displacement_m, self._R_world_object = displacement_m, R_world_object
         return self.hold()
 
     def hold(self) -> Step:
-        """The next period with the object where it was asked to be last."""
+        """Compute the next step with the object at its last commanded pose."""
         x_object, R_object = self.feedback.adjusted(self._x_object, self._R_object)
         object_m = self.contacts.object_m + self._displacement_m
         return self.generator.step(*desired_contacts(object_m, self._R_world_object, x_object, R_object))
 
     def stay(self) -> None:
-        """Records equation (3) anew, so that the contacts, as adjusted, are wanted just where they are.
+        """Record equation (3) again, so that the desired contact poses equal the present ones.
 
-        From then on `hold` moves the joints for the sake of feedback only: what was out of reach, or lagged
-        behind, is not run after.
+        From then on `hold` moves the joints by tactile feedback only: earlier tracking errors are dropped.
         """
         poses, R_object_world = self.generator.poses, self._R_world_object.T
         away_m = poses.position_m - (self.contacts.object_m + self._displacement_m)
@@ -129,6 +128,6 @@ def _impedance(spec: ImpedanceSpec) -> Impedance:
 def _solver(spec: NursingSpec, kinematics: Kinematics) -> Solver:
     if spec.solver == "closed_form":
         return closed_form
-    from controller.nursing.quadratic import quadratic_programme  # an extra: not everybody has it
+    from controller.nursing.quadratic import quadratic_programme  # optional dependency
 
     return quadratic_programme(kinematics)

@@ -1,4 +1,4 @@
-"""How well the contacts together can carry the object in every direction: what a singular posture lacks."""
+"""Mobility measure of the contacts: detection of singular postures by damped least squares."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,17 +9,17 @@ Floats = NDArray[np.float64]
 
 
 def mobility(J_x: Floats, weights: Floats, lever_m: float) -> float:
-    """Share of a small shift of the object that the contacts can follow in the worst direction, 0 to 1.
+    """Return the fraction of a small object shift that the contacts follow in the worst direction, 0 to 1.
 
-    All contacts are asked to move by the same unit vector, by damped least squares (Nakamura and Hanafusa,
-    1986); the share is what they move along it in the weighted mean, and the worst direction is the smallest
-    eigenvalue. One contact whose worst lever is `lever_m` has one half. More contacts than joints can move
-    are no singularity, as long as together they carry the object.
+    All contacts are commanded by the same unit vector, solved by damped least squares (Nakamura and Hanafusa,
+    1986). The fraction is the weighted mean of their motion along that vector; its minimum over all
+    directions is the smallest eigenvalue. One contact whose smallest singular value is `lever_m` has one
+    half. More contacts than the joints can move independently are no singularity.
 
     Args:
         J_x: (C, 3, N) Jacobians of the contacts [m/rad].
-        weights: (C,) position weights.
-        lever_m: Joint levers below this count as lost.
+        weights: (C,) position weights [1/m²].
+        lever_m: Damping, the singular value of the Jacobian at which the fraction is one half [m/rad].
     """
     share = weights / weights.sum()
     stacked = J_x.reshape(-1, J_x.shape[2])

@@ -1,4 +1,4 @@
-"""The trajectory of the object that is asked for: x_O^d(t) and R_O^d(t) through waypoints, smooth in time."""
+"""Desired object trajectory x_O^d(t), R_O^d(t): minimum-jerk motion through waypoints."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,29 +14,29 @@ Floats = NDArray[np.float64]
 
 
 class Waypoint(NamedTuple):
-    """Where the object is to be at a time, against where it was in the beginning."""
+    """Desired object pose at a time, relative to the initial pose."""
 
     t_ns: int
     displacement_m: tuple[float, float, float]
-    """World frame."""
+    """Displacement x_O^d - x_O(0), world frame [m]."""
     rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Axis times angle, world frame: R_O is the identity in the beginning, equation (1) [R11]."""
+    """Rotation vector, world frame [rad]; R_O(0) is the identity, equation (1) [R11]."""
 
 
 def minimum_jerk(share: float) -> float:
-    """Way done, 0 to 1, after a share of the time, at rest at both ends (Flash and Hogan, 1985)."""
+    """Return the minimum-jerk path fraction at a fraction of the time (Flash and Hogan, 1985)."""
     s = min(max(share, 0.0), 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 class ObjectPath:
-    """Moves from waypoint to waypoint, straight and about one axis each, at rest in every one."""
+    """Object trajectory of straight lines and single-axis rotations, at rest at every waypoint."""
 
     def __init__(self, waypoints: Sequence[Waypoint]) -> None:
-        """Starts at time zero without displacement.
+        """Start at time zero without displacement.
 
         Raises:
-            ValueError: no waypoint, times that do not increase from above zero, or what is not finite.
+            ValueError: no waypoint, times not increasing from above zero, or a value that is not finite.
         """
         times = [0, *(point.t_ns for point in waypoints)]
         if not waypoints or any(b <= a for a, b in itertools.pairwise(times)):
@@ -51,11 +51,11 @@ class ObjectPath:
 
     @property
     def end_ns(self) -> int:
-        """Time of the last waypoint."""
+        """Time of the last waypoint [ns]."""
         return self._t_ns[-1]
 
     def at(self, t_ns: int) -> tuple[Floats, Floats]:
-        """x_O^d(t) - x_O(0) (3,) [m] and R_O^d(t) (3, 3), world frame; it rests after the end."""
+        """Return x_O^d(t) - x_O(0) (3,) [m] and R_O^d(t) (3, 3), world frame; constant after `end_ns`."""
         leg = int(np.searchsorted(self._t_ns[1:-1], t_ns, side="right"))
         start_ns, end_ns = self._t_ns[leg], self._t_ns[leg + 1]
         way = minimum_jerk((t_ns - start_ns) / (end_ns - start_ns))

@@ -1,4 +1,4 @@
-"""The controller's own model as a deployment wants it wrong."""
+"""Kinematic model of the controller with the model errors of a deployment."""
 
 import math
 
@@ -14,16 +14,16 @@ __all__ = ["own_model"]
 def own_model(
     spec: NursingSpec, mj: MjModel, seed: int, home_qpos: NDArray[np.float64] | None = None
 ) -> Kinematics:
-    """Kinematics of the joints of `spec` on a copy of `mj`, with drawn errors and, over them, the named ones.
+    """Build the kinematic model of the joints of `spec`; explicit errors replace the drawn ones.
 
     Args:
-        spec: What the deployment says.
-        mj: The model of the robot as it was drawn.
-        seed: Of the run.
-        home_qpos: (nq,) where joints that take no part stay.
+        spec: Nursing section of the deployment.
+        mj: Nominal model of the robot, without errors.
+        seed: Seed of the run.
+        home_qpos: (nq,) configuration of the joints that are not controlled.
 
     Raises:
-        ModelError: the model lacks a joint or a body that is named.
+        ModelError: the model lacks a named joint or body.
     """
     drawn = draw_errors(
         seed,

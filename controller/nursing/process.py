@@ -1,4 +1,4 @@
-"""The nursing program as a process: the main PC with its wires."""
+"""Nursing controller process: the nursing program connected to joint feedback, boards and commands."""
 
 import hashlib
 import time
@@ -35,20 +35,20 @@ __all__ = ["NursingNode"]
 
 _STATE_EVERY_S = 0.1
 _AFTER_NS = 1_000_000_000
-"""So long the object is held on when the program is over."""
+"""Time for which the object is still held after the program is done [ns]."""
 
 
 class NursingNode:
-    """Ticks with the joint feedback, on what the boards had delivered by then."""
+    """Nursing controller, stepped once per control period on joint feedback and delivered board frames."""
 
     role = Role.CONTROLLER.value
     paced = False
 
     def __init__(self, deployment: Deployment, name: str, base: Path) -> None:
-        """The program of `deployment`, on the controller's own model of the robot.
+        """Build the nursing program of `deployment` on the controller's own model of the robot.
 
         Raises:
-            DeploymentError: the program does not fit the robot.
+            DeploymentError: the program does not match the robot.
         """
         assert deployment.nursing is not None
         self.name = name
@@ -99,24 +99,24 @@ class NursingNode:
         self._log = hashlib.sha256()
 
     def start(self, put: Put) -> None:
-        """The first tick is at time zero."""
+        """Publish nothing; the first control period is at time zero."""
 
     @property
     def _finished(self) -> bool:
         return self._over_ns is not None and self._t_ns > self._over_ns + _AFTER_NS
 
     def needs(self) -> dict[str, int] | None:
-        """Joint feedback of this tick, and from the boards all that was delivered before it."""
+        """Return the watermarks due: joint feedback of this period, and board frames delivered before it."""
         if self._finished or self._t_ns >= self._max_ns:
             return None
         return {"body": self._t_ns, BOARDS: self._t_ns}
 
     def due_ns(self) -> int:
-        """The next tick."""
+        """Return the time of the next control period [ns]."""
         return self._t_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in joint feedback, what the boards have to say, or what a user asks for."""
+        """Accept joint feedback, contact regions of the boards or a user's request."""
         match channel:
             case "joints":
                 joints = decode(payload, Joints)
@@ -135,10 +135,10 @@ class NursingNode:
                 raise ProtocolError(f"the nursing program does not read {channel}")
 
     def lose(self, upstream: Upstream) -> None:
-        """Without boards the skin is silent, and the program knows what to do then."""
+        """Ignore lost boards here; the program stops on `Event.SKIN_SILENT`."""
 
     def step(self, put: Put) -> None:
-        """One tick."""
+        """Run one control period."""
         t_ns = self._t_ns
         position = self._joints.pop(t_ns)
         self._requests.handle(t_ns, self._refuse)
@@ -175,7 +175,7 @@ class NursingNode:
         return Reply(False, self._said.state.value, "the nursing program takes no requests")
 
     def news(self) -> list[tuple[str, bytes]]:
-        """Refusals of requests; and what goes on, when it changes and by the wall clock. Never in the log."""
+        """Publish request replies, and the state on change or by the wall clock; never part of the log."""
         news = self._requests.news()
         if not self._told:
             news.append((self._machine_key, encode(nursing_machine(self._t_ns))))
@@ -190,7 +190,7 @@ class NursingNode:
         return ControllerState(t_ns=t_ns, stage=stage, progress=self._program.progress, text=text)
 
     def result(self) -> Part:
-        """What the program found, and the course of every contact."""
+        """Return the facts of the program and the time series of every contact."""
         program = self._program
         facts: dict[str, Any] = {
             "logs": {"controller": self._log.hexdigest()},

@@ -1,10 +1,10 @@
-"""The loop of nursing care: hold, record the initial contacts, move, settle, report. No I/O.
+"""Nursing program: hold, record the initial contacts, move, settle, report. No I/O.
 
-A stop never lets go. The object stays where it was asked to be, the contacts are recorded anew where they
-are, so that nothing is run after any more, and feedback goes on: it is what keeps the object from falling,
-since forces drift with every error of the model whether the arms move or not. It goes on for the contacts
-that are felt only. Whoever is not felt keeps its adjustment: to push without feeling may squeeze a person, to
-give way would let the object fall. Before the contacts are recorded, the joints simply rest.
+A stop never releases the object. The commanded object pose is frozen, the contacts are recorded again at
+their present poses, so that earlier tracking errors are dropped, and tactile feedback continues: contact
+forces drift with model errors even at rest, and feedback keeps the object from falling. It continues only for
+contacts with tactile input. A contact without it keeps its adjustment: pushing blindly could squeeze a
+person, yielding could let the object fall. Before the contacts are recorded, the joints rest.
 """
 
 from collections.abc import Mapping
@@ -29,29 +29,29 @@ Floats = NDArray[np.float64]
 
 
 class NursingCommand(NamedTuple):
-    """What one period decides."""
+    """Joint command and state of one control period."""
 
     velocity_rad_s: Floats
-    """(N,) of the joints that take part."""
+    """Joint velocities (N,) of the controlled joints [rad/s]."""
     state: State
     stopped_by: Event | None
     reason: str
-    """What stopped it, with names and numbers; empty unless stopped."""
+    """Reason of the stop with names and numbers; empty unless stopped."""
 
 
 class NursingProgram:
-    """The program as a pure state machine, one step per control period."""
+    """Nursing program as a pure state machine, one step per control period."""
 
     def __init__(
         self, spec: NursingSpec, kinematics: Kinematics, sheets: Mapping[str, Sheet], period_ns: int
     ) -> None:
-        """Starts in hold.
+        """Start in `State.HOLD`.
 
         Args:
-            spec: What to do.
-            kinematics: The controller's model, with the joints of `spec` as its columns.
-            sheets: Sheets that the controller knows, by name.
-            period_ns: Control period, 10 ms in the paper.
+            spec: Nursing section of the deployment.
+            kinematics: Kinematic model of the controller, with the joints of `spec` as its columns.
+            sheets: Sheets known to the controller, by name.
+            period_ns: Control period [ns], 10 ms in [R11].
 
         Raises:
             ValueError: the model has other joints, or a weight names neither a sheet nor its body.
@@ -73,9 +73,9 @@ class NursingProgram:
         self.stopped_by: Event | None = None
         self.reason = ""
         self.log: list[tuple[State, int]] = []
-        """States so far and when each began."""
+        """History of states, each with its start time [ns]."""
         self.course: Course | None = None
-        """What happened since the contacts were recorded."""
+        """Time series since the contacts were recorded; None before."""
         self.manipulation: Manipulation | None = None
         self._since_ns = self._t_ns = -1
         self._heard_ns = -1
@@ -83,7 +83,7 @@ class NursingProgram:
 
     @property
     def progress(self) -> float:
-        """Share of the present state that is over, 0 to 1."""
+        """Progress of the present state, 0 to 1."""
         spec = self._spec
         due_ns = {
             State.HOLD: spec.hold_ns,
@@ -95,16 +95,16 @@ class NursingProgram:
 
     @property
     def done(self) -> bool:
-        """It has reported or stopped; it goes on holding as long as it is stepped."""
+        """True in a terminal state; the object is still held while `step` is called."""
         return self.state in TERMINAL
 
     def step(self, t_ns: int, q: Floats, felt: Felt | None) -> NursingCommand:
-        """One control period.
+        """Run one control period.
 
         Args:
-            t_ns: now.
-            q: (N,) joint readings [rad].
-            felt: The newest that the skin felt; None before the first.
+            t_ns: Current time [ns].
+            q: (N,) measured joint positions [rad].
+            felt: Latest tactile input; None before the first.
         """
         if self._since_ns < 0:
             self._since_ns = self._heard_ns = t_ns
@@ -127,7 +127,7 @@ class NursingProgram:
         return NursingCommand(velocity, self.state, self.stopped_by, self.reason)
 
     def _record(self, q: Floats, felt: Felt | None, silent: bool) -> None:
-        """Averages what is felt; at the end, turns it into the initial contacts."""
+        """Average the tactile input; at the end of the state, record the initial contacts."""
         if felt is not None and not silent and (not self._samples or felt.t_ns > self._samples[-1].t_ns):
             self._samples.append(felt)
         if self._t_ns - self._since_ns < self._spec.record_ns or not self._samples:
@@ -153,7 +153,7 @@ class NursingProgram:
         self._happen(*(self._singular(self.manipulation) or (Event.RECORDED, "")))
 
     def _manipulate(self, manipulation: Manipulation, felt: Felt | None) -> Floats:
-        """One period with the contacts recorded: feel, move or hold, judge."""
+        """Run one period with recorded contacts: update feedback, move or hold, check for transitions."""
         lost = manipulation.feel(self._t_ns, None if felt is None else felt.regions)
         if self.state is State.MOVE:
             step = manipulation.move(*self._path.at(self._t_ns - self._since_ns))
@@ -168,10 +168,10 @@ class NursingProgram:
     def _judge(
         self, manipulation: Manipulation, step: Step, lost: NDArray[np.bool_], *, silent: bool
     ) -> None:
-        """What went wrong, or else what is completed."""
+        """Trigger the stop event of a failed check, or else the event of a completed state."""
         names = manipulation.contacts.names
         if silent:
-            return  # a contact that nobody can feel is not lost; `_watch` says what it is
+            return  # no tactile input is not a lost contact; `_watch` triggers SKIN_SILENT
         if lost.any() and not self._spec.assumed:
             self._happen(Event.CONTACT_LOST, ", ".join(np.array(names)[lost]))
         elif wrong := self._singular(manipulation) or self._out_of_reach(names, step):
@@ -199,7 +199,7 @@ class NursingProgram:
         )
 
     def _watch(self, felt: Felt | None, silent: bool) -> None:
-        """Silence and discomfort, in every state that can still stop."""
+        """Trigger SKIN_SILENT or PRESSURE_LIMIT in every state that is not terminal."""
         if self.done:
             return
         if silent and self._t_ns - self._heard_ns > self._spec.silent_ns:
@@ -224,12 +224,12 @@ class NursingProgram:
 
 
 def _assumed(spec: NursingSpec) -> list[Region]:
-    """Contacts that the deployment wants to be assumed, with nothing behind them."""
+    """Return the assumed contacts of the deployment, which have no tactile input."""
     return [Region(contact.surface, 0, contact.xi_m, 0.0, 0.0) for contact in spec.assumed]
 
 
 def _averaged(samples: list[Felt], contact_n: float) -> list[Region]:
-    """Regions of the newest sample with their means over all samples that have them; contacts only."""
+    """Average the newest sample's regions over all samples; drop regions below the contact threshold."""
     regions = []
     for newest in samples[-1].regions:
         same = [r for s in samples for r in s.regions if (r.sheet, r.number) == (newest.sheet, newest.number)]

@@ -1,7 +1,7 @@
-"""The same task as a quadratic programme: what the closed form only approximates at the limits, exactly.
+"""Quadratic-programme solver of the trajectory step, exact at the limits (mink and DAQP).
 
-Mink puts the contacts, the damping and the limits together and DAQP solves them. More of mink's tasks and
-limits, such as a posture or collision avoidance, could be given beside.
+mink assembles contact tasks, damping and limits, and DAQP solves the programme. Other mink tasks and limits,
+such as a posture task or collision avoidance, could be added.
 """
 
 import mink
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 class _ContactTask(mink.Task):
-    """The rows of the contacts, spread over all degrees of freedom of the model."""
+    """Contact task: the rows of the least-squares problem on all degrees of freedom of the model."""
 
     def __init__(self, problem: LeastSquares, dofs: NDArray[np.int64], nv: int) -> None:
         super().__init__(cost=np.sqrt(problem.weight))
@@ -34,7 +34,7 @@ class _ContactTask(mink.Task):
 
 
 class _StepLimit(mink.Limit):
-    """A box of steps: Δq within position, speed and acceleration limits."""
+    """Bounds on the step Δq from position, velocity and acceleration limits."""
 
     def __init__(self, steps: tuple[Floats, Floats], dofs: NDArray[np.int64], nv: int) -> None:
         smallest, largest = steps
@@ -50,10 +50,10 @@ class _StepLimit(mink.Limit):
 
 
 def quadratic_programme(kinematics: Kinematics) -> Solver:
-    """Solver for the joints of `kinematics`; all others are frozen.
+    """Return a solver for the joints of `kinematics`; all others are frozen.
 
-    The returned function raises `mink.NoSolutionFound` if DAQP fails; the box of steps is never empty and the
-    damping positive, so that this would be a bug.
+    The returned function raises `mink.NoSolutionFound` if DAQP fails; since the bounds are never empty and
+    the damping is positive, that would be a bug.
     """
     nv, dofs = int(kinematics.mj.nv), kinematics.dofs
     configuration = mink.Configuration(kinematics.mj)
@@ -66,14 +66,14 @@ def quadratic_programme(kinematics: Kinematics) -> Solver:
         programme = mink.build_ik(
             configuration,
             [_ContactTask(problem, dofs, nv), mink.DampingTask(kinematics.mj, damping)],
-            dt=1.0,  # only limits and tasks of mink's own would ask for it
+            dt=1.0,  # used only by mink's own limits and tasks
             limits=[_StepLimit(steps, dofs, nv)],
             constraints=frozen,
         )
         solution = qpsolvers.solve_problem(programme, solver="daqp")
         if not solution.found or solution.x is None:
             raise mink.NoSolutionFound("daqp")
-        # DAQP keeps to its limits up to a tolerance
+        # DAQP satisfies the bounds up to a tolerance
         step: Floats = np.clip(solution.x[dofs], *steps)
         return step
 

@@ -1,4 +1,4 @@
-"""What a run of the nursing program has to tell: the course of all that Figs. 9 to 14 of [R11] show."""
+"""Contact time series of a nursing run, the quantities of Figs. 9 to 14 [R11]."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 class ContactReport(NamedTuple):
-    """One contact, from the record to the end."""
+    """Contact summary from the initial contacts to the end of the run."""
 
     name: str
     force_start_n: float
@@ -22,7 +22,7 @@ class ContactReport(NamedTuple):
     force_max_n: float
     force_end_n: float
     cop_peak_m: float
-    """Largest way of the centre of pressure from where it was."""
+    """Largest distance of the centre of pressure from ξ_c(0) [m]."""
     cop_end_m: float
     position_dev_peak_m: float
     position_dev_end_m: float
@@ -31,15 +31,15 @@ class ContactReport(NamedTuple):
 
 
 class Course:
-    """Collects every period since the initial contacts were recorded."""
+    """Time series of all control periods since the initial contacts were recorded."""
 
     def __init__(self, manipulation: Manipulation) -> None:
-        """Starts with the contacts of `manipulation`, empty."""
+        """Start without periods, for the contacts of `manipulation`."""
         self._manipulation = manipulation
         self._rows: list[tuple[object, ...]] = []
 
     def add(self, t_ns: int, step: Step) -> None:
-        """Notes the period at `t_ns`."""
+        """Append the period at `t_ns`."""
         m = self._manipulation
         self._rows.append(
             (
@@ -56,11 +56,11 @@ class Course:
         )
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
-        """The course of T periods and C contacts.
+        """Return the time series of T periods and C contacts.
 
         Returns:
             t_ns (T,), object_m (T, 3), evaluation (T,), position_dev_m and rotation_dev_rad (T, C),
-            force_n (T, C), cop_m (T, C, 2) since the record, s_m (T, C), alpha_rad (T, C, 2).
+            force_n (T, C), cop_m (T, C, 2) relative to ξ_c(0), s_m (T, C), alpha_rad (T, C, 2).
         """
         names = (
             "t_ns", "object_m", "evaluation", "position_dev_m", "rotation_dev_rad",
@@ -70,7 +70,7 @@ class Course:
         return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
 
     def report(self) -> tuple[ContactReport, ...]:
-        """Every contact; empty before the first period."""
+        """Summarise every contact; empty before the first period."""
         if not self._rows:
             return ()
         rows = self.arrays()

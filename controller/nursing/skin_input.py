@@ -1,4 +1,4 @@
-"""What the boards told, as the program wants it: contacts by surface, in the order of delivery."""
+"""Tactile input from the boards: contact regions per surface, in the order of delivery."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -16,15 +16,15 @@ from skinnet.skin.sheet import PlacedSheet
 __all__ = ["BoardInput", "sheets_of"]
 
 _PER_BOARD = 2**16
-"""Numbers of regions are those of their boards: with the board's they are one."""
+"""Region ids per board: `_PER_BOARD * board + number` is unique over all boards."""
 
 
 def sheets_of(placed: Sequence[PlacedSheet], height_m: float) -> dict[str, Sheet]:
-    """The sheets that the controller knows: one for each surface, whatever number of boards it has.
+    """Return the sheets known to the controller, one per surface, whatever its number of boards.
 
     Args:
         placed: All sheets.
-        height_m: Of the face above the rigid surface [m].
+        height_m: Height of the sensing face above the rigid surface [m].
     """
     surfaces = {sheet.surface.name: sheet.surface for sheet in placed}
     known = {}
@@ -38,11 +38,11 @@ def sheets_of(placed: Sequence[PlacedSheet], height_m: float) -> dict[str, Sheet
 
 
 class BoardInput:
-    """Collects what boards tell, and holds it back until its time.
+    """Board input buffer that releases contact regions at their delivery time.
 
     Args:
-        placed: The sheets, in the order of the boards.
-        join_m: Regions of one surface that are nearer than this are one contact.
+        placed: Sheets in the order of the boards.
+        join_m: Distance up to which regions of one surface are merged into one contact [m].
     """
 
     def __init__(self, placed: Sequence[PlacedSheet], join_m: float) -> None:
@@ -54,10 +54,10 @@ class BoardInput:
         self.received = 0
 
     def add(self, regions: Regions) -> None:
-        """Takes in a message.
+        """Queue a `Regions` message.
 
         Raises:
-            ProtocolError: no whole records, or a board that there is not.
+            ProtocolError: incomplete records, or an unknown board.
         """
         frames, rows = unpack(regions.frames, BOARD_FRAME), unpack(regions.rows, REGION_ROW)
         if len(frames) and frames["board"].max() >= len(self._surface):
@@ -67,9 +67,9 @@ class BoardInput:
         self._waiting.append((frames, rows))
 
     def take(self, before_ns: int) -> Felt | None:
-        """What is felt by `before_ns`; None before the first board has told anything.
+        """Return the tactile input delivered before `before_ns`; None until every board has delivered.
 
-        Frames count as heard from their own time of sampling, that of the board that is most behind.
+        Its time is the sampling time of the oldest among the latest frames of all boards.
         """
         while self._waiting:
             frames, rows = self._waiting[0]
@@ -106,9 +106,9 @@ class BoardInput:
 
 
 def _joined(regions: list[Region], join_m: float) -> list[Region]:
-    """Regions of one surface with those that are near taken together, under the number of the strongest.
+    """Merge nearby regions of one surface, under the id of the strongest.
 
-    A contact that lies over the seam of two boards is one contact, though each board knows its part only.
+    A contact across the boundary of two boards is one contact, though each board reports only its part.
     """
     left = sorted(regions, key=lambda region: (-region.force_n, region.number))
     result = []

@@ -1,4 +1,4 @@
-"""The states of the nursing program and what leads from one to the next: a table, and nothing else."""
+"""State machine of the nursing program: states, events and the transition table."""
 
 from enum import Enum
 
@@ -6,24 +6,24 @@ __all__ = ["STOPS", "TABLE", "TERMINAL", "Event", "State", "after", "diagram"]
 
 
 class State(Enum):
-    """What the program is doing."""
+    """States of the nursing program."""
 
     HOLD = "hold"
-    """Joints rest; the hold of the object comes to rest."""
+    """Joints at rest while the contacts with the object settle."""
     RECORD = "record"
-    """Joints rest; forces and centres of pressure are averaged: the initial contacts, equation (3) [R11]."""
+    """Joints at rest while the initial contacts are averaged, equation (3) [R11]."""
     MOVE = "move"
-    """The object follows its trajectory."""
+    """Object motion along the desired trajectory."""
     SETTLE = "settle"
-    """The object has arrived; feedback brings the contacts back to how they were."""
+    """Object at its goal while feedback restores the initial contacts."""
     REPORT = "report"
-    """Done: the object is held with feedback."""
+    """Terminal: done, the object is held with feedback."""
     STOPPED = "stopped"
-    """The object is held where it is, with feedback on every contact that is felt; there is a reason."""
+    """Terminal: stopped for a reason, the object is held with feedback on contacts with tactile input."""
 
 
 class Event(Enum):
-    """What happens; all but the first four are reasons to stop."""
+    """Events of the nursing program; all but the first four are stops."""
 
     HELD = "held long enough"
     RECORDED = "contacts recorded"
@@ -43,7 +43,7 @@ STOPS = tuple(
     event for event in Event if event not in (Event.HELD, Event.RECORDED, Event.ARRIVED, Event.SETTLED)
 )
 TERMINAL = (State.REPORT, State.STOPPED)
-"""Both hold the object already, so that nothing more can lead to a stop."""
+"""Terminal states, without further stops; both hold the object."""
 _ALWAYS = (Event.SKIN_SILENT, Event.PRESSURE_LIMIT)
 _AT_THE_START = (Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.UNUSABLE_CONTACT, Event.SINGULAR_POSTURE)
 _UNDERWAY = (Event.CONTACT_LOST, Event.SINGULAR_POSTURE, Event.UNREACHABLE)
@@ -66,10 +66,10 @@ TABLE: dict[tuple[State, Event], State] = {
 
 
 def after(state: State, event: Event) -> State:
-    """The state that `event` leads to.
+    """Return the next state after `event`.
 
     Raises:
-        ValueError: `event` cannot happen in `state`; that is a bug of whoever sent it.
+        ValueError: `event` is not allowed in `state`, which is a bug of the caller.
     """
     if (state, event) not in TABLE:
         raise ValueError(f'"{event.value}" cannot happen in {state.name}')
@@ -77,7 +77,7 @@ def after(state: State, event: Event) -> State:
 
 
 def diagram() -> str:
-    """The table as a Mermaid state diagram; reasons that lead to the same state share an arrow."""
+    """Return the transition table as a Mermaid state diagram; parallel transitions share an arrow."""
     arrows: dict[tuple[State, State], list[str]] = {}
     for (state, event), target in TABLE.items():
         arrows.setdefault((state, target), []).append(event.value)

@@ -1,8 +1,8 @@
-"""Generation of the joint trajectory that keeps the contacts as they were: equations (4) to (18) [R11].
+"""Joint trajectory generation that maintains the initial contacts, equations (4) to (18) [R11].
 
-Two corrections to the paper. (13) lacks the 1/Δt² that (18) has: (18) is used. (16) and (17) equal nᵀ J_ω,
-with n the axis of the rotation from the desired frame to the present one: that is used, since it has nothing
-to guard but θ = 0, where it is not defined and the term is left out, as the paper proposes.
+Two corrections to the paper. (13) lacks the 1/Δt² of (18); (18) is used. (16) and (17) equal nᵀ J_ω, with n
+the axis of the rotation from the desired frame to the present one; that form is used, since it is singular
+only at θ = 0, where the term is left out, as the paper proposes.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,71 +28,71 @@ __all__ = [
 ]
 
 _NO_ROTATION_RAD = 1e-9
-"""Below this the axis of a rotation is rounding, and its term is left out."""
+"""Rotation angle [rad] below which the axis is dominated by rounding and the term is left out."""
 
 Floats = NDArray[np.float64]
 
 
 class Weights(NamedTuple):
-    """Weights of the evaluation function (6), all above zero."""
+    """Weights of the evaluation function (6) [R11], all above zero."""
 
     position: Floats
-    """(C,): w_c^x [1/m²]."""
+    """Position weights w_c^x (C,) [1/m²]."""
     rotation: Floats
-    """(C,): w_c^R [1/rad²]."""
+    """Rotation weights w_c^R (C,) [1/rad²]."""
     joint: Floats
-    """(N,): w_q,i [s²/rad²]."""
+    """Joint weights w_q,i (N,) [s²/rad²]."""
 
 
 class Deviations(NamedTuple):
-    """How far C contacts are from where they should be, equations (7) and (9)."""
+    """Contact deviations of C contacts from their desired poses, equations (7) and (9) [R11]."""
 
     position_m: Floats
-    """(C,): d_c."""
+    """Position deviations d_c (C,) [m]."""
     rotation_rad: Floats
-    """(C,): θ_c, 0 to π."""
+    """Rotation deviations θ_c (C,), 0 to π [rad]."""
 
 
 class LeastSquares(NamedTuple):
-    """Minimise ½ Σ weight · (rows Δq + error)² + ½ Σ damping · Δq²: (11) to the first order."""
+    """Least-squares problem min ½ Σ weight · (rows Δq + error)² + ½ Σ damping · Δq², (11) to first order."""
 
     rows: Floats
-    """(m, N)."""
+    """Jacobian rows (m, N)."""
     error: Floats
-    """(m,)."""
+    """Task errors (m,) [m, rad]."""
     weight: Floats
-    """(m,)."""
+    """Task weights (m,) [1/m², 1/rad²]."""
     damping: Floats
-    """(N,): w_q / Δt²."""
+    """Damping w_q / Δt² (N,) [1/rad²]."""
 
 
 Solver = Callable[[LeastSquares, tuple[Floats, Floats]], Floats]
-"""Step Δq (N,) of a least-squares problem within the smallest and largest steps (N,)."""
+"""Solver of a least-squares problem: step Δq (N,) within the smallest and largest steps (N,)."""
 
 
 class Step(NamedTuple):
-    """One period of the generated trajectory."""
+    """Trajectory step of one control period."""
 
     velocity: Floats
-    """(N,) [rad/s]."""
+    """Joint velocities (N,) [rad/s]."""
     deviations: Deviations
-    """After the step."""
+    """Deviations after the step."""
     evaluation: float
-    """E of equation (6)."""
+    """Evaluation function E, equation (6)."""
 
 
 def desired_contacts(
     object_m: Floats, R_object: Floats, x_object: Floats, R_object_contact: Floats
 ) -> tuple[Floats, Floats]:
-    """x_c^d (C, 3) [m] and R_c^d (C, 3, 3) of an object at (3,), (3, 3): equations (4) and (5)."""
+    """Return x_c^d (C, 3) [m] and R_c^d (C, 3, 3) for an object pose (3,), (3, 3), equations (4) and (5)."""
     return object_m + x_object @ R_object.T, R_object @ R_object_contact
 
 
 def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Deviations, Floats]:
-    """Deviations from the desired poses, and axes n (C, 3) of the rotations from desired to present, world.
+    """Compute deviations from the desired poses, and axes n (C, 3) of the rotation errors, world frame.
 
-    Equations (7) to (9). The angle comes from the rotation vector: cos⁻¹ of (8) loses half of the digits near
-    zero.
+    Equations (7) to (9) [R11]; n is the axis of the rotation from the desired to the present frame. The angle
+    is the norm of the rotation vector: cos⁻¹ of (8) loses half of the digits near zero.
     """
     turned = Rotation.from_matrix(poses.R_world_surface @ R_desired.transpose(0, 2, 1)).as_rotvec()
     angle_rad = np.linalg.norm(turned, axis=1)
@@ -101,10 +101,10 @@ def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Devi
 
 
 def closed_form(problem: LeastSquares, steps: tuple[Floats, Floats]) -> Floats:
-    """Equation (18) within limits: joints beyond theirs are put there, and the others are solved anew.
+    """Solve equation (18) [R11] within bounds: clamp joints beyond a bound and solve for the others again.
 
-    That is repeated until none is beyond, at most N times. It is the minimum unless a joint that was put to
-    its limit would leave it again once the others are at theirs; the quadratic programme also finds that.
+    Repeats until no joint is beyond its bounds, at most N times. The result is the minimum unless a clamped
+    joint should become free again; `quadratic_programme` solves that case exactly.
     """
     weighted = problem.rows * problem.weight[:, None]
     hessian = weighted.T @ problem.rows + np.diag(problem.damping)
@@ -124,7 +124,7 @@ def closed_form(problem: LeastSquares, steps: tuple[Floats, Floats]) -> Floats:
 
 
 class TrajectoryGenerator:
-    """Follows desired contact poses period by period from its own last joint angles, equation (10)."""
+    """Trajectory generator from desired contact poses, integrated from its own joint angles, (10) [R11]."""
 
     def __init__(
         self,
@@ -136,10 +136,10 @@ class TrajectoryGenerator:
         period_s: float,
         solver: Solver = closed_form,
     ) -> None:
-        """Starts at rest at `q` (N,) [rad].
+        """Start at rest at `q` (N,) [rad].
 
         Raises:
-            ValueError: a weight is zero or below, or not as many as contacts or joints.
+            ValueError: a weight is not above zero, or their number is not that of contacts or joints.
         """
         due = Weights(np.ones(len(points)), np.ones(len(points)), np.ones(len(kinematics)))
         for name, given, shape in zip(Weights._fields, weights, due, strict=True):
@@ -153,16 +153,16 @@ class TrajectoryGenerator:
 
     @property
     def q(self) -> Floats:
-        """(N,) joint angles that the trajectory has come to [rad]."""
+        """Joint angles (N,) of the trajectory at the last step [rad]."""
         return self._q.copy()
 
     @property
     def poses(self) -> Poses:
-        """Contacts at these angles."""
+        """Contact poses at these joint angles."""
         return self._poses
 
     def step(self, desired_m: Floats, R_desired: Floats) -> Step:
-        """The next period, towards contact positions (C, 3) [m] and rotations (C, 3, 3)."""
+        """Compute the next step towards contact positions (C, 3) [m] and rotations (C, 3, 3), world frame."""
         problem = self._problem(desired_m, R_desired)
         step = self._solver(problem, self._limits.steps(self._q, self._last_step, self._period_s))
         self._q, self._last_step = self._q + step, step
@@ -178,7 +178,7 @@ class TrajectoryGenerator:
         return Step(velocity, after, evaluation)
 
     def _problem(self, desired_m: Floats, R_desired: Floats) -> LeastSquares:
-        """Rows of (13), the rotation of a contact as one row h'_c."""
+        """Assemble the rows of (13), with the rotation of a contact as one row h'_c."""
         before, axis = deviations(self._poses, desired_m, R_desired)
         turned = before.rotation_rad > _NO_ROTATION_RAD
         return LeastSquares(

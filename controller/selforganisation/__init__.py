@@ -1,1 +1,1 @@
-"""What the robot finds out about itself: structure and sensory-motor map."""
+"""Self-organisation by self-exploration: kinematic structure and sensory-motor map [M14, III]."""

@@ -1,6 +1,6 @@
-"""What the motion programs have in common, by which the skin finds out about its robot.
+"""Interface of the exploration programs, and the position controller that they share.
 
-They need rotatory DoFs, velocity commands, position feedback and accelerations, and no model [M14, II.B].
+They need revolute DoFs, velocity commands, position feedback and accelerations, and no model [M14, II.B].
 """
 
 from dataclasses import dataclass
@@ -13,34 +13,34 @@ __all__ = ["Exploration", "Hold"]
 
 
 class Exploration(Protocol):
-    """A motion program: a state machine without I/O that a control loop ticks until it is done."""
+    """Exploration program: a state machine without I/O, ticked by a control loop until it is done."""
 
     @property
     def done(self) -> bool:
-        """The program is at its end; its result is there."""
+        """True once the program is complete and its result available."""
 
     @property
     def wants_stream(self) -> bool:
-        """The accelerations of all cells are needed now."""
+        """True while the accelerations of all cells are needed."""
 
     @property
     def progress(self) -> float:
-        """Share of the program that is done, 0 to 1."""
+        """Completed fraction of the program, 0 to 1."""
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
+        """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
 
     def add_samples(
         self, cells: NDArray[np.int64], t_sampled_ns: NDArray[np.int64], acceleration_g: NDArray[np.float64]
     ) -> None:
-        """Takes in accelerations (n, 3) of cells (n,) [g, cell frames], with their sample times (n,)."""
+        """Add accelerations (n, 3) of cells (n,) [g, cell frames], with their sampling times (n,)."""
 
 
 @dataclass(frozen=True)
 class Hold:
-    """Position control of all DoFs with velocity commands; assumptions, all three.
+    """Proportional position control of all DoFs by velocity commands; all three numbers are assumptions.
 
-    With a loop delay T (command, servo, feedback) the way to a target has no overshoot while gain × T < 1/e.
+    With a loop delay T (command, servo, feedback) there is no overshoot while gain × T < 1/e.
     """
 
     speed_rad_s: float = 0.4
@@ -50,7 +50,7 @@ class Hold:
     def velocity(
         self, target_rad: NDArray[np.float64], position_rad: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Velocity (D,) towards the target; zero within the tolerance, so that the skin is at rest."""
+        """Compute the velocity (D,) [rad/s] towards the target; zero within the tolerance, to keep still."""
         error = target_rad - position_rad
         velocity = np.clip(self.gain_1_s * error, -self.speed_rad_s, self.speed_rad_s)
         return np.where(np.abs(error) > self.tolerance_rad, velocity, 0.0)

@@ -1,7 +1,7 @@
-"""The sensory-motor map: which DoFs take a cell away from what touches it, like an inverted Jacobian.
+"""Sensory-motor map: weights of the DoFs that move a cell along its normal, like an inverted Jacobian.
 
-Equations (2) and (3) of [M14, III.B]. Sign: a positive weight says that a positive velocity of the DoF moves
-the cell inwards, along its negative normal, so that reaction (4) with a positive gain evades.
+Equations (2) and (3) of [M14, III.B]. Sign: with a positive weight, a positive velocity of the DoF moves the
+cell inwards, along its negative normal, so that reaction (4) with a positive gain evades.
 """
 
 import math
@@ -14,14 +14,14 @@ __all__ = ["Agreement", "SensoryMotorMap", "agreement", "fuse", "normal_weights"
 
 
 def normal_weights(deflection_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights along the surface normal: equation (2) of [M14].
+    """Compute weights along the surface normal: equation (2) of [M14].
 
     Args:
         deflection_m: (S, D, 3) signed deflections of the axes x, y, z (the outward normal) of every cell per
-            acceleration of every DoF; all zero where nothing was measured.
+            acceleration of every DoF; all zero where not measured.
 
     Returns:
-        (S, D) weights in −1…1, the share of the normal in the deflections; zero where nothing was measured.
+        (S, D) weights in −1…1, the fraction of the deflection along the normal; zero where not measured.
     """
     total = np.abs(deflection_m).sum(axis=2)
     weights: NDArray[np.float64] = np.divide(
@@ -33,13 +33,13 @@ def normal_weights(deflection_m: NDArray[np.float64]) -> NDArray[np.float64]:
 def fuse(
     activity: NDArray[np.bool_], weights: NDArray[np.float64], least_norm: float = 0.1
 ) -> NDArray[np.float64]:
-    """Activity matrix and weights in one, with unit rows: equation (3) of [M14] and what follows it there.
+    """Mask weights by the activity matrix and normalise the rows: equation (3) of [M14] and its sequel.
 
     Args:
         activity: (S, D) from the structural exploration.
         weights: (S, D) from `normal_weights`.
-        least_norm: cells whose vector is shorter cannot move along their normal without locomotion; their
-            rows become zero. [M14] gives no number: an assumption.
+        least_norm: row norm below which a cell cannot move along its normal without locomotion; such rows
+            become zero. [M14] gives no number: an assumption.
 
     Returns:
         (S, D) map with rows of norm one or zero.
@@ -51,10 +51,10 @@ def fuse(
 
 
 class SensoryMotorMap:
-    """Maps W (S, D) by the pose (D,) in which each was explored and around which it holds."""
+    """Sensory-motor maps W (S, D), each valid around the pose (D,) in which it was explored."""
 
     def __init__(self) -> None:
-        """Starts without any."""
+        """Start without maps."""
         self._poses_rad: list[NDArray[np.float64]] = []
         self._weights: list[NDArray[np.float64]] = []
 
@@ -63,16 +63,16 @@ class SensoryMotorMap:
 
     @property
     def poses_rad(self) -> NDArray[np.float64]:
-        """(P, D): the explored poses, oldest first."""
+        """Explored poses (P, D), oldest first."""
         return np.array(self._poses_rad)
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(P, S, D): their maps."""
+        """Maps (P, S, D) of the explored poses."""
         return np.array(self._weights)
 
     def add(self, pose_rad: NDArray[np.float64], weights: NDArray[np.float64]) -> None:
-        """Adds the map of a pose.
+        """Add the map (S, D) of a pose (D,).
 
         Raises:
             ValueError: the shapes differ from one another or from the maps before.
@@ -85,13 +85,13 @@ class SensoryMotorMap:
         self._weights.append(weights.astype(np.float64))
 
     def forget(self, pose_rad: NDArray[np.float64]) -> None:
-        """Drops the maps of exactly this pose (D,)."""
+        """Remove the maps of exactly this pose (D,)."""
         kept = [i for i, pose in enumerate(self._poses_rad) if not np.array_equal(pose, pose_rad)]
         self._poses_rad = [self._poses_rad[i] for i in kept]
         self._weights = [self._weights[i] for i in kept]
 
     def closest(self, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Map (S, D) of the explored pose next to `position_rad` in joint space, the oldest of equals.
+        """Return the map (S, D) of the explored pose closest in joint space, the oldest of equals.
 
         Raises:
             LookupError: nothing was explored.
@@ -102,7 +102,7 @@ class SensoryMotorMap:
         return self._weights[int(np.argmin(distance))]
 
     def explored_at(self, position_rad: NDArray[np.float64], within_rad: float) -> NDArray[np.float64] | None:
-        """Map (S, D) explored in a pose, up to `within_rad` in every joint; None if none was.
+        """Return the map (S, D) explored within `within_rad` of a pose in every joint; None without one.
 
         Of several, that of the nearest pose, and the newest of equals.
         """
@@ -116,18 +116,18 @@ class SensoryMotorMap:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well a map meets a true one."""
+    """Agreement of a sensory-motor map with its ground truth."""
 
     sign: float
-    """Share of equal signs among the entries whose true size is above the cut; NaN if there are none."""
+    """Fraction of equal signs among entries with a true magnitude above the cut; NaN without any."""
     correlation: float
-    """Pearson's correlation over all entries; NaN if one of the maps is constant."""
+    """Pearson correlation over all entries; NaN if one of the maps is constant."""
     entries: int
     """Number of entries above the cut."""
 
 
 def agreement(weights: NDArray[np.float64], true_weights: NDArray[np.float64], cut: float = 0.1) -> Agreement:
-    """Compares two maps (S, D): signs where the true weight is larger than `cut`, correlation everywhere."""
+    """Compare two maps (S, D): signs where the true magnitude exceeds `cut`, correlation over all entries."""
     large = np.abs(true_weights) > cut
     entries = int(np.count_nonzero(large))
     same = np.sign(weights[large]) == np.sign(true_weights[large])

@@ -1,4 +1,4 @@
-"""Structural self-exploration: the motion program whose gravity measurements `structure` evaluates."""
+"""Structural self-exploration: the motion program that measures gravity before and after each step."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -15,7 +15,7 @@ __all__ = ["StructuralExploration", "StructuralExplorationConfig"]
 
 @dataclass(frozen=True)
 class StructuralExplorationConfig:
-    """Timing and threshold of [M14, VI.A]; the limits without a source are assumptions."""
+    """Timing and threshold of [M14, VI.A]; limits without a source are assumptions."""
 
     step_rad: float = 0.1
     average_ns: int = 1_000_000_000
@@ -23,9 +23,9 @@ class StructuralExplorationConfig:
     threshold_g: float = 0.01
     hold: Hold = field(default_factory=Hold)
     move_timeout_ns: int = 5_000_000_000
-    """A DoF that has not made its step by then is reported and left behind."""
+    """Time [ns] after which a DoF that has not completed its step is reported and skipped."""
     min_samples: int = 25
-    """A cell with fewer samples in a window counts as not measured; 250 are due at 250 Hz in 1 s."""
+    """Samples per window below which a cell counts as not measured; 250 are due at 250 Hz in 1 s."""
 
 
 class _Phase(Enum):
@@ -40,14 +40,14 @@ _RUNS = 2
 
 
 class StructuralExploration:
-    """Moves one DoF after the other by a step, all forth, then all back, and compares gravity [M14, III.A].
+    """Exploration program: steps each DoF, all forth, then all back, and compares gravity [M14, III.A].
 
-    In the first run every DoF stays where it went, which tilts the axes of the next ones off gravity. Targets
-    are absolute, the pose at the first tick and that plus the step, hence nothing drifts.
+    In the first run every DoF stays at its step, which tilts the axes of the next ones off gravity. Targets
+    are absolute, the pose at the first tick and that plus the step, hence no drift.
     """
 
     def __init__(self, config: StructuralExplorationConfig, n_dofs: int, n_cells: int, start_ns: int) -> None:
-        """Starts at `start_ns`: D = `n_dofs`, S = `n_cells`."""
+        """Start at `start_ns`, with D = `n_dofs` and S = `n_cells`."""
         self._config = config
         self._n_dofs, self._n_cells = n_dofs, n_cells
         self._start_ns = self._phase_start_ns = self._move_start_ns = start_ns
@@ -62,23 +62,23 @@ class StructuralExploration:
 
     @property
     def done(self) -> bool:
-        """All steps are made and measured."""
+        """True once all steps are made and measured."""
         return self._phase is _Phase.DONE
 
     @property
     def wants_stream(self) -> bool:
-        """The accelerations of all cells are needed now."""
+        """True while the accelerations of all cells are needed."""
         return not self.done
 
     @property
     def progress(self) -> float:
-        """Share of the program that is done, 0 to 1."""
+        """Completed fraction of the program, 0 to 1."""
         steps = _RUNS * self._n_dofs
         return 1.0 if self.done else (self._step + self._phase.value / _Phase.DONE.value) / steps
 
     @cached_property
     def result(self) -> Structure:
-        """What was found, with all that went wrong among its problems.
+        """Kinematic structure, with failed steps and measurements among its problems.
 
         Raises:
             RuntimeError: the program is not done.
@@ -92,7 +92,7 @@ class StructuralExploration:
         return find_structure(active, unknown, self._stuck)
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
+        """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
         if self._home_rad is None:
             self._home_rad = position_rad.astype(np.float64)
             self._target_rad = self._home_rad.copy()
@@ -104,9 +104,9 @@ class StructuralExploration:
     def add_samples(
         self, cells: NDArray[np.int64], t_sampled_ns: NDArray[np.int64], acceleration_g: NDArray[np.float64]
     ) -> None:
-        """Adds accelerations (n, 3) of cells (n,) [g, cell frames] to the mean of their window.
+        """Add accelerations (n, 3) of cells (n,) [g, cell frames] to the mean of their window.
 
-        The last two windows take samples, so that those that come late are not lost.
+        The last two windows accept samples, for those that arrive late.
         """
         for begin_ns, window in self._windows:
             inside = (t_sampled_ns >= begin_ns) & (t_sampled_ns < begin_ns + self._config.average_ns)
@@ -136,7 +136,7 @@ class StructuralExploration:
                 self._open_window(1, t_ns)
                 self._enter(_Phase.AFTER, t_ns)
             case _Phase.AFTER if self._step == _RUNS * self._n_dofs - 1:
-                # rests once more, for the last samples to come
+                # rests once more, until the last samples arrive
                 if elapsed_ns >= config.average_ns + config.settle_ns:
                     self._enter(_Phase.DONE, t_ns)
             case _Phase.AFTER if elapsed_ns >= config.average_ns:
@@ -147,10 +147,10 @@ class StructuralExploration:
                 pass
 
     def _settled(self, t_ns: int) -> bool:
-        """The paper's 500 ms count from the beginning of the move, but for half of them the robot is at rest.
+        """Return True once the settling time is over: counted from the start of the move, half of it at rest.
 
-        28 steps of 0.5 s and two averages of 1.0 s are its 70 s: that leaves no time for moves beside
-        them.
+        28 steps, each 0.5 s of settling and two averages of 1.0 s, are the 70 s of [M14], which leaves no
+        extra time for the moves.
         """
         settle_ns = self._config.settle_ns
         return t_ns - self._move_start_ns >= settle_ns and t_ns - self._phase_start_ns >= settle_ns // 2

@@ -1,9 +1,9 @@
-"""Structural self-exploration: from changes of gravity to the tree of body parts and joints.
+"""Kinematic structure of body parts and joints, from changes of gravity in the cells' frames.
 
 Equation (1) of [M14] (Mittendorfer et al., A general tactile approach for grasping unknown objects, 2014)
-gives the activity matrix: which DoF moves which cell. Cells with equal rows are a body part, DoFs with equal
-columns are a joint, and two parts whose rows differ by one joint hang together by it. The tree of a robot has
-such a matrix; a disturbed measurement mostly has not, and `Structure.problems` says what is wrong.
+gives the activity matrix: which DoF moves which cell. Cells with equal rows form a body part, DoFs with equal
+columns form a joint, and a joint connects two parts whose rows differ by it alone. Every kinematic tree has
+such a matrix; a disturbed measurement mostly has not, and `Structure.problems` lists the violations.
 """
 
 from collections.abc import Sequence
@@ -17,42 +17,42 @@ __all__ = ["Structure", "activity_matrix", "find_structure", "named", "wrong_ent
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Kinematic tree as the skin sees it; to be relied on only if `problems` is empty.
+    """Kinematic tree found by exploration; reliable only if `problems` is empty.
 
     Parts are ordered by their depth, then by their first cell; joints by their first DoF.
     """
 
     activity: NDArray[np.bool_]
-    """(S, D): DoF d moves cell s; the row of an unmeasured cell is false."""
+    """Activity matrix (S, D): DoF d moves cell s; the row of an unmeasured cell is false."""
     parts: tuple[tuple[int, ...], ...]
     """Cells of each body part."""
     joints: tuple[tuple[int, ...], ...]
     """DoFs of each joint; a DoF that moves no cell is in none."""
     part_activity: NDArray[np.bool_]
-    """(parts, joints): the reduced activity matrix."""
+    """Reduced activity matrix (parts, joints)."""
     parent_part: tuple[int, ...]
-    """Parent of each part, towards the root; −1 for the root and where there is no single one."""
+    """Parent of each part, towards the root; −1 for the root and where it is not unique."""
     parent_joint: tuple[int, ...]
-    """Joint between each part and its parent; −1 where there is no parent."""
+    """Joint between each part and its parent; −1 without a parent."""
     unmeasured: tuple[int, ...]
-    """Cells with an entry that could not be measured; they are in no part."""
+    """Cells with an unmeasured entry; they are in no part."""
     problems: tuple[str, ...]
-    """What is missing for a tree with one stationary root, one line each."""
+    """Violations of a tree with one stationary root, one line each."""
 
 
 def activity_matrix(
     before_g: NDArray[np.float64], after_g: NDArray[np.float64], threshold_g: float = 0.01
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which DoF turns which cell against gravity: equation (1) of [M14], runs combined by 'or'.
+    """Compute the activity matrix from gravity changes: equation (1) of [M14], runs combined by 'or'.
 
     Args:
         before_g: (P, D, S, 3) mean acceleration of cell s before DoF d moved in run p [g, cell frame];
             NaN where it was not measured.
-        after_g: the same after the move.
-        threshold_g: least distance of the two normalised vectors; 0.01 [M14].
+        after_g: (P, D, S, 3) the same after the move.
+        threshold_g: minimum distance of the two normalised vectors; 0.01 [M14].
 
     Returns:
-        (S, D) active entries, and (S, D) unknown ones: not active, with a run that was not measured.
+        (S, D) active entries, and (S, D) unknown ones: not active, with an unmeasured run.
     """
     change = np.linalg.norm(_direction(before_g) - _direction(after_g), axis=-1)
     active = (change > threshold_g).any(axis=0)
@@ -65,12 +65,12 @@ def find_structure(
     unknown: NDArray[np.bool_] | None = None,
     problems: Sequence[str] = (),
 ) -> Structure:
-    """Body parts, joints and their tree from an activity matrix.
+    """Find body parts, joints and their kinematic tree from an activity matrix.
 
     Args:
         activity: (S, D) from `activity_matrix`.
-        unknown: (S, D) entries that were not measured; their cells belong to no part.
-        problems: what is known to have gone wrong before; comes first in the structure's problems.
+        unknown: (S, D) unmeasured entries; their cells belong to no part.
+        problems: problems of the measurement, listed first in the structure's problems.
     """
     unknown = np.zeros_like(activity) if unknown is None else unknown
     unmeasured = np.logical_or.reduce(unknown, axis=1)
@@ -101,12 +101,12 @@ def find_structure(
 
 
 def wrong_entries(structure: Structure, truth: NDArray[np.bool_]) -> int:
-    """Number of entries in which the activity matrix differs from the true one, (S, D)."""
+    """Count the entries of the activity matrix that differ from the ground truth (S, D)."""
     return int(np.count_nonzero(structure.activity != truth))
 
 
 def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors along the last axis; NaN where there is no direction."""
+    """Normalise vectors along the last axis; NaN for a zero vector."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     result: NDArray[np.float64] = np.divide(
         vector, length, out=np.full_like(vector, np.nan), where=length > 0
@@ -117,7 +117,7 @@ def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 def _classes(
     matrix: NDArray[np.bool_], members: NDArray[np.int64]
 ) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.bool_]]:
-    """Members with equal rows of `matrix`, in the order of their first member, and the row of each class."""
+    """Group members by equal rows of `matrix`, ordered by first member; also return the row of each class."""
     groups: dict[bytes, list[int]] = {}
     for member in members.tolist():
         groups.setdefault(matrix[member].tobytes(), []).append(member)
@@ -128,10 +128,10 @@ def _classes(
 def _tree(
     part_activity: NDArray[np.bool_], parts: tuple[tuple[int, ...], ...], joints: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
-    """Parent and joint of each part, and why it is no tree.
+    """Find parent and joint of each part, and list the violations of a tree.
 
-    A tree needs one part without activity, one parent for every other part, and a joint of its own for each.
-    Then the row of a part is the set of joints on its way to the root, whatever the noise has done.
+    A tree needs one part without activity, one parent for every other part, and a separate joint for each.
+    Then the row of a part is the set of joints between it and the root.
     """
     parent_part, parent_joint = [-1] * len(parts), [-1] * len(parts)
     problems = []
@@ -156,7 +156,7 @@ def _tree(
 
 
 def named(what: str, numbers: Sequence[int] | NDArray[np.int64], most: int = 8) -> str:
-    """'cells 3, 4, 5, … (20)': enough to find them, short enough to read."""
+    """Format a shortened list of numbers, such as 'cells 3, 4, 5, … (20)'."""
     plural = f"{what}s" if len(numbers) > 1 else what
     more = f", … ({len(numbers)})" if len(numbers) > most else ""
     return f"{plural} {', '.join(str(n) for n in numbers[:most])}{more}"

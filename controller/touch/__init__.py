@@ -1,1 +1,1 @@
-"""Touch: fusion of events, reactions, posture and the safety clamp."""
+"""Tactile state, tactile reactions, posture control and safety clamp."""

@@ -1,7 +1,7 @@
-"""Fusion: one tactile picture of all cells from events and streams, the newest reading of everything.
+"""Tactile state of all cells, fused from events and streams: the newest reading of every channel.
 
-Rows are the controller's cells, columns are `READING_NAMES`. The network may deliver out of order: the time
-of sampling decides which reading is the newest, and the order of delivery only between equal times.
+Rows are the controller's cells, columns are `READING_NAMES`. The network may deliver out of order: the
+sampling time decides which reading is the newest, and the order of delivery between equal times.
 """
 
 import numpy as np
@@ -21,25 +21,25 @@ COLUMNS = {
 }
 """Columns of each modality in a full reading."""
 TOUCH_COLUMNS = slice(0, 4)
-"""Columns that reactions act on, three of force and one of proximity: M = 3 + 1 in equation (4) of [M14]."""
+"""Reaction columns, three of force and one of proximity: M = 3 + 1 in equation (4) of [M14]."""
 _N_COLUMNS = len(READING_NAMES)
 _BOUNDS = np.array([(COLUMNS[modality].start, COLUMNS[modality].stop) for modality in Modality])
 _LEVEL, _DELTA = int(EventKind.LEVEL), int(EventKind.DELTA)
 
 
 class TactilePicture:
-    """What S cells felt last, how old it is, and which of them should stream.
+    """Tactile state of S cells: newest readings, sampling times, event levels and cells to stream.
 
-    A level event speaks for the channel that it names; the level of a modality is the highest of its
-    channels. Readings of a lost cell are zero, and it takes none until it is found again.
+    A level event sets the level of its channel; the level of a modality is the highest of its channels.
+    Readings of an absent cell are zero, and none are accepted until it is present again.
     """
 
     def __init__(self, n_cells: int, hold_ns: int = 500_000_000) -> None:
-        """Starts with zeros that are infinitely old.
+        """Start with zero readings of infinite age.
 
         Args:
             n_cells: S.
-            hold_ns: how long a cell streams on after its last contact; an assumption.
+            hold_ns: Time for which a cell streams on after its last contact; an assumption.
         """
         self._n_cells, self._hold_ns = n_cells, hold_ns
         self._values = np.zeros((n_cells, _N_COLUMNS))
@@ -49,30 +49,30 @@ class TactilePicture:
         self._found = np.ones(n_cells, dtype=bool)
         self._last_contact_ns = np.full(n_cells, -FOREVER_NS)
         self.rejected = 0
-        """Events and stream rows refused so far, naming what does not exist or not finite."""
+        """Number of refused events and stream rows: unknown cell, channel or kind, or not finite."""
 
     def readings(self, modality: Modality) -> NDArray[np.float64]:
-        """(S, channels) newest readings; force and proximity 0…1, acceleration in g, temperature in °C."""
+        """Return the readings (S, channels): force and proximity 0…1, acceleration [g], temperature [°C]."""
         return self._values[:, COLUMNS[modality]].copy()
 
     def touch(self, t_ns: int, max_age_ns: int = FOREVER_NS) -> NDArray[np.float64]:
-        """(S, 4) readings of `TOUCH_COLUMNS` at `t_ns`; what is older than `max_age_ns` counts as zero."""
+        """Return readings (S, 4) of `TOUCH_COLUMNS` at `t_ns`; zero where older than `max_age_ns`."""
         fresh = t_ns - self._t_value_ns[:, TOUCH_COLUMNS] <= max_age_ns
         return np.where(fresh, self._values[:, TOUCH_COLUMNS], 0.0)
 
     def level(self, modality: Modality) -> NDArray[np.int64]:
-        """(S,) event levels, 0 for none."""
+        """Return event levels (S,) of a modality, 0 for none."""
         highest: NDArray[np.int64] = self._levels[:, COLUMNS[modality]].max(axis=1)
         return highest
 
     def age_ns(self, t_ns: int, modality: Modality) -> NDArray[np.int64]:
-        """(S,) time since the newest reading of any channel was taken; `FOREVER_NS` and more: never."""
+        """Return the age (S,) [ns] of a modality's newest sample; at least `FOREVER_NS` if never sampled."""
         age: NDArray[np.int64] = t_ns - self._t_value_ns[:, COLUMNS[modality]].max(axis=1)
         return age
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(S,) cells that are not lost."""
+        """Presence (S,) of the cells in the network."""
         return self._found.copy()
 
     def apply_events(
@@ -85,7 +85,7 @@ class TactilePicture:
         level: NDArray[np.int64],
         value: NDArray[np.float64],
     ) -> None:
-        """Takes in events, columns of equal length in the order of their delivery.
+        """Apply events, columns of equal length in the order of their delivery.
 
         Raises:
             ProtocolError: the columns differ in length.
@@ -109,7 +109,7 @@ class TactilePicture:
         t_sampled_ns: NDArray[np.int64],
         values: NDArray[np.float32] | NDArray[np.float64],
     ) -> None:
-        """Takes in full readings: cells (n,), times (n,), values (n, 8), in the order of their delivery.
+        """Apply full readings in the order of delivery: cells (n,), times (n,), values (n, 8).
 
         Raises:
             ProtocolError: the columns differ in length, or the values are not 8 a row.
@@ -126,19 +126,19 @@ class TactilePicture:
         )
 
     def set_found(self, cells: NDArray[np.int64], found: bool) -> None:
-        """Marks the cells of a patch as lost, forgetting what they felt, or as found again."""
+        """Mark cells (n,) as present, or as absent, which clears their readings and levels."""
         self._found[cells] = found
         if not found:
             self._values[cells] = 0.0
             self._levels[cells] = 0
 
     def streams_wanted(self, t_ns: int, gains: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(S,) cells whose full stream a reaction needs: in contact now or within the hold time.
+        """Return the cells (S,) whose full stream a reaction needs: in contact, or within the hold time.
 
         A cell is in contact if a touch channel with a gain is at its lowest event level or above [M14, V.C].
 
         Args:
-            t_ns: now, not before the last call.
+            t_ns: Current time, not before that of the last call.
             gains: (S, 4) gains of `TOUCH_COLUMNS`.
         """
         contact = self._found & ((self._levels[:, TOUCH_COLUMNS] > 0) & (gains != 0.0)).any(axis=1)
@@ -164,7 +164,7 @@ def _take_events(
     t_level_ns: NDArray[np.int64],
     bounds: NDArray[np.int64],
 ) -> int:
-    """Newest value and level of each channel, in place; the number of refused events."""
+    """Update value and level of each channel in place; return the number of refused events."""
     rejected = 0
     for i in range(len(value)):
         cell, t_ns, modality, channel, kind, level = integers[:, i]
@@ -195,7 +195,7 @@ def _take_rows(
     values: NDArray[np.float64],
     t_value_ns: NDArray[np.int64],
 ) -> int:
-    """Newest value of each channel, in place; the number of refused rows."""
+    """Update the value of each channel in place; return the number of refused rows."""
     rejected = 0
     for i in range(len(rows)):
         cell, t_ns = integers[:, i]

@@ -1,4 +1,4 @@
-"""The stage of tactile guidance."""
+"""Tactile guidance stage."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ __all__ = ["Guide"]
 
 
 class Guide(TimedStage):
-    """Tactile guidance: the robot evades touch, and follows whoever pushes it: equation (4)."""
+    """Tactile guidance: the robot evades contact and so follows a push, equation (4) of [M14]."""
 
     def __init__(
         self, spec: StageSpec, control: ControllerSpec, knowledge: Knowledge, n_cells: int, start_ns: int
@@ -30,25 +30,26 @@ class Guide(TimedStage):
             self.tune(Modality.PROXIMITY, spec.proximity_threshold, spec.proximity_gain)
 
     def tune(self, modality: Modality, threshold: float, gain: float) -> None:
-        """Sets threshold and gain of a modality, of all cells."""
+        """Set threshold and gain of a modality for all cells."""
         self._reaction.tune(modality, threshold=threshold, gain=gain)
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """(S, 4) gains."""
+        """Reaction gains (S, 4) [rad/s per reading]."""
         return self._reaction.gains
 
     @property
     def thresholds(self) -> NDArray[np.float64]:
-        """(S, 4) thresholds, inf without a gain."""
+        """Reaction thresholds (S, 4), inf where the gain is zero."""
         return self._reaction.thresholds
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
-        """The superposition of all cells' reactions by the closest map."""
+        """Compute the superposed reactions (D,) [rad/s] of all cells, by the map of the closest pose."""
         self._t_ns = t_ns
-        touch = picture.touch(t_ns, self._max_age_ns)  # cells in contact stream: an old reading is a lost one
+        # cells in contact stream: an old reading means lost packets
+        touch = picture.touch(t_ns, self._max_age_ns)
         velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
         self.felt = touch
         return velocity

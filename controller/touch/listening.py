@@ -1,4 +1,4 @@
-"""The stage of listening."""
+"""Passive recording stage, without motion."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ __all__ = ["Listen"]
 
 
 class Listen(TimedStage):
-    """Takes in whatever the skin says, and holds still."""
+    """Passive stage: collects skin data while the robot holds still."""
 
     gains = None
     thresholds = None
@@ -19,6 +19,6 @@ class Listen(TimedStage):
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
     ) -> NDArray[np.float64]:
-        """No motion."""
+        """Return zero velocities (D,) [rad/s]."""
         self._t_ns = t_ns
         return np.zeros(len(position_rad))

@@ -1,4 +1,4 @@
-"""Postural trajectories: joint velocities towards a pose, equation (5) of [M14, V.B]."""
+"""Posture control: joint velocities towards a pose, equation (5) of [M14, V.B]."""
 
 from dataclasses import dataclass
 
@@ -10,43 +10,43 @@ __all__ = ["PoseReached", "PoseTarget", "Posture"]
 
 @dataclass(frozen=True, eq=False)
 class PoseTarget:
-    """A pose to go to."""
+    """Target pose with speed and accuracy."""
 
     name: str
-    """Returned in the event, so that whoever waits knows which pose was reached."""
+    """Name of the pose, repeated in `PoseReached`."""
     position_rad: NDArray[np.float64]
-    """(D,): φ_des."""
+    """Desired joint positions (D,): φ_des."""
     speed_rad_s: float = 0.4
-    """ω_max: velocity of the joint that is furthest away; 0.4 in free motion [M14, Table II]."""
+    """Velocity ω_max of the joint with the largest error; 0.4 in free motion [M14, Table II]."""
     accuracy_rad: float = 0.01
-    """φ_acc: joints that are not further away than this rest [M14, Table II]."""
+    """Position tolerance φ_acc: joints within it rest [M14, Table II]."""
     deactivate: bool = False
-    """Let the posture go once it is reached, instead of coming back to it when pushed away."""
+    """Release the target once it is reached, instead of returning to it when pushed away."""
 
 
 @dataclass(frozen=True)
 class PoseReached:
-    """Every joint came within the accuracy of the pose `name`; sent once per target."""
+    """Completion event: all joints are within the accuracy of pose `name`; once per target."""
 
     name: str
     t_ns: int
 
 
 class Posture:
-    """Drives towards the newest target."""
+    """Posture controller towards the newest target pose."""
 
     def __init__(self) -> None:
-        """Starts without a target: at rest."""
+        """Start at rest, without a target."""
         self._target: PoseTarget | None = None
         self._announced = False
 
     @property
     def active(self) -> bool:
-        """There is a target that is still driven to or held."""
+        """True while a target is approached or held."""
         return self._target is not None
 
     def go(self, target: PoseTarget) -> None:
-        """Takes a new target, which will be announced once when it is reached.
+        """Set a new target; its completion is reported once.
 
         Raises:
             ValueError: speed or accuracy is not positive, or the pose is not finite.
@@ -58,13 +58,13 @@ class Posture:
         self._target, self._announced = target, False
 
     def release(self) -> None:
-        """Forgets the target."""
+        """Clear the target."""
         self._target = None
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], PoseReached | None]:
-        """Joint velocities (D,) [rad/s] at the measured positions (D,), and the event on arrival."""
+        """Compute joint velocities (D,) [rad/s] from measured positions (D,), and the completion event."""
         target = self._target
         if target is None:
             return np.zeros(len(position_rad)), None

@@ -1,4 +1,4 @@
-"""Tactile reactions: what the cells feel becomes joint velocities, equation (4) of [M14, V.A]."""
+"""Tactile reactions: joint velocities from cell readings, equation (4) of [M14, V.A]."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,20 +13,20 @@ __all__ = ["TactileReaction"]
 
 
 class TactileReaction:
-    """Proportional controllers of all cells and touch channels, superimposed by the sensory-motor map.
+    """Proportional controllers of all cells and touch channels, superposed by the sensory-motor map.
 
-    Thresholds and gains hold for a cell and a modality and may change at any tick; gain zero inhibits.
+    Thresholds and gains are set per cell and modality and may change at any tick; a gain of zero inhibits.
     """
 
     def __init__(self, n_cells: int) -> None:
-        """Starts inhibited."""
+        """Start with all gains zero."""
         channels = TOUCH_COLUMNS.stop - TOUCH_COLUMNS.start
         self._thresholds = np.zeros((n_cells, channels))
         self._gains = np.zeros((n_cells, channels))
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """(S, 4) gains of `TOUCH_COLUMNS` [rad/s per reading], a copy."""
+        """Copy of the gains (S, 4) of `TOUCH_COLUMNS` [rad/s per reading]."""
         return self._gains.copy()
 
     def tune(
@@ -37,17 +37,17 @@ class TactileReaction:
         gain: float,
         cells: Sequence[int] | NDArray[np.int64] | None = None,
     ) -> None:
-        """Sets threshold and gain of a modality, of all cells or of an area.
+        """Set threshold and gain of a modality, for all cells or those of an area.
 
         Args:
-            modality: force or proximity.
-            threshold: reading above which there is a reaction, not negative.
+            modality: Force or proximity.
+            threshold: Reading above which there is a reaction, not negative.
             gain: [rad/s per reading above the threshold] for a map vector of norm one; positive evades, zero
                 inhibits.
-            cells: rows of the area; all if None.
+            cells: Cell indices of the area; all if None.
 
         Raises:
-            ValueError: a modality that does not touch, a negative threshold, or a number that is not finite.
+            ValueError: another modality, a negative threshold, or a number that is not finite.
         """
         if modality not in (Modality.FORCE, Modality.PROXIMITY):
             raise ValueError(f"no reaction to {modality.name}; tune FORCE or PROXIMITY")
@@ -60,29 +60,29 @@ class TactileReaction:
         self._gains[rows, COLUMNS[modality]] = gain
 
     def inhibit(self) -> None:
-        """Sets all gains to zero."""
+        """Set all gains to zero."""
         self._gains[:] = 0.0
 
     @property
     def thresholds(self) -> NDArray[np.float64]:
-        """(S, 4) readings of `TOUCH_COLUMNS` above which there is a reaction; inf without a gain."""
+        """Reaction thresholds (S, 4) of `TOUCH_COLUMNS`; inf where the gain is zero."""
         return np.where(self._gains != 0.0, self._thresholds, np.inf)
 
     def activation(self, touch: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(S,) sum over the channels of (ρ > t)·(ρ − t)·P, for readings (S, 4)."""
+        """Return the activation (S,) [rad/s]: sum over channels of (ρ > t)·(ρ − t)·P, for readings (S, 4)."""
         drive = np.where(touch > self.thresholds, (touch - self._thresholds) * self._gains, 0.0)
         total: NDArray[np.float64] = drive.sum(axis=1)
         return total
 
     def velocity(self, touch: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joint velocities (D,) [rad/s] of all cells together: equation (4) of [M14].
+        """Compute the joint velocities (D,) [rad/s] superposed of all cells: equation (4) of [M14].
 
         Args:
             touch: (S, 4) readings of `TOUCH_COLUMNS`.
             weights: (S, D) sensory-motor map of the closest pose.
         """
         activation = self.activation(touch)
-        # only what is touched costs; and a plain sum, as the order of a BLAS product may depend on threads
+        # sums touched cells only, and plainly, as the summation order of a BLAS product may depend on threads
         touched = np.flatnonzero(activation)
         total: NDArray[np.float64] = (activation[touched, None] * weights[touched]).sum(axis=0)
         return total

@@ -1,4 +1,4 @@
-"""The last clamp between the brain and the joints: whatever comes in, what goes out is within the limits."""
+"""Safety clamp between controller and joints: bounds every commanded velocity."""
 
 from dataclasses import dataclass, replace
 
@@ -10,46 +10,46 @@ __all__ = ["SafetyClamp", "SafetyCounters", "SafetyLimits"]
 
 @dataclass(frozen=True, eq=False)
 class SafetyLimits:
-    """What the joints may do; all numbers are assumptions, to be set for a robot."""
+    """Safety limits of the joints; all numbers are assumptions, to be set for a robot."""
 
     speed_rad_s: float = 1.0
-    """Of every joint."""
+    """Speed limit of every joint."""
     acceleration_rad_s2: float | None = None
-    """Of every joint, between two ticks; None: as fast as commanded."""
+    """Acceleration limit of every joint, between two ticks; None: unlimited."""
     position_rad: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-    """Lowest and highest positions (D,), if known; ±inf for a joint without."""
+    """Position limits, lowest and highest (D,), if known; ±inf for a joint without."""
     slow_zone_rad: float = 0.1
     """Distance to a position limit within which the speed towards it falls linearly to zero."""
     joints_max_age_ns: int = 50_000_000
-    """Older position feedback is stale: ten control periods."""
+    """Age [ns] beyond which position feedback is stale: ten control periods."""
     skin_max_age_ns: int = 50_000_000
-    """An older newest skin frame is stale."""
+    """Age [ns] of the skin's watermark beyond which the skin data is stale."""
     ramp_ns: int = 100_000_000
-    """Duration of the way from full speed to rest when an input is stale, and back when it is fresh again."""
+    """Ramp duration [ns] from full speed to rest when an input is stale, and back when it is fresh again."""
 
 
 @dataclass(frozen=True)
 class SafetyCounters:
-    """What the clamp has done so far, in ticks."""
+    """Tick counters of the safety clamp."""
 
     ticks: int = 0
     clamped: int = 0
-    """Less went out than came in because of speed, acceleration or position."""
+    """Ticks in which the speed, acceleration or position limit changed the command."""
     stale_ticks: int = 0
     rejected: int = 0
-    """A command or a position that is not finite."""
+    """Ticks with a command or a position that is not finite."""
 
 
 class SafetyClamp:
-    """Clamps the sum of all velocity commands, tick by tick.
+    """Safety clamp of the summed velocity command, applied at every tick.
 
-    In this order: what is not finite becomes zero; the speed limit scales all joints alike, so that the
-    direction stays; stale input ramps to rest and holds; the acceleration limit scales the change; position
-    limits slow each joint by itself, and win over smoothness.
+    In this order: a command that is not finite becomes zero; the speed limit scales all joints alike, so that
+    the direction is kept; stale input ramps to rest and holds; the acceleration limit scales the change;
+    position limits slow each joint individually, and override the acceleration limit.
     """
 
     def __init__(self, limits: SafetyLimits, n_dofs: int, period_ns: int) -> None:
-        """Starts at rest; `period_ns` is the time between two ticks.
+        """Start at rest; `period_ns` is the time between two ticks.
 
         Raises:
             ValueError: a limit is not positive, or the position limits are not (D,), lowest below highest.
@@ -69,12 +69,12 @@ class SafetyClamp:
         self._last_rad_s = np.zeros(n_dofs)
         self._share = 1.0
         self.stale = False
-        """The last tick's input was too old."""
+        """True if the last tick's input was too old."""
         self.counters = SafetyCounters()
 
     @property
     def n_dofs(self) -> int:
-        """Number of joints."""
+        """Number of joints D."""
         return self._n_dofs
 
     def clamp(
@@ -85,14 +85,14 @@ class SafetyClamp:
         t_joints_ns: int | None,
         t_skin_ns: int | None,
     ) -> NDArray[np.float64]:
-        """Velocities (D,) [rad/s] that may go to the joints.
+        """Return the clamped joint velocities (D,) [rad/s].
 
         Args:
-            t_ns: now.
-            velocity_rad_s: (D,) sum of all that the brain wants.
+            t_ns: Time of the tick.
+            velocity_rad_s: (D,) sum of all commanded velocities.
             position_rad: (D,) newest measured positions.
-            t_joints_ns: when those were measured; None if never.
-            t_skin_ns: time of the newest skin frame, of the patch that is most behind; None if never.
+            t_joints_ns: Time at which they were measured; None if never.
+            t_skin_ns: Lowest watermark of all patches; None if there is none.
 
         Raises:
             ValueError: the shapes are not (D,).
@@ -112,7 +112,7 @@ class SafetyClamp:
         velocity = self._towards(_scaled(wanted, limits.speed_rad_s) * self._share)
         if finite:
             velocity = self._slowed(velocity, position_rad)
-        # rounding may be a last bit above the limit
+        # rounding may exceed the limit by one ulp
         velocity = np.clip(velocity, -limits.speed_rad_s, limits.speed_rad_s)
         self._last_rad_s = velocity
         self.counters = replace(
@@ -125,7 +125,7 @@ class SafetyClamp:
         return velocity.copy()
 
     def _ramp(self, finite: bool) -> None:
-        """Moves the share that passes: to zero without a command, down while stale, else up."""
+        """Update the ramp's scale factor: zero without a finite command, falling while stale, else rising."""
         step = self._period_ns / self._limits.ramp_ns
         if not finite:
             self._share = 0.0
@@ -135,7 +135,7 @@ class SafetyClamp:
             self._share = min(1.0, self._share + step)
 
     def _towards(self, target_rad_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The last velocity moved towards the target as far as the acceleration limit allows."""
+        """Step the last velocity towards the target, within the acceleration limit."""
         if self._limits.acceleration_rad_s2 is None:
             return target_rad_s
         change = target_rad_s - self._last_rad_s
@@ -144,7 +144,7 @@ class SafetyClamp:
     def _slowed(
         self, velocity_rad_s: NDArray[np.float64], position_rad: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Slower towards the position limits, zero beyond them; the way back is free."""
+        """Slow velocities towards the position limits, to zero beyond them; motion away is unrestricted."""
         if self._limits.position_rad is None:
             return velocity_rad_s
         lowest, highest = self._limits.position_rad
@@ -156,7 +156,7 @@ class SafetyClamp:
 
 
 def _scaled(vector: NDArray[np.float64], largest: float) -> NDArray[np.float64]:
-    """The vector, shortened in its direction so that no component is larger than `largest`."""
+    """Scale a vector so that no component exceeds `largest`; the direction is kept."""
     size = float(np.abs(vector).max(initial=0.0))
     return vector if size <= largest else vector * (largest / size)
 

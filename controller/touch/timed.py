@@ -1,4 +1,4 @@
-"""What stages have in common that last for a given time."""
+"""Base class of stages with a fixed duration."""
 
 from controller.skin_input import SkinRows
 
@@ -6,7 +6,7 @@ __all__ = ["TimedStage"]
 
 
 class TimedStage:
-    """A stage of the controller's program that ends with its time, and learns nothing."""
+    """Stage of the program with a fixed duration and without a result."""
 
     label = why = ""
     wants_stream = False
@@ -17,16 +17,16 @@ class TimedStage:
 
     @property
     def done(self) -> bool:
-        """The time of the stage is over."""
+        """True once the duration has elapsed."""
         return self._t_ns - self._start_ns >= self._duration_ns
 
     @property
     def progress(self) -> float:
-        """Share of the stage's time."""
+        """Elapsed fraction of the duration, 0 to 1."""
         return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
 
     def take(self, stream: SkinRows) -> None:
-        """The picture has taken them in already."""
+        """Ignore the readings: the tactile state contains them already."""
 
     def finish(self, t_ns: int) -> None:
-        """Nothing is learnt."""
+        """Store nothing."""

@@ -1,1 +1,1 @@
-"""Benchmarks of the simulator against others, in one run."""
+"""Benchmarks of the packet kernel against other simulators."""

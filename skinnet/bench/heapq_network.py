@@ -1,4 +1,4 @@
-"""The packet network once more, as plainly as it can be said: one heap, one event per hop, Python objects.
+"""Reference packet network in plain Python: one heap, one event per hop, one object per packet.
 
 The compiled kernel is tested and measured against it. They share the random hash, nothing else.
 """
@@ -14,16 +14,19 @@ import numpy as np
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK
 from skinnet.network.topology import Topology
-from skinnet.seeding import hash64, key_of, uniform
+from skinnet.seeding import StreamName, hash64, key_of, uniform
 
 __all__ = ["Change", "End", "Offer", "simulate"]
 
 Offer: TypeAlias = tuple[int, int, int, int, int, int]
-"""(t_ns, node, dest, size_bytes, packet id, link or NO_LINK)."""
+"""Packet to enqueue: (t_ns, node, dest, size_bytes, packet id, link or NO_LINK)."""
 Change: TypeAlias = tuple[Any, ...]
-"""(t_ns, name of a method of `Network`, its arguments …); `impair_link` takes a link and a dictionary."""
+"""Scheduled event: (t_ns, name of a method of `Network`, its arguments …).
+
+`impair_link` takes a link and a dictionary.
+"""
 End: TypeAlias = tuple[int, int, int, int, int]
-"""(packet id, t_ns, node, link, outcome)."""
+"""Packet outcome: (packet id, t_ns, node, link, outcome)."""
 
 _CHANGE, _ARRIVAL = 0, 1
 _OWN_PORT = -1
@@ -63,12 +66,15 @@ def simulate(
     hop_limit: int = 255,
     arrivals_first: bool = False,
 ) -> list[End]:
-    """Ends of all packets by the rules of `Network`, in the order that it promises.
+    """Simulate all packets by the rules of `Network`; return their outcomes in the order that it promises.
 
     With `arrivals_first`, against these rules, a transmission ends after the arrivals of the same instant: to
-    find out whether anything hangs on that.
+    test whether results depend on that tie.
     """
-    keys = [np.uint64(hash64(key_of(seed, "network"), np.uint64(node))) for node in range(topology.n_nodes)]
+    keys = [
+        np.uint64(hash64(key_of(seed, StreamName.NETWORK), np.uint64(node)))
+        for node in range(topology.n_nodes)
+    ]
     entered = [count() for _ in keys]
     links = [_Link(topology, number, keys[topology.src[number]]) for number in range(topology.n_links)]
     routes: dict[tuple[int, int], int] = {}

@@ -1,7 +1,7 @@
-"""The packet kernel against three other simulators, over decades of cells, idle, and in the published case.
+"""Benchmark of the packet kernel against three simulators, over numbers of cells, idle, and as published.
 
-All figures are CPU time, taken in one run. A ratio is the median over rounds; in each round the other
-simulator runs between two runs of the kernel on the same packets, so that both meet the same machine.
+All times are CPU times of one benchmark run. A ratio is the median over rounds; in each round the other
+simulator runs between two runs of the kernel on the same packets, so that both see the same computer load.
 """
 
 import statistics
@@ -28,17 +28,17 @@ _REPEATS = 4
 _SECOND_NS = 1_000_000_000
 
 Ends = dict[int, int]
-"""When each packet was delivered [ns], by its id."""
+"""Delivery time of each packet [ns], by its id."""
 
 
 def measure(*, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
-    """Runs everything; returns flat figures.
+    """Run all benchmarks; return metrics by flat names.
 
-    A simulator that is not there has None for its figures, and `missing.NAME` says why and what to install.
+    A simulator that is absent has None for its metrics, and `missing.NAME` says why and what to install.
 
     Args:
-        quick: Fewer packets and rounds, for a look.
-        say: Told what is being measured.
+        quick: Fewer packets and rounds.
+        say: Callback for progress, one line at a time.
     """
     n_periods, n_rounds = (5, 1) if quick else (50, 5)
     workload = patches(_CELLS, n_periods)
@@ -62,7 +62,7 @@ def measure(*, quick: bool = False, say: Callable[[str], None] = lambda _: None)
 
 
 def published_worst_case_ms() -> float:
-    """Wait behind 8 cells on one UART, three transactions queued each, 300 µs a hop; published: 6.3 ms [T11].
+    """Waiting time [ms] of 8 cells on one UART, 3 transactions each, 300 µs a hop; published: 6.3 [T11].
 
     The 300 µs are store-and-forward under full load, so the serial link is held for all of them. The cell at
     the interface waits for the transactions of the seven behind it, which follow its own.
@@ -81,7 +81,7 @@ def published_worst_case_ms() -> float:
 def _rivals(
     workload: Workload, folder: Path, figures: dict[str, Any]
 ) -> dict[str, Callable[[], tuple[float, Ends]]]:
-    """Those that are there, each as a call that gives CPU seconds and deliveries; why the others are not."""
+    """Simulators present, as calls that give CPU time [s] and deliveries; note why others are absent."""
     columns = (
         workload.t_ns,
         workload.node,
@@ -165,7 +165,7 @@ def _at_size(n_cells: int, n_packets: int) -> dict[str, Any]:
 
 
 def _kernel_s(workload: Workload, repeats: int = _REPEATS) -> float:
-    """CPU time for all packets, from offering them to having their ends, period by period."""
+    """CPU time of the kernel for all packets [s], from enqueueing to outcomes, period by period."""
     networks = [workload.network() for _ in range(repeats)]
     start_s = time.process_time()
     for network in networks:
@@ -174,7 +174,7 @@ def _kernel_s(workload: Workload, repeats: int = _REPEATS) -> float:
 
 
 def _run(network: Network, workload: Workload) -> int:
-    """Runs all packets as a cell host does, period by period; returns the packet-hops."""
+    """Run all packets as a cell process does, period by period; return the packet-hops."""
     ids = np.arange(workload.n_packets)
     steps_ns = range(PERIOD_NS, _end_ns(workload) + PERIOD_NS, PERIOD_NS)
     stops = np.searchsorted(workload.t_ns, steps_ns)
@@ -206,5 +206,5 @@ def _deliveries(workload: Workload) -> tuple[Ends, int]:
 
 
 def _end_ns(workload: Workload) -> int:
-    """Everything has arrived by then."""
+    """Simulated time by which every packet has arrived [ns]."""
     return int(workload.t_ns[-1]) + 2 * PERIOD_NS

@@ -1,4 +1,4 @@
-"""The same network in ns-3: builds the program in tests/ns3 of a checkout and lets it run."""
+"""Benchmark network in ns-3: builds and runs the program in tests/ns3 of a checkout."""
 
 import shutil
 import subprocess
@@ -18,7 +18,7 @@ _LIBRARIES = ("ns3-point-to-point", "ns3-network", "ns3-core")
 
 
 class Ns3Run(NamedTuple):
-    """What came of a run.
+    """Results of an ns-3 run.
 
     Attributes:
         cpu_s: CPU time of the event loop alone.
@@ -36,7 +36,7 @@ class Ns3Run(NamedTuple):
 
 
 def build(folder: Path) -> tuple[Path | None, str]:
-    """The program, built in `folder`; or None and why there is none."""
+    """Build the ns-3 program in `folder`; return its path, or None and the reason."""
     compiler = shutil.which("g++")
     if not _SOURCE.is_file():
         return None, "the program comes with the source of skinnet, in tests/ns3; run from a checkout"
@@ -52,7 +52,7 @@ def build(folder: Path) -> tuple[Path | None, str]:
 
 
 def write_inputs(folder: Path, workload: Workload) -> None:
-    """Writes links.csv, packets.csv and routes.csv as `skinnet network simulate` reads them."""
+    """Write links.csv, packets.csv and routes.csv as `skinnet network simulate` reads them."""
     topology, routes = workload.topology, workload.routes
     names = ("src", "src_port", "dst", "dst_port", "bits_per_s", "bits_per_byte", "delay_ns", "queue_packets")
     _write(folder / "links.csv", ",".join(names), *(getattr(topology, name) for name in names))
@@ -70,10 +70,10 @@ def write_inputs(folder: Path, workload: Workload) -> None:
 
 
 def run(program: Path, folder: Path, until_ns: int) -> Ns3Run:
-    """Runs the program on the inputs in `folder`.
+    """Run the ns-3 program on the inputs in `folder`, until simulated time `until_ns`.
 
     Raises:
-        subprocess.CalledProcessError: It failed; what it said is in `stderr`.
+        subprocess.CalledProcessError: the program failed; its error output is in `stderr`.
     """
     inputs, outputs = ("links.csv", "packets.csv", "routes.csv"), OUTPUTS
     line = [str(program), *inputs, str(until_ns), *outputs]

@@ -1,4 +1,4 @@
-"""The network that the benchmarks compare on: cells in patches of 50 behind one interface each, at 250 Hz.
+"""Benchmark workload: cells in patches of 50 behind one interface each, at 250 Hz.
 
 Rates and sizes are chosen so that transmissions take whole nanoseconds, which every simulator can represent:
 23 bytes of 10 bits at 10 Mbit/s are 23 µs [T11, UCD: 12 Mbit/s]. Every cell has a phase of its own.
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skinnet.network.network import Network
 from skinnet.network.routes import Routes, fewest_hops
 from skinnet.network.topology import Topology
-from skinnet.seeding import stream
+from skinnet.seeding import StreamName, stream
 
 __all__ = ["CELLS_PER_PATCH", "PERIOD_NS", "Workload", "patches"]
 
@@ -29,7 +29,7 @@ _LEFT, _RIGHT, _ABOVE, _BELOW = range(4)
 
 @dataclass(frozen=True, eq=False)
 class Workload:
-    """A topology with its routes and packets, those in order of time; arrays are (n_packets,)."""
+    """Topology, routes and packets of a benchmark, packets in order of time; arrays are (n_packets,)."""
 
     topology: Topology
     routes: Routes
@@ -44,14 +44,14 @@ class Workload:
         return self.t_ns.size
 
     def network(self) -> Network:
-        """A network that has these routes and is idle."""
+        """Packet network with these routes, idle."""
         network = Network(self.topology)
         network.set_routes(0, self.routes)
         return network
 
 
 def patches(n_cells: int, n_periods: int) -> Workload:
-    """`n_cells` cells in trees of four-port cells, each of which sends to its interface in every period.
+    """Workload of `n_cells` four-port cells in trees, each sending to its interface in every period.
 
     Node p × 51 is the interface of patch p; the cells of its patch follow it, breadth first.
     """
@@ -72,7 +72,7 @@ def patches(n_cells: int, n_periods: int) -> Workload:
         delay_ns=_DELAY_NS,
         queue_packets=_QUEUE_PACKETS,
     )
-    phase_ns = stream(1, "bench", n_cells).integers(PERIOD_NS, size=n_cells)
+    phase_ns = stream(1, StreamName.BENCHMARK, n_cells).integers(PERIOD_NS, size=n_cells)
     order = np.argsort(phase_ns, kind="stable")
     t_ns = (np.arange(n_periods)[:, None] * PERIOD_NS + phase_ns[order]).ravel()
     return Workload(

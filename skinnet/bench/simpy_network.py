@@ -1,6 +1,6 @@
-"""The same network as a SimPy user would write it: a process for each packet, a resource for each link.
+"""Benchmark network in SimPy: a process for each packet, a resource for each link.
 
-SimPy is needed only here; routes do not change, and nothing is lost but to full queues.
+SimPy is needed only here; routes are static, and packets are lost only to full queues.
 """
 
 from collections.abc import Generator, Iterable
@@ -15,7 +15,7 @@ __all__ = ["simulate"]
 
 
 def simulate(topology: Topology, routes: Routes, offers: Iterable[Offer]) -> list[End]:
-    """Ends of all packets, by packet id.
+    """Simulate all packets; return their outcomes by packet id.
 
     Raises:
         ModuleNotFoundError: SimPy is not installed.

@@ -1,1 +1,1 @@
-"""The MuJoCo body: model, actuation, elastic foundation, stimulus, teacher."""
+"""Body simulation on MuJoCo: model, servos, skin contact, stimulus, teacher, ground truth."""

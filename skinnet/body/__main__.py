@@ -1,4 +1,4 @@
-"""`python -m skinnet.body`: the body process of a run."""
+"""Body process of a run: `python -m skinnet.body`."""
 
 import sys
 

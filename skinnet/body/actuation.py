@@ -1,6 +1,6 @@
-"""The robot's control interface: number of DoFs, velocity commands, position feedback [M14, II.B].
+"""Joint actuation: velocity commands to position servos, the robot's control interface [M14, II.B].
 
-The servos are position servos. A velocity command moves their targets; it holds until the next one.
+A velocity command moves the targets of the position servos; it holds until the next one.
 """
 
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Actuation:
-    """Turns velocity commands into position targets that the servos can follow.
+    """Joint servos: velocity commands integrated into position targets, with anti-windup.
 
-    A target stays within the joint's limits and within the lag at which the servo's torque is exhausted: a
+    A target stays within the joint's limits and within the lag at which the servo's torque saturates, so a
     blocked joint does not wind up.
 
     Attributes:
-        model: The body.
-        data: Its state.
-        servo: Servos of the deployment.
-        velocity_rad_s: (D,) the command in force [rad/s].
-        refused: Number of commands that were refused.
+        model: The robot model.
+        data: MuJoCo's state.
+        servo: Servo parameters of the deployment.
+        velocity_rad_s: (D,) the active command [rad/s].
+        refused: Number of refused commands.
     """
 
     model: BodyModel
@@ -42,16 +42,16 @@ class Actuation:
     _target_rad: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        """Starts in equilibrium: the servos already carry the weight of the arms."""
+        """Set the servo targets to static equilibrium: the servos carry the weight of the arms."""
         self.velocity_rad_s = np.zeros(len(self.model.joint))
         self._target_rad = resting_targets_rad(self.data, self.model.actuator)
         self.advance(0.0)
 
     def command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
-        """Takes a velocity command (D,) [rad/s]; returns whether it was accepted.
+        """Accept a velocity command (D,) [rad/s]; return False if it is refused.
 
-        A command of another length, with a value that is not finite, or above the speed limit is refused and
-        counted: the targets stay where they are.
+        A command of another length, with a non-finite value, or above the speed limit is refused and counted:
+        the targets stay where they are.
         """
         velocity = np.asarray(velocity_rad_s, dtype=np.float64)
         accepted = acceptable(velocity, len(self.velocity_rad_s), self.servo.speed_limit_rad_s)
@@ -60,7 +60,7 @@ class Actuation:
         return accepted
 
     def advance(self, step_s: float) -> None:
-        """Moves the targets by `step_s` [s] of the command in force."""
+        """Integrate the servo targets over `step_s` [s] of the active command."""
         _advance(
             self._target_rad,
             self.velocity_rad_s,
@@ -75,7 +75,7 @@ class Actuation:
 
 
 def acceptable(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) -> bool:
-    """Whether a velocity command is one for `n_dofs` joints within the limit [rad/s]; NaN is not."""
+    """Validate a velocity command for `n_dofs` joints: |velocity| within the limit [rad/s], no NaN."""
     return velocity_rad_s.shape == (n_dofs,) and bool(np.all(np.abs(velocity_rad_s) <= limit_rad_s))
 
 

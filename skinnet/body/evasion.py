@@ -1,8 +1,8 @@
-"""How a cell's evasion moves the joints: as a teacher expects it, until he has seen it.
+"""Evasive joint motion of each cell: predicted from the Jacobian, replaced by the observed motion.
 
-A perfect sensory-motor map by equation (2) of [M14, III.B]: the weight of a DoF is the share of the cell's
-normal in the motion that the DoF gives the cell, along the cell's own axes; positive weights move the cell
-inwards, and a cell's weights have norm one.
+The prediction is the ideal sensory-motor map by equation (2) of [M14, III.B]: the weight of a DoF is the
+fraction of the cell's velocity, in the cell frame, that is along its normal when that DoF moves; positive
+weights move the cell inwards, and a cell's weights have norm one.
 """
 
 import mujoco
@@ -18,20 +18,20 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _LEAST_NORM = 0.1
-"""A cell with a shorter vector cannot move along its normal, as in the robot's own map (assumed)."""
+"""Minimum norm of a cell's weights; below it the cell cannot move along its normal (assumed)."""
 _LEAST_LEVER_M = 1e-3
-"""A DoF that gives a cell less motion than this per radian does not move it (assumed)."""
+"""Minimum cell motion per joint motion [m/rad]; a DoF below it does not move the cell (assumed)."""
 _TELLING_RAD = 0.02
-"""A motion of the joints that shows how a cell evades (assumed)."""
+"""Minimum joint motion [rad] that counts as an observation of a cell's evasion (assumed)."""
 _AT_LIMIT_RAD = 0.005
-"""A joint this near to its limit goes no further."""
+"""Distance to a joint limit [rad] below which the joint does not move towards it."""
 
 
 def cell_poses(data: mujoco.MjData, surface: Surface, thickness_m: float) -> tuple[Floats, Floats]:
-    """Poses of all cells on foam of `thickness_m`, world.
+    """Compute cell poses on foam of `thickness_m` [m], world frame.
 
     Returns:
-        Middles of the cells on the face of the foam (n, 3) [m], and rotations R_world_cell (n, 3, 3).
+        Cell centres on the outer face of the foam (n, 3) [m], and rotations R_world_cell (n, 3, 3).
     """
     R_world_body = data.xmat[surface.body].reshape(-1, 3, 3)
     R_world_cell = R_world_body @ surface.R_body_cell
@@ -42,9 +42,9 @@ def cell_poses(data: mujoco.MjData, surface: Surface, thickness_m: float) -> tup
 def cell_jacobian(
     model: BodyModel, data: mujoco.MjData, surface: Surface, thickness_m: float, rows: Indices
 ) -> Floats:
-    """Velocity of the cells `rows` (r,) per velocity of every DoF, (r, D, 3) [m/rad], their frames.
+    """Linear Jacobian of the cells `rows` (r,) in their own frames, (r, D, 3) [m/rad].
 
-    Column 2 of the last axis is the motion along the outward normal.
+    Component 2 of the last axis is the motion along the outward normal.
     """
     position_m, R_world_cell = cell_poses(data, surface, thickness_m)
     result = np.empty((len(rows), len(model.dof), 3))
@@ -56,9 +56,9 @@ def cell_jacobian(
 
 
 def evading_weights(jacobian_m: Floats) -> Floats:
-    """Perfect sensory-motor map (n, D) of cells that DoFs move by `jacobian_m` (n, D, 3), their frames.
+    """Ideal sensory-motor map (n, D) from the cell Jacobian `jacobian_m` (n, D, 3) [m/rad], cell frames.
 
-    Rows have norm one, or zero where a cell cannot move along its normal.
+    Rows have norm one, or zero where a cell cannot move along its normal [M14, (2)].
     """
     total = np.abs(jacobian_m).sum(axis=2)
     shares = np.divide(-jacobian_m[:, :, 2], total, out=np.zeros(total.shape), where=total > _LEAST_LEVER_M)
@@ -68,20 +68,20 @@ def evading_weights(jacobian_m: Floats) -> Floats:
 
 
 class Evasion:
-    """How each cell's evasion moves the joints: as expected until it was seen."""
+    """Evasive joint motion of each cell: the model's prediction until one has been observed."""
 
     def __init__(self, model: BodyModel, data: mujoco.MjData, surface: Surface, thickness_m: float) -> None:
-        """Expects a robot with a perfect map, of cells on foam of `thickness_m`."""
+        """Initialise the evasion with the ideal map, of cells on foam of `thickness_m` [m]."""
         self._model, self._data, self._surface, self._thickness_m = model, data, surface, thickness_m
         self._seen: dict[int, Floats] = {}
 
     def position_rad(self) -> Floats:
-        """(D,) positions of the controlled joints [rad]."""
+        """Joint positions (D,) of the controlled joints [rad], a copy."""
         position_rad: Floats = self._data.qpos[self._model.qpos]
         return position_rad
 
     def directions(self, rows: Indices) -> Floats:
-        """(r, D) joint motion by the evasion of each of `rows` at present, of norm one, less at a limit."""
+        """Evasive joint directions (r, D) of the cells `rows` now: norm one, smaller at joint limits."""
         model, data = self._model, self._data
         result = evading_weights(cell_jacobian(model, data, self._surface, self._thickness_m, rows))
         for index, row in enumerate(rows.tolist()):
@@ -92,7 +92,7 @@ class Evasion:
         return np.clip(result, down, up)
 
     def see(self, row: int, moved_rad: Floats) -> bool:
-        """Takes in the joint motion (D,) since the finger came to a cell; returns whether that tells."""
+        """Observe the joint motion (D,) [rad] since the finger approached a cell; False if too small."""
         rows = np.array([row])
         jacobian_m = cell_jacobian(self._model, self._data, self._surface, self._thickness_m, rows)[0]
         its_own_rad = np.where(jacobian_m.any(axis=1), moved_rad, 0.0)
@@ -103,5 +103,5 @@ class Evasion:
         return True
 
     def forget(self, row: int) -> None:
-        """A cell does not evade at all."""
+        """Record zero evasion for a cell: it does not evade."""
         self._seen[row] = np.zeros(len(self._model.dof))

@@ -1,4 +1,4 @@
-"""The teacher's finger: a ball that the world moves, which feels and is felt like anything else."""
+"""Teacher finger: a position-controlled mocap body with a spherical tip, in contact with the skin."""
 
 from enum import Enum
 from typing import NamedTuple, Protocol
@@ -19,12 +19,14 @@ Floats = NDArray[np.float64]
 
 _PARKED_M = (0.0, 0.0, 100.0)
 _PURSUIT_PER_S = 30.0
-"""Speed of a finger that goes after a moving place, by its distance from it: somewhat faster than an arm that
-evades it changes its own speed (assumed)."""
+"""Proportional gain [1/s] of the pursuit of a moving target.
+
+It is somewhat faster than an evading arm changes its speed (assumed).
+"""
 
 
 class Phase(Enum):
-    """What the finger does."""
+    """Motion phase of the finger."""
 
     PARKED = "parked"
     APPROACH = "approach"
@@ -33,31 +35,31 @@ class Phase(Enum):
 
 
 class Task(Protocol):
-    """Something that the teacher does with the finger, from its appearance until it is gone again.
+    """Finger task of the teacher (protocol), from the finger's appearance to its removal.
 
     Attributes:
-        phase: What the finger does.
-        over: It is gone, and the next task may begin.
+        phase: Motion phase of the finger.
+        over: The finger has been removed; the next task may begin.
     """
 
     phase: Phase
     over: bool
 
     def step(self, t_ns: int, step_ns: int) -> None:
-        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
 
     def leave(self, t_ns: int) -> None:
-        """The stage is over at `t_ns`: the finger shall withdraw."""
+        """Abort the task at `t_ns` [ns], the end of its stage: the finger withdraws."""
 
 
 class Spot(NamedTuple):
-    """A point on the face of a cell, in the frame of the body that carries it.
+    """Contact target on the outer face of a cell, in the frame of the body that carries it.
 
     Attributes:
         body: Id of that body.
-        row: Row of the cell.
-        point_m: (3,) the point [m].
-        normal: (3,) the cell's outward normal.
+        row: Row of the cell in the stimulus.
+        point_m: (3,) position of the target [m].
+        normal: (3,) the cell's outward unit normal.
     """
 
     body: int
@@ -67,14 +69,14 @@ class Spot(NamedTuple):
 
 
 class Line(NamedTuple):
-    """The way of the finger at present: from `point_m` (3,) [m] on the skin along `normal` (3,), world."""
+    """Approach line of the finger: from `point_m` (3,) [m] on the skin along `normal` (3,), world."""
 
     point_m: Floats
     normal: Floats
 
 
 def spot_on(foundation: Foundation, row: int, cell: CellSpec, force_cell: int | None = None) -> Spot:
-    """The middle of the face of the cell `row`, or that of one of its force cells."""
+    """Contact target at the centre of the face of cell `row`, or of one of its force cells."""
     surface = foundation.surface
     across_m = np.zeros(2)
     if force_cell is not None:
@@ -85,15 +87,15 @@ def spot_on(foundation: Foundation, row: int, cell: CellSpec, force_cell: int | 
 
 
 class Finger:
-    """A mocap body with a ball as tip.
+    """Finger of the teacher: a mocap body with a spherical tip.
 
     Attributes:
-        tip_radius_m: Radius of the ball [m].
-        present: Is it there at all?
+        tip_radius_m: Radius of the tip [m].
+        present: True unless the finger is parked outside the scene.
     """
 
     def __init__(self, data: mujoco.MjData, body: int, foundation: Foundation, tip_radius_m: float) -> None:
-        """Parks the finger, body `body`, which the foam of `foundation` feels."""
+        """Park the finger, MuJoCo body `body`, which contacts the foam of `foundation`."""
         self.tip_radius_m = tip_radius_m
         self._data, self._body, self._foundation = data, body, foundation
         self._mocap = int(data.model.body_mocapid[body])
@@ -101,29 +103,29 @@ class Finger:
         self.park()
 
     def park(self) -> None:
-        """Takes the finger away."""
+        """Park the finger outside the scene."""
         self.present = False
         self._data.mocap_pos[self._mocap] = _PARKED_M
 
     def line(self, spot: Spot) -> Line:
-        """The line outwards from `spot`, where it is now."""
+        """Approach line outwards from `spot` at its present pose, world."""
         R_world_body = self._data.xmat[spot.body].reshape(3, 3)
         return Line(self._data.xpos[spot.body] + R_world_body @ spot.point_m, R_world_body @ spot.normal)
 
     def appear(self, line: Line, height_m: float) -> None:
-        """Puts the tip `height_m` above the beginning of `line`, from nowhere."""
+        """Place the tip `height_m` [m] above the origin of `line` at once."""
         self.present = True
         self._data.mocap_pos[self._mocap] = line.point_m + (height_m + self.tip_radius_m) * line.normal
         mujoco.mju_quatZ2Vec(self._data.mocap_quat[self._mocap], line.normal)
 
     def move(self, line: Line, height_m: float, step_s: float) -> None:
-        """Moves the tip there within a step."""
+        """Move the tip to `height_m` [m] on `line` within one step of `step_s` [s]."""
         before_m = self._data.mocap_pos[self._mocap].copy()
         self.appear(line, height_m)
         self._velocity_m_s = (self._data.mocap_pos[self._mocap] - before_m) / step_s
 
     def pursue(self, line: Line, height_m: float, step_s: float, speed_m_s: float) -> None:
-        """Moves the tip towards there, not faster than `speed_m_s`, slower the nearer it is."""
+        """Pursue `height_m` [m] on `line` with a proportional law, saturated at `speed_m_s` [m/s]."""
         before_m = self._data.mocap_pos[self._mocap].copy()
         self.appear(line, height_m)
         velocity_m_s = _PURSUIT_PER_S * (self._data.mocap_pos[self._mocap] - before_m)
@@ -132,17 +134,17 @@ class Finger:
         self._velocity_m_s = velocity_m_s
 
     def tell_velocity(self) -> None:
-        """Tells MuJoCo how fast the finger moves: to MuJoCo a mocap body stands still wherever it is put."""
+        """Write the finger's velocity into MuJoCo's `cvel`: MuJoCo takes a mocap body to be at rest."""
         if self.present:
             self._data.cvel[self._body, 3:] = self._velocity_m_s
 
     def height_m(self, line: Line) -> float:
-        """How far the tip is above the plane across the beginning of `line` [m]."""
+        """Height [m] of the tip above the plane through the origin of `line`, normal to it."""
         to_tip_m = self._data.mocap_pos[self._mocap] - line.point_m
         return float(to_tip_m @ line.normal) - self.tip_radius_m
 
     def force_n(self) -> float:
-        """Normal force [N] on the finger, of foam and of the shell under fully pressed foam."""
+        """Normal force [N] on the finger: foam, and rigid contact once the foam is fully compressed."""
         data, wrench, shell_n = self._data, np.zeros(6), 0.0
         for index in range(data.ncon):
             if self._body in data.model.geom_bodyid[data.contact[index].geom]:
@@ -151,15 +153,15 @@ class Finger:
         return self.on_foam_n() + shell_n
 
     def on_foam_n(self) -> float:
-        """Normal force [N] on the finger, of all cells together."""
+        """Normal force [N] of the foam on the finger, summed over all cells."""
         return float(self._foundation.pressed.on_body_n[self._body])
 
     def on_cell_n(self, row: int, force_cell: int) -> float:
-        """Normal force [N] on one force cell."""
+        """Normal force [N] on force cell `force_cell` of cell `row`."""
         return float(self._foundation.pressed.force_n[row, force_cell])
 
     def room_m(self, line: Line, reach_m: float) -> float:
-        """How far along `line` the tip can go before it meets something; at most `reach_m` [m]."""
+        """Free distance [m] of the tip along `line` before it meets a solid; at most `reach_m` [m]."""
         across = np.cross(line.normal, np.eye(3)[np.argmin(np.abs(line.normal))])
         across *= self.tip_radius_m / np.linalg.norm(across)
         sideways = np.cross(line.normal, across)
@@ -177,7 +179,7 @@ class Finger:
 def _free_m(
     scene: Scene, motion: Motion, finger: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
-    """Distance [m] from (x, y, z) along (u, v, w) to the first solid that is not the finger; inf if none."""
+    """Ray distance [m] from (x, y, z) along (u, v, w) to the first solid but the finger; inf if none."""
     nearest_m = np.inf
     for k in range(len(scene.geom)):
         if scene.body[k] != finger:

@@ -1,4 +1,4 @@
-"""The foam of a whole skin, coupled to one MuJoCo simulation."""
+"""Elastic foundation of a whole skin, coupled to one MuJoCo simulation."""
 
 from dataclasses import dataclass, field
 
@@ -21,12 +21,12 @@ Floats = NDArray[np.float64]
 
 
 def foam_of(spec: FoamSpec) -> Foam:
-    """The foam that a deployment describes."""
+    """Build the foam of a deployment."""
     return Foam(spec.thickness_m, spec.stiffness_pa_per_m, spec.damping_pa_s_per_m, spec.friction)
 
 
 def elastic_bodies(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, Yielding]:
-    """How the bodies beside the robot that are elastic give way, by their ids."""
+    """Compliance of the elastic bodies (payload, object), by body id."""
     foam, payload = deployment.body.foam, deployment.payload
     elastic = {}
     if payload is not None:
@@ -38,17 +38,17 @@ def elastic_bodies(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, Yiel
 
 @dataclass
 class Foundation:
-    """Elastic foundation of all cells; the physics is in `winkler`.
+    """Elastic foundation (Winkler) of all cells; the contact law is in `winkler`.
 
     Attributes:
         surface: The cells.
-        scene: The solids.
-        foam: The foam.
+        scene: The solids that skin can contact.
+        foam: Material of the foam.
         motion: MuJoCo's poses and velocities, read in place.
         temperature_c: (nbody,) temperatures of the bodies [°C].
         wrench: (nbody, 6) MuJoCo's `xfrc_applied`; forces are added in place.
-        pressed: What it found last.
-        touching: Number of cells that something touches.
+        pressed: Contact state of the last call of `press`.
+        touching: Number of cells in contact.
     """
 
     surface: Surface
@@ -82,7 +82,7 @@ class Foundation:
         )
 
     def press(self, step_s: float) -> None:
-        """Finds all forces at the present poses and adds them to `wrench`; friction strains by `step_s`."""
+        """Compute contact forces at the present poses and add them to `wrench`; step `step_s` [s]."""
         if not len(self.surface.body):  # the call alone, with all its arrays, costs 7 µs
             return
         self.touching = press(

@@ -1,7 +1,7 @@
-"""Vectors between frames, as scalars: compiled code keeps them in registers.
+"""Rotations of vectors between frames, on scalars that compiled code keeps in registers.
 
 Compiled code indexes arrays element by element, and small functions take few arrays: every slice and every
-array handed to a function that is not inlined costs two atomic reference counts.
+array passed to a function that is not inlined costs two atomic reference counts.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @borrowing
 def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Vector (x, y, z) turned by the rotation in row `index` of `matrices` (·, 9)."""
+    """Rotate the vector (x, y, z) by row `index` of the rotation matrices `matrices` (·, 9)."""
     return (
         matrices[index, 0] * x + matrices[index, 1] * y + matrices[index, 2] * z,
         matrices[index, 3] * x + matrices[index, 4] * y + matrices[index, 5] * z,
@@ -26,7 +26,7 @@ def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple
 
 @borrowing
 def rotated_back(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Vector (x, y, z) turned by the inverse of the rotation in row `index` of `matrices` (·, 9)."""
+    """Rotate the vector (x, y, z) by the inverse of row `index` of the matrices `matrices` (·, 9)."""
     return (
         matrices[index, 0] * x + matrices[index, 3] * y + matrices[index, 6] * z,
         matrices[index, 1] * x + matrices[index, 4] * y + matrices[index, 7] * z,

@@ -1,7 +1,7 @@
-"""Where a ray first meets a solid, for every shape that MuJoCo's primitives and meshes have.
+"""Ray casting against solids: MuJoCo's primitives and triangle meshes, in compiled code.
 
 All functions work in the frame of the solid, with the origin (x, y, z) [m] and the unit direction
-(u, v, w) of the ray as scalars. They return the distance [m] to the first point that belongs to the solid:
+(u, v, w) of the ray as scalars. They return the distance [m] to the first point of the solid:
 zero when the origin is inside, infinity when the ray misses. Sizes follow MuJoCo's `geom_size`.
 """
 
@@ -27,12 +27,12 @@ __all__ = [
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 
 _PARALLEL = 1e-300
-"""A direction component below this never reaches the faces across it."""
+"""Direction component below which a ray is parallel to a pair of faces."""
 
 
 @borrowing
 def _span(a: float, b: float, c: float) -> tuple[float, float]:
-    """Interval of t in which a t² + 2 b t + c ≤ 0; empty is (inf, -inf)."""
+    """Solve a t² + 2 b t + c ≤ 0 for the interval of t; empty is (inf, -inf)."""
     if a < 1e-18:  # the ray runs along the axis: inside everywhere or nowhere
         return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
     discriminant = b * b - a * c
@@ -44,7 +44,7 @@ def _span(a: float, b: float, c: float) -> tuple[float, float]:
 
 @borrowing
 def _slab(x: float, u: float, half: float) -> tuple[float, float]:
-    """Interval of t in which |x + t u| ≤ half; empty is (inf, -inf)."""
+    """Clip a ray to the slab |x + t u| ≤ half: interval of t; empty is (inf, -inf)."""
     if abs(u) < _PARALLEL:
         return (-math.inf, math.inf) if abs(x) <= half else (math.inf, -math.inf)
     first, second = (-half - x) / u, (half - x) / u
@@ -53,13 +53,13 @@ def _slab(x: float, u: float, half: float) -> tuple[float, float]:
 
 @borrowing
 def _enter(first: float, last: float) -> float:
-    """Entry distance of a ray that is inside the solid from `first` to `last`."""
+    """Entry distance [m] of a ray that is inside the solid from `first` to `last`; inf if behind."""
     return max(first, 0.0) if first <= last and last >= 0.0 else math.inf
 
 
 @borrowing
 def _plane(z: float, w: float) -> float:
-    """Half-space z ≤ 0: planes are endless here, as in MuJoCo's contacts."""
+    """Intersect the half-space z ≤ 0: planes are infinite here, as in MuJoCo's contacts."""
     if z <= 0.0:
         return 0.0
     return -z / w if w < 0.0 else math.inf
@@ -82,7 +82,7 @@ def _cylinder(
 
 @borrowing
 def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float) -> float:
-    """A capsule is the union of a cylinder and two balls, so its entry is the first of theirs."""
+    """Intersect a capsule, the union of a cylinder and two spheres: the first of their entries."""
     body = _cylinder(x, y, z, u, v, w, radius, half)
     top = _sphere(x, y, z - half, u, v, w, radius)
     bottom = _sphere(x, y, z + half, u, v, w, radius)
@@ -93,7 +93,7 @@ def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius:
 def _ellipsoid(
     x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float
 ) -> float:
-    """Scaling to the unit ball keeps the ray's parameter, so the distance needs no scaling back."""
+    """Intersect an ellipsoid, scaled to the unit sphere: the ray parameter, a distance, is invariant."""
     return _sphere(x / a, y / b, z / c, u / a, v / b, w / c, 1.0)
 
 
@@ -117,7 +117,7 @@ def _mesh(
     first: int,
     last: int,
 ) -> float:
-    """Closed mesh with outward faces (Möller and Trumbore, 1997): a first hit from behind means inside."""
+    """Intersect a closed mesh (Möller and Trumbore, 1997); a first hit on a back face means inside."""
     nearest, behind = math.inf, False
     for i in range(first, last):
         ax, ay, az = triangles_m[i, 0, 0], triangles_m[i, 0, 1], triangles_m[i, 0, 2]
@@ -157,10 +157,10 @@ def entry_m(
     v: float,
     w: float,
 ) -> float:
-    """Distance [m] from (x, y, z) along (u, v, w) to the solid of MuJoCo type `kind`, in its frame.
+    """Ray distance [m] from (x, y, z) along (u, v, w) to the solid of MuJoCo type `kind`, in its frame.
 
     Args:
-        kind: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; others are never met.
+        kind: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; rays miss all others.
         a: Size of the solid as in MuJoCo's `geom_size`, with b and c [m].
         b: See a.
         c: See a.

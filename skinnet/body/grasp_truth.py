@@ -1,4 +1,4 @@
-"""Ground truth of a grasp: where the object was, what pressed on it, and which bare links it met."""
+"""Grasp ground truth: object pose, contact forces on it, and rigid contacts with bare links."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -17,9 +17,9 @@ __all__ = ["GraspTruth", "Met"]
 
 Floats = NDArray[np.float64]
 _TOUCH_N = 0.1
-"""Less is no rigid contact: so much a link under skin feels of what still gives way."""
+"""Minimum force [N] of a rigid contact: a link under skin exerts up to this on a compliant object."""
 _GONE = (Phase.LOWERING, Phase.AWAY, Phase.RETURNING)
-"""Phases in which the stand does not hold what the robot holds."""
+"""Phases of the stand in which it does not support the object that the robot holds."""
 
 
 @dataclass
@@ -27,11 +27,11 @@ class Met:
     """Rigid contact of object or stand with one geom of the robot or the world, from 0.1 N on.
 
     Attributes:
-        first_ns: When they first met.
-        peak_n: Largest normal force.
-        peak_ns: When that was.
-        total_s: How long they touched.
-        stages: Of that, in each stage of the controller's program [s].
+        first_ns: Time of the first contact [ns].
+        peak_n: Largest normal force [N].
+        peak_ns: Time of the largest force [ns].
+        total_s: Total duration of contact [s].
+        stages: Duration in each stage of the controller's program [s].
     """
 
     first_ns: int
@@ -41,7 +41,7 @@ class Met:
     stages: dict[str, float] = field(default_factory=dict)
 
     def observe(self, t_ns: int, step_s: float, force_n: float, stage: str) -> None:
-        """They touched for a step from `t_ns` on, with `force_n`."""
+        """Add a contact of one step from `t_ns` [ns] on, with the normal force `force_n` [N]."""
         if force_n > self.peak_n:
             self.peak_n, self.peak_ns = force_n, t_ns
         self.total_s += step_s
@@ -49,7 +49,7 @@ class Met:
 
 
 class _Pair(NamedTuple):
-    """A body of ours, the geom that it touches, and whether that is ours as well."""
+    """Contact pair: object or stand, the other geom, and `between` if the other is object or stand too."""
 
     mine: int
     other: int
@@ -57,30 +57,30 @@ class _Pair(NamedTuple):
 
 
 class GraspTruth:
-    """Watches object and stand.
+    """Ground-truth recorder of object and stand during a grasp.
 
     Attributes:
-        object_met: What the object met, skin and stand apart, by the name of the geom.
-        stand_met: What the stand met, the object apart.
-        left_ns: The object first stood on nothing of the stand [ns], or None.
-        dropped_ns: Its middle first was below the stand's top [ns], or None.
-        carried_s: How long it was off the stand and not dropped.
-        carried_away_s: Of that, while the stand was away.
-        sunk_m: How far it came down, at most, while the stand was on its way down, away or on its way back.
-        peak_speed_m_s: Its largest speed off the stand.
+        object_met: Rigid contacts of the object, except with skin and stand, by geom name.
+        stand_met: Rigid contacts of the stand, except with the object, by geom name.
+        left_ns: Time at which the object first lost contact with the stand [ns], or None.
+        dropped_ns: Time at which its centre first was below the stand's top [ns], or None.
+        carried_s: Time off the stand before it was dropped [s].
+        carried_away_s: Part of `carried_s` while the stand was away [s].
+        sunk_m: Largest descent while the stand was lowering, away or returning [m].
+        peak_speed_m_s: Largest speed off the stand [m/s].
     """
 
     def __init__(
         self, data: mujoco.MjData, presented: Presented, stand: Stand, pressed: Pressed, every_ns: int
     ) -> None:
-        """Nothing has happened yet.
+        """Initialise the recorder before the first step.
 
         Args:
             data: MuJoCo's state.
-            presented: What stands in front of the robot.
-            stand: How the stand moves.
-            pressed: What the foundation of the cells finds.
-            every_ns: Period of what is recorded [ns].
+            presented: Stand and object in front of the robot.
+            stand: Motion of the stand.
+            pressed: Contact state of the cells' foundation.
+            every_ns: Recording period [ns].
         """
         self.object_met: dict[str, Met] = {}
         self.stand_met: dict[str, Met] = {}
@@ -107,10 +107,10 @@ class GraspTruth:
         self._standing_n: list[float] = []
 
     def require_clear(self) -> None:
-        """Checks that nothing touches object or stand, forces at the present state being known.
+        """Check that object and stand are clear of robot and skin; needs contacts at the present state.
 
         Raises:
-            DeploymentError: something does.
+            DeploymentError: a geom or the skin touches them.
         """
         pairs = map(self._of_ours, self._data.contact.geom.tolist())
         touched = [self._names[pair.other] for pair in pairs if pair is not None and not pair.between]
@@ -123,11 +123,11 @@ class GraspTruth:
             )
 
     def begin_stage(self, name: str) -> None:
-        """The controller's program is in stage `name` from now on."""
+        """Begin stage `name` of the controller's program."""
         self._stage = name
 
     def observe(self, t_ns: int, step_s: float) -> None:
-        """Forces and poses at `t_ns` are known; they count for `step_s`."""
+        """Record contacts and poses at `t_ns` [ns]; they count for `step_s` [s]."""
         record = t_ns % self._every_ns == 0
         standing_n = self._watch_contacts(t_ns, step_s, record) if self._data.ncon else 0.0
         if record:
@@ -137,7 +137,7 @@ class GraspTruth:
                 self._watch_object(t_ns, standing_n)
 
     def facts(self) -> dict[str, Any]:
-        """Ground truth for the body's part."""
+        """Facts of the grasp for the body's process result."""
         presented = self._presented
         stand = {
             "phases": [[t_ns, phase.value] for t_ns, phase in self._stand.history],
@@ -164,10 +164,10 @@ class GraspTruth:
         return {"stand": stand, "object": thing}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Ground truth over time, with the joints; the object's only if there is one.
+        """Time series of the grasp, at the period of the joints; the object's only if there is one.
 
-        The top of the stand [m]; position [m] and quaternion (w, x, y, z) of the object, its speed [m/s], the
-        normal force of each patch on it [N] and that of the stand [N].
+        Height of the stand's top [m]; position [m] and quaternion (w, x, y, z) of the object, its speed
+        [m/s], the normal force of each patch on it [N] and that of the stand [N].
         """
         arrays: dict[str, NDArray[Any]] = {
             "stand_t_ns": np.array(self._t_ns, dtype=np.int64),
@@ -185,7 +185,7 @@ class GraspTruth:
         }
 
     def _of_ours(self, geoms: list[int]) -> _Pair | None:
-        """The contact of two geoms, if object or stand are in it."""
+        """Contact pair of two geoms if object or stand is one of them, else None."""
         one, other = geoms
         mine, theirs = self._owner[one], self._owner[other]
         if mine in self._ours:
@@ -193,7 +193,7 @@ class GraspTruth:
         return _Pair(theirs, one, between=False) if theirs in self._ours else None
 
     def _watch_contacts(self, t_ns: int, step_s: float, record: bool) -> float:
-        """Rigid contacts of object and stand; returns the force between the two, if it is recorded [N]."""
+        """Record rigid contacts of object and stand; return the force between them [N], 0 if not recorded."""
         standing_n = 0.0
         forces: dict[_Pair, float] = {}
         for index, geoms in enumerate(self._data.contact.geom.tolist()):

@@ -1,4 +1,4 @@
-"""Where cells really are and how joints really move them: truth for tests and summaries, not for control."""
+"""Cell kinematics as ground truth for tests and summaries: poses, Jacobian, activity matrix."""
 
 import mujoco
 import numpy as np
@@ -13,25 +13,25 @@ Floats = NDArray[np.float64]
 
 
 def cell_poses(body: Body) -> tuple[Floats, Floats]:
-    """Poses of all cells at the pose of `body.data`, world.
+    """Compute cell poses at the configuration of `body.data`, world frame.
 
     Returns:
-        Middles of the cells on the face of the foam (n, 3) [m], and rotations R_world_cell (n, 3, 3).
+        Cell centres on the outer face of the foam (n, 3) [m], and rotations R_world_cell (n, 3, 3).
     """
     return evasion.cell_poses(body.data, body.surface, body.thickness_m)
 
 
 def jacobian(body: Body) -> Floats:
-    """Velocity of every cell per velocity of every controlled DoF, (n, D, 3) [m/rad], frames of the cells.
+    """Linear Jacobian of every cell in its own frame, (n, D, 3) [m/rad].
 
-    Column 2 of the last axis is the motion along the outward normal.
+    Component 2 of the last axis is the motion along the outward normal.
     """
     rows = np.arange(len(body.surface.body))
     return evasion.cell_jacobian(body.model, body.data, body.surface, body.thickness_m, rows)
 
 
 def moved_by(body: Body) -> NDArray[np.bool_]:
-    """Does a DoF move the body that carries a cell? (n, D): the true activity matrix [M14, (1)]."""
+    """Activity matrix (n, D), ground truth: True where a DoF moves the body of a cell [M14, (1)]."""
     mj = body.model.mj
     joint_body = mj.jnt_bodyid[body.model.joint]
     above = np.zeros((mj.nbody, mj.nbody), dtype=np.bool_)
@@ -43,6 +43,6 @@ def moved_by(body: Body) -> NDArray[np.bool_]:
 
 
 def put_into(body: Body, position_rad: NDArray[np.float64]) -> None:
-    """Puts the controlled joints of a body that does not run into a pose (D,) [rad]."""
+    """Set joint positions (D,) [rad] of a body that is not being stepped, and run forward kinematics."""
     body.data.qpos[body.model.qpos] = position_rad
     mujoco.mj_forward(body.model.mj, body.data)

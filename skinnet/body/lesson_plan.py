@@ -1,4 +1,4 @@
-"""What a teacher plans: which cells to come near to, for how much motion, to reach the goals."""
+"""Lesson planning: joint motion to induce at each cell so that the goals are reached."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,27 +16,26 @@ __all__ = ["Goals", "motions_rad"]
 Floats = NDArray[np.float64]
 
 _EFFORT_M_PER_RAD = 0.02
-"""Motion of the joints that brings the goals less far than this is not worth its while: of two ways the
-shorter one is taken (assumed)."""
+"""Regularisation weight [m/rad] of the total joint motion: prefers the shorter solution (assumed)."""
 
 
 class Goals:
-    """Points of the robot and where they should be."""
+    """Position goals of a lesson: points of the robot and their target positions."""
 
     def __init__(
         self, model: BodyModel, data: mujoco.MjData, specs: Sequence[GoalSpec], key: str, source: Path | str
     ) -> None:
-        """Finds the bodies.
+        """Resolve the bodies of the goals.
 
         Args:
-            model: The robot.
-            data: Its state.
+            model: The robot model.
+            data: MuJoCo's state.
             specs: Goals of the lesson.
-            key: Where they stand in the deployment.
-            source: Where the model comes from.
+            key: Key of the lesson in the deployment, for error messages.
+            source: Model file, for error messages.
 
         Raises:
-            ModelError: there is no such body.
+            ModelError: a goal names a body that the model does not have.
         """
         self._model, self._data = model, data
         self._body = [
@@ -48,12 +47,12 @@ class Goals:
         self._root_weight = np.sqrt([goal.weight for goal in specs])
 
     def error_m(self) -> Floats:
-        """(G,) distance of each point from its place [m]."""
+        """Position errors (G,): distance of each point from its target [m]."""
         error_m: Floats = np.linalg.norm(self._way_m(), axis=1)
         return error_m
 
     def motions_rad(self, directions: Floats) -> Floats:
-        """(r,) how far the joints should move in each of `directions` (r, D) [rad]; see `motions_rad`."""
+        """Planned motions (r,) [rad] along each of `directions` (r, D); see `motions_rad`."""
         root = self._root_weight[:, None]
         way_m, jacobian_m = root * self._way_m(), root[:, :, None] * self._jacobian_m()
         return motions_rad(way_m.ravel(), np.concatenate(jacobian_m), directions)
@@ -64,11 +63,11 @@ class Goals:
         return points_m
 
     def _way_m(self) -> Floats:
-        """(G, 3) from each point to its place [m]."""
+        """Position error vectors (G, 3) from each point to its target, world [m]."""
         return self._at_m - self._points_m()
 
     def _jacobian_m(self) -> Floats:
-        """(G, 3, D) velocity of each point per velocity of every controlled DoF [m/rad], world."""
+        """Linear Jacobian (G, 3, D) of the points, world [m/rad]."""
         mj, linear = self._model.mj, np.empty((3, self._model.mj.nv))
         rows = []
         for body, point_m in zip(self._body, self._points_m(), strict=True):
@@ -78,18 +77,17 @@ class Goals:
 
 
 def motions_rad(way_m: Floats, jacobian_m: Floats, directions: Floats) -> Floats:
-    """Motions α (r,) ≥ 0 of cells that together go a way: min |J Wᵀ α − e|² + (c Σ α)².
+    """Plan motions α (r,) ≥ 0 of cells by non-negative least squares: min |J Wᵀ α − e|² + (c Σ α)².
 
-    Cells evade and never pull, hence α ≥ 0. What one cell moves and should not, others undo; so the plan for
-    all of them, and not the best single cell, says what each is good for. It names few cells, since the
-    effort counts their sum.
+    Cells evade and never pull, hence α ≥ 0. One cell's motion may compensate the side effects of another's,
+    so all cells are planned jointly. The ℓ1 regularisation keeps the solution sparse.
 
     Args:
-        way_m: e (m,) [m].
-        jacobian_m: J (m, D) [m/rad].
-        directions: W (r, D), rows of norm one or less.
+        way_m: Error e (m,) [m].
+        jacobian_m: Jacobian J (m, D) [m/rad].
+        directions: Joint directions W (r, D), rows of norm one or less.
     """
-    if not len(directions):  # SciPy's solver does not survive it
+    if not len(directions):  # SciPy's solver fails on an empty problem
         return np.zeros(0)
     effect = np.einsum("md,rd->mr", jacobian_m, directions)
     effort = np.full((1, len(directions)), _EFFORT_M_PER_RAD)

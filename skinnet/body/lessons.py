@@ -1,8 +1,8 @@
-"""A lesson: the finger leads the robot into a pose by coming near to one cell after the other.
+"""Lesson by tactile guidance [M14]: the finger drives the robot into a pose, one cell after the other.
 
-The teacher sees where the goals' points are and how the arms yield. Again and again he plans the motions of
-all cells that would reach the goals, comes near to the cell with the longest one, follows it while the arm
-evades, and plans anew. Towards the end of a motion he keeps farther away, so that the arm slows down.
+The teacher observes the goals' points and the evasion of the arms. In a loop it plans the motions of all
+cells that would reach the goals, approaches the cell with the longest motion, follows it while the arm
+evades, and replans. Towards the end of a motion it widens the gap, so that the arm slows down.
 """
 
 from collections.abc import Sequence
@@ -22,38 +22,38 @@ __all__ = ["Lesson"]
 
 Floats = NDArray[np.float64]
 
-# How a teacher goes about it; all numbers are assumptions.
+# Parameters of the teacher's behaviour; all are assumptions.
 _LOOK_NS = 20_000_000
-"""So often the teacher looks how far the arm is."""
+"""Period [ns] at which the teacher observes the arm."""
 _SLOW_RAD = 0.04
-"""With less motion left than this, the finger keeps a gap that grows as the motion left shrinks."""
+"""Remaining motion [rad] below which the finger's gap grows as the remaining motion shrinks."""
 _ENOUGH_RAD = 0.008
-"""With less motion left than this, the finger leaves the cell."""
+"""Remaining motion [rad] below which the finger leaves the cell."""
 _WORTH_RAD = 0.012
-"""A cell is worth a touch if its motion is longer than this."""
+"""Minimum planned motion [rad] of a cell to be touched."""
 _STRIDE_RAD = 0.4
-"""After this motion the arm is another one: the teacher plans anew."""
+"""Motion [rad] after which the linearised plan is invalid and the teacher replans."""
 _PAUSE_NS = 100_000_000
-"""From one cell to the next: time for the finger to go there, and for the arm to come to rest."""
+"""Pause [ns] between two cells: the finger moves on, and the arm comes to rest."""
 _STALLED_NS, _STALLED_RAD = 600_000_000, 0.004
-"""A cell that moves the arm by less than this in this time does not help any more."""
+"""Stall criterion: time [ns] and motion [rad]; a cell that moves the arm by less in it is left."""
 _NEAR_M = 0.002
-"""The finger is where it should be within this distance."""
+"""Position tolerance [m] of the finger."""
 _MARGIN_M = 0.003
-"""Distance that the finger keeps from what is behind it."""
+"""Clearance [m] between the finger and solids behind it."""
 _LEAST_ROOM_M = 0.012
-"""Least height above the place of the finger at a cell from which it can come."""
+"""Minimum approach distance [m] above the finger's holding height at a cell."""
 _VAIN_TOUCHES, _GAIN_M = 16, 0.002
-"""The lesson is over when so many touches in a row did not bring the goals nearer by this."""
+"""Termination: number of consecutive touches that reduce the error by less than this [m]."""
 
 
 class Lesson:
-    """One lesson of the script.
+    """Lesson task of the teacher's script.
 
     Attributes:
-        phase: What the finger does.
-        over: It is gone for good.
-        truth: What the lesson really was.
+        phase: Motion phase of the finger.
+        over: The lesson has ended and the finger is parked.
+        truth: Ground truth of the lesson.
     """
 
     def __init__(
@@ -65,15 +65,15 @@ class Lesson:
         evasion: Evasion,
         truth: LessonTruth,
     ) -> None:
-        """Begins with the next step.
+        """Prepare the lesson; it begins with the next step.
 
         Args:
             finger: The finger.
             spec: The lesson.
-            spots: Where it may touch, one on each cell.
+            spots: Usable contact targets, one on each cell.
             goals: Its goals.
-            evasion: How cells evade.
-            truth: Filled with what happens.
+            evasion: Evasive motion of the cells.
+            truth: Ground truth, filled in during the lesson.
         """
         self.phase = Phase.APPROACH
         self.over = False
@@ -93,13 +93,13 @@ class Lesson:
         truth.begin_error_m = truth.error_m = goals.error_m().tolist()
 
     def leave(self, t_ns: int) -> None:
-        """The finger withdraws for good."""
+        """Abort the lesson at `t_ns` [ns]: the finger withdraws."""
         self._outcome = self._outcome or "stage over"
         if self.phase is not Phase.WITHDRAW:
             self._withdraw(t_ns)
 
     def step(self, t_ns: int, step_ns: int) -> None:
-        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         if self._touch is None and t_ns < self._pause_ns and not self._outcome:
             return
         touch = self._touch or self._next_touch(t_ns)
@@ -119,7 +119,7 @@ class Lesson:
         self._finger.pursue(line, self._height_m, step_ns / NS_PER_S, self._spec.speed_m_s)
 
     def _next_touch(self, t_ns: int) -> LessonTouch | None:
-        """Comes near to the cell that helps most; None if the lesson is over."""
+        """Start a touch of the cell with the longest planned motion; None if the lesson is over."""
         error_m = self._goals.error_m()
         self.truth.error_m = error_m.tolist()
         if not self._outcome:
@@ -148,7 +148,7 @@ class Lesson:
         return self._touch
 
     def _judge(self, error_m: Floats, t_ns: int) -> str:
-        """Why the lesson is over, now that the finger is away; empty if it is not."""
+        """Evaluate the termination criteria between touches: the outcome, or "" to continue."""
         if (error_m <= self._spec.tolerance_m).all():
             return "reached"
         if t_ns >= self._end_ns:
@@ -159,7 +159,7 @@ class Lesson:
         return "nothing helps" if self._vain > _VAIN_TOUCHES else ""
 
     def _look(self, touch: LessonTouch, line: Line, height_m: float, t_ns: int) -> None:
-        """Looks how far the arm is, and decides how near the finger should be, or that it should leave."""
+        """Observe the arm's motion; set the finger's height, or withdraw."""
         self._look_ns = t_ns + _LOOK_NS
         self._room_m = self._usable_m(line)
         if self.phase is Phase.WITHDRAW:
@@ -191,14 +191,14 @@ class Lesson:
                 self._height_m = min(self._near_m * max(1.0, _SLOW_RAD / left_rad), self._room_m)
 
     def _left_rad(self, row: int) -> float:
-        """Motion that is left for the cell `row`, if all others of the plan do their part."""
+        """Remaining motion [rad] of the cell `row`, given that the plan's other cells move as planned."""
         directions = self._evasion.directions(self._plan)
         motions_rad = self._goals.motions_rad(directions)
         self.truth.error_m = self._goals.error_m().tolist()
         return float(motions_rad[self._plan == row][0])
 
     def _usable_m(self, line: Line) -> float:
-        """Height to which the finger can withdraw [m]."""
+        """Usable height [m] above the cell, up to which the finger can withdraw."""
         approach_m = self._spec.approach_m
         return min(approach_m, self._finger.room_m(line, approach_m + _MARGIN_M) - _MARGIN_M)
 

@@ -1,7 +1,7 @@
-"""Where the links of a body are at given joint positions: its kinematics, without dynamics or a finger.
+"""Link kinematics of a robot: forward kinematics at given joint positions, without dynamics.
 
-What no outsider knows is not in it: sway, bending of the servos and free objects are left out, and joints
-that nobody controls stay at home.
+Only joint feedback enters: sway, servo deflection and free bodies are left out, and uncontrolled joints stay
+at home.
 """
 
 from pathlib import Path
@@ -18,11 +18,11 @@ __all__ = ["WORLD", "LinkPoses", "Links"]
 
 Floats = NDArray[np.float64]
 WORLD = "world"
-"""Name of the frame that everything is in."""
+"""Name of the world frame."""
 
 
 class LinkPoses(NamedTuple):
-    """Poses of all links, in their order.
+    """Link poses, in the order of the links.
 
     Attributes:
         position_m: (n, 3) origins, world [m].
@@ -38,16 +38,16 @@ class LinkPoses(NamedTuple):
 
 
 class Links:
-    """The links of a robot and what it stands on, parents before children.
+    """Links of a robot and of fixtures in the world, parents before children.
 
     Attributes:
         names: Name of each link.
-        parent: Number of each link's parent, −1 for the world.
-        moves: (n,) whether a controlled joint moves the link against its parent.
+        parent: Index of each link's parent, −1 for the world.
+        moves: (n,) True where a controlled joint moves the link relative to its parent.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
-        """Compiles the model of `deployment`.
+        """Compile the model of `deployment`.
 
         Raises:
             ModelError: the model does not compile or lacks what the deployment names.
@@ -74,13 +74,13 @@ class Links:
         return len(self._model.joint)
 
     def poses(self, position_rad: ArrayLike) -> LinkPoses:
-        """Poses at the positions (D,) [rad] of the controlled joints."""
+        """Compute link poses at the positions (D,) [rad] of the controlled joints."""
         data = self._data
         data.qpos[self._model.qpos] = np.asarray(position_rad, dtype=np.float64)
         mujoco.mj_kinematics(self._model.mj, data)
         position_m = data.xpos[self._body].copy()
         rotation = data.xmat[self._body].reshape(-1, 3, 3).copy()
-        # the world stands behind the last link, where −1 finds it
+        # the world's pose is appended after the last link, where index −1 finds it
         above_m = np.vstack([position_m, np.zeros((1, 3))])[self.parent]
         R_world_parent = np.concatenate([rotation, np.eye(3)[None]])[self.parent]
         R_parent_world = R_world_parent.transpose(0, 2, 1)
@@ -88,7 +88,7 @@ class Links:
         return LinkPoses(position_m, rotation, offset_m, _quaternions(R_parent_world @ rotation))
 
     def _stands(self, body: int, robot: set[int]) -> bool:
-        """Whether a body is part of the robot or fixed in the world: no object that moves by itself."""
+        """Test that a body belongs to the robot or is fixed in the world, not a free or mocap body."""
         mj = self._model.mj
         root = int(mj.body_rootid[body])
         tree = [b for b in range(1, mj.nbody) if mj.body_rootid[b] == root]
@@ -98,7 +98,7 @@ class Links:
 
 
 def _quaternions(rotation: Floats) -> Floats:
-    """Quaternions (n, 4) with w ≥ 0 of rotations (n, 3, 3)."""
+    """Convert rotation matrices (n, 3, 3) to quaternions (n, 4), (w, x, y, z) with w ≥ 0."""
     found = np.empty((len(rotation), 4))
     for quaternion, matrix in zip(found, rotation, strict=True):
         mujoco.mju_mat2Quat(quaternion, matrix.ravel())

@@ -1,4 +1,4 @@
-"""Where what moves freely in the world is: the finger, the stand and its object, a payload."""
+"""Poses of free bodies in the world: finger, payload, stand and object."""
 
 import mujoco
 import numpy as np
@@ -9,11 +9,11 @@ from skinnet.body.things import OBJECT, STAND
 __all__ = ["LOOSE", "LooseBodies"]
 
 LOOSE = {"finger": FINGER, "payload": PAYLOAD, "stand": STAND, "object": OBJECT}
-"""Names on the wire, and those of the bodies in the model."""
+"""Names of free bodies in messages, mapped to their body names in the model."""
 
 
 class LooseBodies:
-    """Reads poses from the state as it is between two steps, when nothing that MuJoCo derives of it holds.
+    """Free bodies of a simulation; poses come from the generalised state, valid between two steps.
 
     Args:
         data: MuJoCo's state; read, never written.
@@ -29,7 +29,7 @@ class LooseBodies:
                 self._body[name] = index
 
     def poses(self) -> dict[str, list[float]]:
-        """Position [m] and quaternion (w, x, y, z) of each, world."""
+        """Poses of all free bodies: position [m] and quaternion (w, x, y, z), world, by name."""
         return {name: self._pose(body) for name, body in self._body.items()}
 
     def _pose(self, body: int) -> list[float]:
@@ -42,8 +42,8 @@ class LooseBodies:
         if joint >= 0 and mj.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             return list(data.qpos[at : at + 7].tolist())
         position_m = np.array(mj.body_pos[body])
-        if joint >= 0:  # the stand slides, and never turns
+        if joint >= 0:  # the stand has a slide joint only
             position_m += data.qpos[at] * mj.jnt_axis[joint]
-        elif mj.body_parentid[body] != 0:  # what is stuck to the stand goes with it
+        elif mj.body_parentid[body] != 0:  # an object fixed to the stand moves with it
             position_m += self._pose(int(mj.body_parentid[body]))[:3]
         return [*position_m.tolist(), *mj.body_quat[body].tolist()]

@@ -1,4 +1,4 @@
-"""Loads any MJCF as the body of a robot: servos for its joints, a finger and objects beside it."""
+"""Robot model loading: any MJCF, extended by servos, the teacher's finger, payload and stand."""
 
 import math
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ __all__ = ["FINGER", "PAYLOAD", "BodyModel", "body_spec", "load_model", "require
 FINGER = "teacher_finger"
 PAYLOAD = "payload"
 _BESIDE = (FINGER, PAYLOAD, STAND, OBJECT)
-"""Bodies that are no part of the robot."""
+"""Bodies that are not part of the robot."""
 _ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _MODELS = Path(__file__).parent / "models"
 _SWAY_STIFFENING = 10.0
-"""Sway joints stand for a whole balancing lower body: so much stiffer than the arms' servos (assumed)."""
+"""Stiffness ratio of sway joints, which model a balancing lower body, to the arms' servos (assumed)."""
 _FINGER_LENGTH_M = 0.06
 _EVERYTHING = 2**31 - 1
-"""Contact bits of the finger: it touches whatever takes part in contacts at all."""
+"""Contact bits (contype, conaffinity) of the finger: it collides with every contact geom."""
 _SKIN_TONE = (0.93, 0.72, 0.60, 1.0)
 _PAYLOAD_TINT = (0.80, 0.62, 0.36, 1.0)
 
@@ -39,7 +39,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class BodyModel:
-    """A compiled model and where to find in it what the deployment names.
+    """Compiled robot model, with the ids and addresses of the joints that the deployment names.
 
     Attributes:
         mj: MuJoCo's model.
@@ -76,15 +76,15 @@ def body_spec(
     payload: PayloadSpec | None = None,
     presented: Presented | None = None,
 ) -> mujoco.MjSpec:
-    """Editable MJCF of `body` with servos, finger, payload and stand, not yet compiled.
+    """Build the editable model (`MjSpec`) of `body` with servos, finger, payload and stand.
 
     Args:
-        body: What the deployment says of the body.
+        body: Body section of the deployment.
         base_dir: Folder that `body.model` is relative to.
         finger_radius_m: Radius of the finger's tip [m].
         finger_tint: Colour of the finger.
-        payload: What the robot holds, if anything.
-        presented: What stands in front of it, if anything.
+        payload: The payload that the robot holds, if any.
+        presented: The stand with its object, if any.
 
     Raises:
         ModelError: MuJoCo cannot read the file, or it lacks a joint or has it of another kind.
@@ -97,7 +97,7 @@ def body_spec(
     except ValueError as error:
         raise ModelError(f"{path}: {_one_line(error)}") from error
     _require_joints(spec, path, body)
-    # Servos come from the deployment; actuators and keyframes of the file would fight or misfit them.
+    # Servos come from the deployment; actuators and keyframes of the file would conflict with them.
     for element in [*spec.actuators, *spec.keys]:
         spec.delete(element)
     for name in body.locked:
@@ -115,7 +115,7 @@ def body_spec(
     if presented is not None:
         add_stand(spec, presented)
     spec.option.timestep = body.physics_ns / NS_PER_S
-    # Stiff servos on light links need the velocity terms implicit; a step that fails must not reset itself.
+    # Stiff servos on light links need implicit velocity terms; MuJoCo must not reset an unstable step.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return spec
@@ -130,13 +130,13 @@ def load_model(
     presented: Presented | None = None,
     patches: Sequence[PlacedPatch] = (),
 ) -> BodyModel:
-    """Compiles the model of `body`, with a finger of temperature `finger_c` [°C]; else as `body_spec`.
+    """Compile the model of `body`, with a finger of temperature `finger_c` [°C]; else as `body_spec`.
 
-    Under the skin of `patches`, links meet what is presented where it has given way.
+    Rigid contact of the object with links under `patches` is delayed until the object is compressed.
 
     Raises:
         ModelError: the model does not compile or lacks what the deployment names.
-        DeploymentError: what the deployment says of the model contradicts itself or the model's limits.
+        DeploymentError: the deployment contradicts itself or the model's limits.
     """
     spec = body_spec(body, base_dir, finger_radius_m, payload=payload, presented=presented)
     path = _model_path(body.model, base_dir)
@@ -175,7 +175,7 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def resting_targets_rad(data: mujoco.MjData, actuator: Indices) -> Floats:
-    """Targets (k,) [rad] at which the servos `actuator` hold the present pose against its weight."""
+    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator` hold the present pose."""
     mj = data.model
     joint = mj.actuator_trnid[actuator, 0]
     dof = mj.jnt_dofadr[joint]
@@ -185,7 +185,7 @@ def resting_targets_rad(data: mujoco.MjData, actuator: Indices) -> Floats:
 
 
 def require_body(mj: mujoco.MjModel, name: str, key: str, source: Path | str) -> int:
-    """Id of the body `name`, which the deployment names under `key`.
+    """Look up the id of body `name`, which the deployment names under `key`.
 
     Raises:
         ModelError: the model has no such body.
@@ -236,7 +236,7 @@ def _add_servo(spec: mujoco.MjSpec, joint: str, kp: float, kv: float, torque_nm:
 
 
 def _add_finger(spec: mujoco.MjSpec, radius_m: float, tint: tuple[float, ...]) -> None:
-    """A mocap body with a ball as tip at its origin; +z points away from what it touches."""
+    """Add the finger: a mocap body, spherical tip at its origin, +z away from the contact."""
     finger = spec.worldbody.add_body(name=FINGER, mocap=True)
     ball, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
     finger.add_geom(type=ball, size=[radius_m, 0, 0], rgba=tint, contype=_EVERYTHING, conaffinity=_EVERYTHING)
@@ -251,7 +251,7 @@ def _add_finger(spec: mujoco.MjSpec, radius_m: float, tint: tuple[float, ...]) -
 
 
 def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> None:
-    """A free cylinder in its place, as wide as the face of its elastic sheet."""
+    """Add the payload: a free cylinder whose radius includes its elastic sheet."""
     axis = np.array(payload.axis)
     if not np.linalg.norm(axis) > 0.0:
         raise DeploymentError(f"payload.axis = {list(payload.axis)}: needs a length above zero")

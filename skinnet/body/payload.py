@@ -1,4 +1,4 @@
-"""An object in the robot's arms: the world holds it until it lets go; what becomes of it is ground truth.
+"""Payload in the robot's arms: fixed in the world until its release, then free; ground truth of its motion.
 
 The arms close on it before the run begins: the paper takes the held object as given "by a certain method"
 [R11, III].
@@ -21,32 +21,32 @@ __all__ = ["Closing", "Payload"]
 
 Floats = NDArray[np.float64]
 _CLOSED = 0.005
-"""Each side presses with the wanted force within this share of it,"""
+"""Relative tolerance of the grip force on each side (assumed)."""
 _QUIET_S = 0.2
-"""for so long: the grip has settled (assumed, with the one above)."""
+"""Settling time [s] within the tolerance after which the grip is complete (assumed)."""
 _PATIENCE_S = 10.0
 _EASED = 0.9
-"""Share of its speed that a step leaves to the payload while the world lets go: overdamped (assumed)."""
+"""Velocity damping factor per physics step of the payload during its release: overdamped (assumed)."""
 
 
 class Payload:
-    """The object, from being held by the world to wherever it goes.
+    """Payload: fixed in the world until its release, then free.
 
     Attributes:
-        released_ns: When the world let go, or will [ns]; None until the controller's stage says so.
-        dropped_ns: When it had fallen [ns], or None.
-        slid_m: How far it slid over the skin since then, as the mean over the contact weighted by the force:
-            a path, which never shrinks; creep and rolling without sliding add nothing [m].
+        released_ns: Time of its release [ns]; None until the controller's release stage begins.
+        dropped_ns: Time at which it had fallen [ns], or None.
+        slid_m: Sliding distance over the skin since the release [m], force-weighted mean over the contact: a
+            path length, which never shrinks; creep and rolling without sliding add nothing.
     """
 
     def __init__(self, data: mujoco.MjData, spec: PayloadSpec, sheets: Pressed, every_ns: int) -> None:
-        """Takes the payload of a model, where the model has it.
+        """Initialise the payload at its pose in the model.
 
         Args:
             data: MuJoCo's state.
-            spec: What the deployment says of it.
-            sheets: What the foundation of the sheets finds.
-            every_ns: Period of its recorded poses [ns].
+            spec: Payload section of the deployment.
+            sheets: Contact state of the sheets' foundation.
+            every_ns: Recording period of its poses [ns].
         """
         self.released_ns: int | None = None
         self.dropped_ns: int | None = None
@@ -63,17 +63,17 @@ class Payload:
         self._slid_m: list[float] = []
 
     def begin_stage(self, name: str, t_ns: int) -> None:
-        """The controller's program is in stage `name` from `t_ns` on."""
+        """Begin stage `name` of the program at `t_ns` [ns]; the release stage schedules the release."""
         if self.released_ns is None and name == self._spec.release_stage:
             self.released_ns = t_ns + round(self._spec.release_s * NS_PER_S)
 
     def hold(self) -> None:
-        """The world holds it: whatever pulled at it in the last step, it is where it was."""
+        """Fix the payload: reset its pose and velocity to the held pose."""
         self._data.qpos[self._qpos] = self._held_pose
         self._data.qvel[self._qvel] = 0.0
 
     def observe(self, t_ns: int) -> None:
-        """The body has come to `t_ns`."""
+        """Update the payload at `t_ns` [ns], after a physics step: fix, damp or track it, and record."""
         if self.released_ns is None or t_ns <= self.released_ns:
             self.hold()
         else:
@@ -94,11 +94,11 @@ class Payload:
             self.dropped_ns = t_ns
 
     def facts(self) -> dict[str, Any]:
-        """Ground truth for the body's part."""
+        """Facts of the payload for the body's process result."""
         return {"released_ns": self.released_ns, "dropped_ns": self.dropped_ns, "slid_m": self.slid_m}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Ground truth over time: position [m] and quaternion (w, x, y, z), and how far it slid [m]."""
+        """Time series of the payload: position [m] and quaternion (w, x, y, z), sliding distance [m]."""
         return {
             "object_t_ns": np.array(self._t_ns, dtype=np.int64),
             "object_pose": np.array(self._poses, dtype=np.float64).reshape(-1, 7),
@@ -107,13 +107,13 @@ class Payload:
 
 
 class Closing:
-    """How the arms close on the payload before time zero: each joint integrates the error of its force."""
+    """Grip controller that closes the arms before time zero: integral force control of each joint."""
 
     def __init__(self, model: BodyModel, names: Sequence[str], spec: PayloadSpec, step_s: float) -> None:
-        """Arms open.
+        """Initialise the grip controller with open arms.
 
         Args:
-            model: The body.
+            model: The robot model.
             names: Names of the controlled joints.
             spec: The payload.
             step_s: Physics step [s].
@@ -134,13 +134,13 @@ class Closing:
         self._spent_s = self._quiet_s = 0.0
 
     def speeds_rad_s(self, body_force_n: Floats) -> Floats | None:
-        """Velocities (D,) of the controlled joints [rad/s]; None when the grip has settled.
+        """Compute closing velocities (D,) of the controlled joints [rad/s]; None when the grip has settled.
 
         Args:
             body_force_n: (nbody,) normal forces on the sheets of each body [N].
 
         Raises:
-            DeploymentError: the arms do not come to hold it.
+            DeploymentError: the grip does not settle within 10 s.
         """
         force_n = self._beyond @ body_force_n
         missing = (self._spec.grip_n - force_n) / self._spec.grip_n
@@ -161,7 +161,7 @@ class Closing:
 
 
 def _beyond(mj: mujoco.MjModel, root: int) -> Floats:
-    """(nbody,) 1 for the bodies that move with `root`, else 0."""
+    """Subtree mask (nbody,): 1 for `root` and its descendants, else 0."""
     moved = np.zeros(mj.nbody)
     moved[root] = 1.0
     for body in range(root + 1, mj.nbody):

@@ -1,4 +1,4 @@
-"""Points of the skin in the world: where they are, how they move, what is near them."""
+"""Skin point kinematics in the world frame: position, axes, velocity, nearby solids."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 def near_patch(
     surface: Surface, scene: Scene, motion: Motion, p: int, margin_m: float, near: NDArray[np.int64]
 ) -> int:
-    """Puts the solids that come within `margin_m` of the cells of patch `p` into `near`; returns how many."""
+    """Collect solids within `margin_m` [m] of the cells of patch `p` in `near`; return their number."""
     b = surface.patch_body[p]
     centre_m = surface.patch_centre_m
     x, y, z = rotated(motion.xmat, b, centre_m[p, 0], centre_m[p, 1], centre_m[p, 2])
@@ -33,7 +33,7 @@ def near_patch(
 
 @borrowing
 def lifted(surface: Surface, motion: Motion, i: int, height_m: float) -> tuple[float, float, float]:
-    """Point `height_m` above the middle of cell `i` on the rigid surface, world [m]."""
+    """Skin point `height_m` [m] above the rigid surface at the centre of cell `i`, world [m]."""
     b = surface.body[i]
     px = surface.position_m[i, 0] + height_m * surface.R_body_cell[i, 0, 2]
     py = surface.position_m[i, 1] + height_m * surface.R_body_cell[i, 1, 2]
@@ -44,14 +44,14 @@ def lifted(surface: Surface, motion: Motion, i: int, height_m: float) -> tuple[f
 
 @borrowing
 def axis(surface: Surface, motion: Motion, i: int, column: int) -> tuple[float, float, float]:
-    """Axis x, y or z (0, 1, 2) of cell `i`, world."""
+    """Cell axis x, y or z (`column` 0, 1, 2) of cell `i`, world."""
     cell = surface.R_body_cell
     return rotated(motion.xmat, surface.body[i], cell[i, 0, column], cell[i, 1, column], cell[i, 2, column])
 
 
 @borrowing
 def velocity(motion: Motion, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Velocity [m/s] of the point (x, y, z) of body `b`, world."""
+    """Linear velocity [m/s] of the point (x, y, z) of body `b`, world."""
     twist, root = motion.cvel, motion.root[b]
     rx, ry, rz = x - motion.centre_m[root, 0], y - motion.centre_m[root, 1], z - motion.centre_m[root, 2]
     return (

@@ -1,4 +1,4 @@
-"""The body as a process: physics, or a script, between commands that come in and frames that go out."""
+"""Body process: steps the plant between commands received and stimuli and joints published."""
 
 import hashlib
 import math
@@ -29,11 +29,10 @@ __all__ = ["BodyNode", "build"]
 
 
 class BodyNode:
-    """Runs a world from boundary to boundary: frames to send, commands to take effect.
+    """Logical process of the body: steps the plant from event to event (publications, command effects).
 
-    A command is in effect from its `effect_ns` until the next one's. In lockstep the body waits for the
-    command of every instant; in real time it goes on with the newest one it has, and the loop counts it
-    as late.
+    A command is in effect from its `effect_ns` until the next one's. In lockstep the body waits for every
+    command; in real time it continues with the newest one, and the loop counts a deadline miss.
     """
 
     role = Role.BODY.value
@@ -78,22 +77,22 @@ class BodyNode:
         return np.arange(cells.start, cells.stop, dtype=np.int64)
 
     def listen_for(self, heard: Callable[[str], bool]) -> None:
-        """Poses in the world are sent while somebody hears them."""
+        """Set the subscriber query: free-body poses are published while they have subscribers."""
         self._heard = heard
 
     def start(self, put: Put) -> None:
-        """Sends what is felt and measured at time zero."""
+        """Publish stimuli and joint positions of time zero."""
         self._start_s = time.monotonic()
         self._publish(put)
 
     def needs(self) -> dict[str, int] | None:
-        """The commands of the next stretch of time."""
+        """Required watermark [ns] of the controller for the next step; None at the end of the run."""
         if self._body.t_ns >= self._end_ns:
             return None
         return {"controller": self.due_ns()}
 
     def due_ns(self) -> int:
-        """End of the next stretch: a frame is due, or a command takes effect."""
+        """Time [ns] of the next event: a publication, a command's effect, or the end of the run."""
         t_ns = self._body.t_ns
         return min(
             next_multiple(t_ns, self._stimulus_ns),
@@ -103,7 +102,11 @@ class BodyNode:
         )
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in a command; one of the wrong size or with a number that is none is refused."""
+        """Accept a command.
+
+        Raises:
+            ProtocolError: another channel, a command of the wrong size, or non-finite velocities.
+        """
         if channel != "command":
             raise ProtocolError(f"the body does not read {channel}")
         command = decode(payload, Command)
@@ -116,12 +119,12 @@ class BodyNode:
         self._controller.close(command.covered_ns)
 
     def lose(self, upstream: Upstream) -> None:
-        """Without a controller the body holds still."""
+        """Handle loss of the controller: command zero velocity."""
         self._pending.clear()
         self._body.set_command(np.zeros(self._body.n_dofs))
 
     def step(self, put: Put) -> None:
-        """Runs to the next boundary and sends the frames that are due there."""
+        """Advance the plant to the next event and publish what is due there."""
         t_end_ns = self.due_ns()
         self._obey()
         self._body.advance(t_end_ns)
@@ -171,15 +174,15 @@ class BodyNode:
             self._log.update(position.tobytes())
 
     def _take_configs(self, host: str) -> int:
-        """Configurations sent to the patches of `host` since its last frame."""
+        """Pop the count of configurations sent to the patches of `host` since its last period end."""
         return sum(self._configs.pop(patch, 0) for patch in self._patches[host])
 
     def news(self) -> tuple[()]:
-        """All that the body has to say is part of the run."""
+        """Best-effort publications: none."""
         return ()
 
     def result(self) -> Part:
-        """Ground truth and joint trace, for figures that compare."""
+        """Process result: ground truth and joint trace, for metrics."""
         truth = self._body.truth()
         facts: dict[str, Any] = {
             "logs": {"body": self._log.hexdigest()},
@@ -197,12 +200,12 @@ class BodyNode:
 
 
 def _never(_key: str) -> bool:
-    """Nobody hears anything."""
+    """Subscriber query that reports no subscribers."""
     return False
 
 
 def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> BodyNode:
-    """The body of `deployment`: scripted if it has a script."""
+    """Build the body process of `deployment`: scripted if it has a script, else simulated."""
     body = Body(deployment, base) if deployment.script is None else ScriptedBody(deployment, base)
-    body.stimulus()  # compiles what it calls before others wait for it, and changes nothing
+    body.stimulus()  # warm-up: compiles before others wait; no side effect on the state
     return BodyNode(deployment, name, body)

@@ -1,7 +1,7 @@
-"""A picture of the body with its skin coloured by a value, drawn off screen.
+"""Off-screen rendering of the body, its skin coloured by one value per cell or element.
 
-Rendering needs `MUJOCO_GL` before MuJoCo is imported, and a driver that fails may take its process with it.
-So `picture` draws in a process of its own: `python -m skinnet.body.render` with a request on its input.
+Rendering needs `MUJOCO_GL` before MuJoCo is imported, and a failing driver may crash its process. So
+`picture` renders in a subprocess: `python -m skinnet.body.render` with a request on standard input.
 """
 
 import math
@@ -31,7 +31,7 @@ __all__ = ["picture"]
 _PATIENCE_S = 120.0
 _PLATE_M = 0.003
 _GAP = 0.93
-"""Cells are drawn a little smaller than they are, so that their edges show."""
+"""Scale of drawn cells, so that gaps show their edges."""
 _FOAM_RGBA = (0.12, 0.12, 0.14, 1.0)
 _SOFT_RGBA = (0.50, 0.66, 0.68, 1.0)
 _COLOURS = "turbo"
@@ -59,21 +59,21 @@ def picture(
     stand_top_m: float | None = None,
     size: tuple[int, int] = (1280, 960),
 ) -> tuple[Path | None, str]:
-    """Draws the body with its cells and the elements of its sheets.
+    """Render the body with its cells and the elements of its sheets to a PNG file.
 
     Args:
-        deployment: What to draw.
+        deployment: The deployment to render.
         base_dir: Folder that `body.model` is relative to.
         out: PNG file to write.
         values: One value in 0…1 for each cell, in the order of the stimulus, then for each element, in the
-            order of the sheets; blue to red. What is missing is zero.
-        position_rad: (D,) positions of the controlled joints [rad]; as the run begins without.
-        object_pose: (7,) position [m] and quaternion of the object or payload; as the run begins without.
-        stand_top_m: Height of the stand's top [m]; as the run begins without.
+            order of the sheets; blue to red. Missing values are zero.
+        position_rad: (D,) positions of the controlled joints [rad]; None: as at the start of a run.
+        object_pose: (7,) position [m] and quaternion (w, x, y, z) of object or payload; None: at the start.
+        stand_top_m: Height of the stand's top [m]; None: as at the start of a run.
         size: Width and height in pixels.
 
     Returns:
-        The file and "", or None and the reason why this machine could not draw it.
+        The file and "", or None and the reason why rendering failed on this computer.
     """
     request = _Request(
         deployment=deployment,
@@ -144,7 +144,7 @@ def _draw(request: _Request) -> None:
 
 
 def _place_object(model: mujoco.MjModel, data: mujoco.MjData, pose: list[float]) -> None:
-    """Puts what the robot holds or is to grasp into its place; what is stuck to the stand stays there."""
+    """Set the pose (7,) of the free object and of the payload; an object fixed to the stand stays."""
     for name in (OBJECT, PAYLOAD):
         if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0:
             address = int(model.joint(name).qposadr[0])
@@ -165,7 +165,7 @@ def _add_cells(
     thickness_m: float,
     colours: NDArray[np.float64],
 ) -> None:
-    """Adds every cell as two visual prisms: the foam, and on it the cell in its colour."""
+    """Add every cell as two visual prisms: the foam, and on it the cell in its colour."""
     _add_prism(spec, "skin_foam", _GAP * side_m, thickness_m - _PLATE_M)
     _add_prism(spec, "skin_cell", _GAP * side_m, _PLATE_M)
     row = 0
@@ -195,7 +195,7 @@ def _add_cells(
 def _add_elements(
     spec: mujoco.MjSpec, sheets: Sequence[PlacedSheet], thickness_m: float, colours: NDArray[np.float64]
 ) -> None:
-    """Adds every element as two visual blocks: its foam, wider outwards on round sides, and its face."""
+    """Add every element as two visual blocks: its foam, wider outwards on round sides, and its face."""
     top_m = thickness_m - _PLATE_M
     row = 0
     for sheet in sheets:
@@ -227,7 +227,7 @@ def _add_elements(
 def _add_block(
     spec: mujoco.MjSpec, name: str, half_m: float, radius_m: float, low_m: float, high_m: float
 ) -> None:
-    """A block over a square of 2 × `half_m`, from one height to another, around an axis `radius_m` below."""
+    """Add a block mesh over a square of 2 × `half_m` between two heights; radius of curvature `radius_m`."""
     vertices = [
         [x * half_m * (1.0 + z / radius_m), y * half_m, z]
         for z in (low_m, high_m)

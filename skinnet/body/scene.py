@@ -1,4 +1,4 @@
-"""The solids that skin can feel, and which of them each patch may feel."""
+"""Contact scene: the solids that skin can contact, MuJoCo's motion arrays, collision filtering."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -35,21 +35,22 @@ _RIGID = Yielding(1.0)
 
 
 class Scene(NamedTuple):
-    """Solids: the geoms of the model that take part in contacts (visual ones cannot be felt).
+    """Contact scene: the geoms of the model that take part in contacts (not the visual ones).
 
     Attributes:
         geom: (k,) ids of the geoms.
-        kind: (k,) their shapes, MuJoCo's numbers.
+        kind: (k,) their shapes, as `mjtGeom`.
         size_m: (k, 3) their sizes [m].
-        body: (k,) ids of the bodies that they belong to.
-        bound_m: (k,) radius of a ball around each, 0 for planes [m].
+        body: (k,) ids of their bodies.
+        bound_m: (k,) radius of each bounding sphere, 0 for planes [m].
         first: (k,) first triangle of each mesh.
         last: (k,) one past its last.
         triangles_m: (t, 3, 3) corners of the triangles of all meshes, frames of the geoms [m].
         share: (k,) as in `Yielding`; 1 for rigid solids.
         give_m: (k,) as in `Yielding`; 0 for rigid solids [m].
-        deepest_m: The largest of these [m].
-        felt: (p, k) may a patch feel the solid? Not on its own body or the one it is jointed to.
+        deepest_m: Largest `give_m` [m].
+        felt: (p, k) collision filter: True if the patch may contact the solid; False for solids of its own
+            and adjacent bodies.
     """
 
     geom: Indices
@@ -67,7 +68,7 @@ class Scene(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """MuJoCo's own arrays, read in place: poses and spatial velocities at the present time.
+    """Motion state: views of MuJoCo's arrays of poses and spatial velocities at the present time.
 
     Attributes:
         xpos: (nbody, 3) origins of the bodies [m], world.
@@ -77,7 +78,7 @@ class Motion(NamedTuple):
         geom_xmat: (ngeom, 9) rotations of the geoms.
         cvel: (nbody, 6) angular and linear velocity at `centre_m` of the body's root, world.
         centre_m: (nbody, 3) centres of mass of the subtrees [m], world.
-        root: (nbody,) ids of the roots of the bodies' trees.
+        root: (nbody,) ids of the root bodies of the kinematic trees.
     """
 
     xpos: Floats
@@ -91,7 +92,7 @@ class Motion(NamedTuple):
 
 
 def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
-    """Views of the arrays of `data`."""
+    """Build the motion state as views of the arrays of `data`."""
     return Motion(
         xpos=data.xpos,
         xmat=data.xmat,
@@ -105,12 +106,12 @@ def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
 
 
 def scene_of(mj: mujoco.MjModel, surface: Surface, yielding: Mapping[int, Yielding] | None = None) -> Scene:
-    """Collects the solids of `mj`.
+    """Build the contact scene of `mj`.
 
     Args:
         mj: The model.
         surface: The skin.
-        yielding: How bodies that are elastic give way, by id; all others are rigid.
+        yielding: Compliance of elastic bodies, by body id; all others are rigid.
 
     Raises:
         ModelError: a contact geom is a height field or a signed distance field.
@@ -159,10 +160,10 @@ def _mesh_triangles_m(mj: mujoco.MjModel, mesh: int) -> Floats:
 
 
 def _can_feel(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
-    """Not itself, what is welded to it, or the neighbour across one joint: they always touch.
+    """Collision filter: False for the skin's own body, its weld group, and neighbours across one joint.
 
-    What is welded to the world is one group to MuJoCo; skin on a fixed body must still feel a fixed table, so
-    there only the body itself and its direct parent and children count.
+    MuJoCo puts all bodies welded to the world into one group; skin on a fixed body must still contact a fixed
+    table, so there only the body itself and its direct parent and children are excluded.
     """
     group, other_group = int(mj.body_weldid[skin_body]), int(mj.body_weldid[other])
     if group == 0 and other_group == 0:
@@ -171,14 +172,14 @@ def _can_feel(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
     if group == other_group:
         return False
     if group == 0 or other_group == 0:
-        return True  # as in MuJoCo: the world is nobody's neighbour
+        return True  # as in MuJoCo: the world counts as nobody's parent
     up, other_up = (int(mj.body_weldid[mj.body_parentid[g]]) for g in (group, other_group))
     return up != other_group and other_up != group
 
 
 @borrowing
 def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, radius_m: float) -> bool:
-    """Whether solid `k` may reach into the ball of `radius_m` around (x, y, z) [m]; False is certain."""
+    """Broad-phase test: True if solid `k` may intersect the sphere of `radius_m` around (x, y, z) [m]."""
     g = scene.geom[k]
     dx, dy, dz = x - motion.geom_xpos[g, 0], y - motion.geom_xpos[g, 1], z - motion.geom_xpos[g, 2]
     if scene.kind[k] == geometry.PLANE:
@@ -203,7 +204,7 @@ def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, r
 def ray_m(
     scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
-    """Distance [m] from (x, y, z) along the unit vector (u, v, w), world, to solid `k`; see `geometry`."""
+    """Ray distance [m] from (x, y, z) along the unit vector (u, v, w), world, to solid `k` (`entry_m`)."""
     x, y, z = into_solid(scene, motion, k, x, y, z)
     u, v, w = rotated_back(motion.geom_xmat, scene.geom[k], u, v, w)
     size_m = scene.size_m
@@ -228,6 +229,6 @@ def ray_m(
 def into_solid(
     scene: Scene, motion: Motion, k: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """Point (x, y, z) [m], world, in the frame of solid `k`."""
+    """Transform the point (x, y, z) [m] from the world frame to the frame of solid `k`."""
     g, origin = scene.geom[k], motion.geom_xpos
     return rotated_back(motion.geom_xmat, g, x - origin[g, 0], y - origin[g, 1], z - origin[g, 2])

@@ -1,4 +1,4 @@
-"""A body without physics: joints that follow their commands exactly, and skin that feels a script."""
+"""Scripted body without physics: ideal velocity-controlled joints, and prescribed skin stimuli."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,26 +29,26 @@ Floats = NDArray[np.float64]
 
 
 class ScriptedBody:
-    """A robot with skin whose touches are prescribed.
+    """Robot with skin whose stimuli are prescribed by a script.
 
-    Between two stimulus frames joints move at constant velocities, so accelerations are the mean over the
-    frame before: the change of velocity by its length. Sway turns the robot against gravity; its own, far
-    smaller accelerations are left out.
+    Joints move at constant velocities between two stimulus samples, so accelerations are the mean over the
+    last sampling period: the change of velocity by its length. Sway tilts the robot against gravity; its
+    far smaller accelerations are neglected.
 
     Attributes:
         t_ns: Present time [ns].
         cells: Rows of each patch's cells in the stimulus, by the name of the patch.
         model: The compiled model.
-        data: MuJoCo's state: a pose and its derivatives, never stepped.
+        data: MuJoCo's state: configuration and derivatives, never stepped.
         surface: All cells, on the bodies that carry them.
-        presses: The script.
-        refused: Number of commands that were refused.
-        crossings: Ground truth of forces and distances at which some stage of the program begins to react.
+        presses: The scripted presses.
+        refused: Number of refused commands.
+        crossings: Ground truth of crossings of the reaction thresholds of the program's stages.
         forces: Ground truth of the largest forces on force cells.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
-        """Puts the body into its home pose at time 0.
+        """Initialise the body in its home configuration at time 0.
 
         Raises:
             ModelError: the model does not compile or lacks something.
@@ -90,7 +90,7 @@ class ScriptedBody:
         return len(self.model.joint)
 
     def set_command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
-        """Velocity command (D,) [rad/s], in force from now on; returns whether it was accepted."""
+        """Set the velocity command (D,) [rad/s] from now on; return False if it is refused."""
         velocity = np.asarray(velocity_rad_s, dtype=np.float64)
         accepted = acceptable(velocity, self.n_dofs, self._speed_limit_rad_s)
         self._command_rad_s = velocity.copy() if accepted else np.zeros(self.n_dofs)
@@ -100,11 +100,11 @@ class ScriptedBody:
         return accepted
 
     def begin_stage(self, name: str) -> None:
-        """The script goes by the time of the run, not by stages; what is felt counts for its stage."""
+        """Begin stage `name`: peak forces are recorded by stage; the script depends on time only."""
         self.forces.begin_stage(name)
 
     def advance(self, until_ns: int) -> None:
-        """Moves the joints until `until_ns`, within their limits; frames lie on the way, one by one."""
+        """Advance to `until_ns` [ns]: move the joints within their limits, sample stimuli at each period."""
         while self.t_ns < until_ns:
             next_frame_ns = (self.t_ns // self._frame_ns + 1) * self._frame_ns
             self.t_ns = min(next_frame_ns, until_ns)
@@ -113,23 +113,23 @@ class ScriptedBody:
                 self._feel()
 
     def stimulus(self) -> Floats:
-        """What all cells felt at the last stimulus frame: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
+        """Stimulus of all cells at the last sample: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
         return self._stimulus.copy()
 
     def pressures(self) -> NDArray[np.float64]:
-        """A script does not press sheets."""
+        """Sheet pressures: none, (0,); a script does not press sheets."""
         return np.zeros(0)
 
     def joints(self) -> Floats:
-        """Positions (D,) of the controlled joints now [rad], a copy."""
+        """Joint positions (D,) of the controlled joints now [rad], a copy."""
         return self._position_rad.copy()
 
     def loose(self) -> dict[str, list[float]]:
-        """Nothing: touches are prescribed, and nobody is there who touches."""
+        """Free-body poses: none, as contacts are prescribed."""
         return {}
 
     def truth(self) -> GroundTruth:
-        """Crossings, refused commands and forces; the presses that began."""
+        """Ground truth: threshold crossings, refused commands, peak forces, and the presses that began."""
         facts = {
             "touches": [],
             "lessons": [],
@@ -141,7 +141,7 @@ class ScriptedBody:
         return GroundTruth(facts, {"presses": presses_until(self.presses, self.t_ns)} | self.forces.arrays())
 
     def _move(self) -> None:
-        """Joints are where their command has brought them by now; one that reaches its limit stops there."""
+        """Integrate the velocity command to the present time; a joint stops at its limit."""
         if not self._command_rad_s.any():
             self._velocity_rad_s = self._command_rad_s
             return
@@ -150,7 +150,7 @@ class ScriptedBody:
         self._velocity_rad_s = np.where(wanted == self._position_rad, self._command_rad_s, 0.0)
 
     def _feel(self) -> None:
-        """What cells feel at the present time, that of a stimulus frame."""
+        """Sample the stimulus of all cells at the present time."""
         self._accelerate()
         stimulus = self._stimulus
         active = press(self.presses, self.t_ns, self._resting_c, stimulus) > 0
@@ -160,7 +160,7 @@ class ScriptedBody:
         self.crossings.see_stimulus(self.t_ns, stimulus)
 
     def _accelerate(self) -> None:
-        """Accelerations of all cells, when anything about the motion has changed."""
+        """Compute accelerations of all cells, if the motion has changed."""
         velocity, before = self._velocity_rad_s, self._frame_velocity_rad_s
         moving = bool(self._sway.spec.joints or velocity.any() or before.any())
         if not moving and not self._moving:
@@ -180,7 +180,7 @@ class ScriptedBody:
 
 @compiled
 def _feel_motion(surface: Surface, motion: Motion, cacc: Floats, height_m: float, stimulus: Floats) -> None:
-    """Writes what all accelerometers read into `stimulus`."""
+    """Write the accelerations of all cells [m/s²] into `stimulus`."""
     for i in range(len(stimulus)):
         x, y, z = lifted(surface, motion, i, height_m)
         felt_acceleration(surface, motion, cacc, i, x, y, z, stimulus)

@@ -1,6 +1,6 @@
-"""A script of presses: what cells feel of it, as a function of (seed, name of the cell, time).
+"""Scripted presses: stimuli of cells as a pure function of (seed, name of the cell, time).
 
-Nothing is integrated and nothing is drawn in sequence, so that a frame can be computed on its own.
+Nothing is integrated and no random stream is sequential, so the stimulus at any time can be computed alone.
 """
 
 import math
@@ -15,7 +15,7 @@ from skinnet.compiled import compiled
 from skinnet.deployment.script import Course, ScriptSpec
 from skinnet.deployment.table import ns_of_s
 from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES
-from skinnet.seeding import key_of, uniform
+from skinnet.seeding import StreamName, key_of, uniform
 
 __all__ = ["PRESS_ROW", "Presses", "press", "presses_of", "presses_until"]
 
@@ -32,33 +32,33 @@ PRESS_ROW = np.dtype(
         ("force_n", "<f8"),
     ]
 )
-"""One press as ground truth: which cell, when it came near, touched, let go, was gone, what force it held."""
+"""Press record, ground truth: cell; begin, contact onset, contact end and end [ns]; held force [N]."""
 
 _DISTANCE = STIMULUS_NAMES.index("distance_m")
 _TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
 _NEVER_AGAIN = 2**62
 _DRAWS = np.uint64(8)
-"""Random numbers that belong to one press: force, phase of the modulation, one for each force cell."""
+"""Random numbers reserved for one press: force, modulation phase, peak force cell, one per force cell."""
 
 
 class Presses(NamedTuple):
-    """Presses that recur, each on one cell; a cell may have several, whose forces add up.
+    """Periodic presses, each on one cell; forces of several presses on a cell add up.
 
     Attributes:
         cell: (m,) rows of the stimulus.
         key: (m,) keys of their random numbers.
-        first_ns: (m,) when the first one begins to come near [ns].
-        period_ns: (m,) from one to the next [ns].
-        approach_ns: (m,) how long it comes near, and leaves [ns].
-        rise_ns: (m,) how long it presses harder [ns].
-        hold_ns: (m,) how long it holds [ns].
-        release_ns: (m,) how long it lets go [ns].
-        approach_m: (m,) distance from which it comes [m].
-        force_n: (m, 2) least and largest force [N].
-        modulation: (m,) share by which the force swings.
-        modulation_rad_s: (m,) angular frequency of that [rad/s].
-        unevenness: (m,) largest share of the force that a force cell may lack.
-        temperature_c: (m,) temperature of what presses [°C].
+        first_ns: (m,) begin of the first approach [ns].
+        period_ns: (m,) period [ns].
+        approach_ns: (m,) duration of the approach, and of the withdrawal [ns].
+        rise_ns: (m,) rise time of the force [ns].
+        hold_ns: (m,) hold time of the force [ns].
+        release_ns: (m,) fall time of the force [ns].
+        approach_m: (m,) distance at which the approach begins [m].
+        force_n: (m, 2) minimum and maximum force [N].
+        modulation: (m,) relative amplitude of the sinusoidal force modulation.
+        modulation_rad_s: (m,) angular frequency of the modulation [rad/s].
+        unevenness: (m,) largest fraction of the force that a force cell may lack.
+        temperature_c: (m,) temperature of the pressing object [°C].
     """
 
     cell: Indices
@@ -78,20 +78,22 @@ class Presses(NamedTuple):
 
 
 def presses_of(script: ScriptSpec, seed: int, sizes: Mapping[str, int]) -> Presses:
-    """The presses of `script` on patches of `sizes` cells, whose rows follow each other.
+    """Build the presses of `script` on patches of `sizes` cells, with consecutive rows.
 
     Raises:
         DeploymentError: a touch names cells that do not exist.
     """
     names = [(patch, cell) for patch, n in sizes.items() for cell in range(n)]
     row_of = {name: row for row, name in enumerate(names)}
-    keys = np.array([key_of(seed, *name, "script") for name in names], dtype=np.uint64)
+    keys = np.array([key_of(seed, *name, StreamName.SCRIPTED_STIMULI) for name in names], dtype=np.uint64)
     chosen = np.sort(np.argsort(keys, kind="stable")[: round(script.stimulated * len(names))])
     parts = [_stimulation(script, chosen, keys[chosen])]
     for index, touch in enumerate(script.touches):
         cells = script.touched(index, sizes)
         rows = np.array([row_of[cell] for cell in cells], dtype=np.int64)
-        own = np.array([key_of(seed, *cell, "script", index) for cell in cells], dtype=np.uint64)
+        own = np.array(
+            [key_of(seed, *cell, StreamName.SCRIPTED_STIMULI, index) for cell in cells], dtype=np.uint64
+        )
         every_ns = _NEVER_AGAIN if touch.every_s is None else ns_of_s(touch.every_s)
         first_ns = np.full(len(rows), ns_of_s(touch.start_s))
         parts.append(_presses(touch, (touch.force_n, touch.force_n), rows, own, first_ns, every_ns))
@@ -138,13 +140,13 @@ def _presses(
 
 @compiled
 def _draw(presses: Presses, i: int, number: int, which: int) -> float:
-    """Random number `which` in (0, 1) of the press `number` of row `i`; none is that of `_stimulation`."""
+    """Random number `which` in (0, 1) of press `number` of row `i`; distinct from that of `_stimulation`."""
     return uniform(presses.key[i], np.uint64(number + 1) * _DRAWS + np.uint64(which))
 
 
 @compiled
 def _held_n(presses: Presses, i: int, number: int) -> float:
-    """Force [N] that the press `number` of row `i` holds on the force cell that it presses most."""
+    """Held force [N] of press `number` of row `i` on the force cell that it presses most."""
     low_n, high_n = presses.force_n[i, 0], presses.force_n[i, 1]
     held_n: float = low_n + (high_n - low_n) * _draw(presses, i, number, 0)
     return held_n
@@ -152,7 +154,7 @@ def _held_n(presses: Presses, i: int, number: int) -> float:
 
 @compiled
 def _envelope(presses: Presses, i: int, since_ns: int) -> float:
-    """Share of the force, `since_ns` after the contact: rises and falls like a raised cosine."""
+    """Force envelope in 0…1, `since_ns` [ns] after contact onset: raised-cosine rise and fall."""
     rise_ns, hold_ns, release_ns = presses.rise_ns[i], presses.hold_ns[i], presses.release_ns[i]
     if since_ns < rise_ns:
         return 0.5 - 0.5 * math.cos(math.pi * since_ns / rise_ns)
@@ -164,12 +166,12 @@ def _envelope(presses: Presses, i: int, since_ns: int) -> float:
 
 @compiled
 def press(presses: Presses, t_ns: int, resting_c: Floats, stimulus: Floats) -> int:
-    """Writes force, distance and temperature of all cells at `t_ns` into `stimulus` (n, 8).
+    """Write force, distance and temperature of all cells at `t_ns` [ns] into `stimulus` (n, 8).
 
-    A cell that nothing presses has no force, distance inf and the temperature (n,) `resting_c` [°C].
+    A cell that is not pressed has force 0, distance inf and the temperature `resting_c` (n,) [°C].
 
     Returns:
-        How many presses are under way.
+        Number of active presses.
     """
     for cell in range(len(stimulus)):
         for element in range(FORCE_CHANNELS):
@@ -189,7 +191,7 @@ def press(presses: Presses, t_ns: int, resting_c: Floats, stimulus: Floats) -> i
             continue
         active += 1
         cell = presses.cell[i]
-        since_ns -= approach_ns  # from now on: since the contact
+        since_ns -= approach_ns  # from here on: since contact onset
         away_ns = max(-since_ns, since_ns - touching_ns)
         if away_ns > 0:
             distance_m = presses.approach_m[i] * away_ns / approach_ns
@@ -201,7 +203,7 @@ def press(presses: Presses, t_ns: int, resting_c: Floats, stimulus: Floats) -> i
         swing = math.sin(angle_rad + 2.0 * math.pi * _draw(presses, i, number, 1))
         force_n = _held_n(presses, i, number) * _envelope(presses, i, since_ns)
         force_n *= 1.0 + presses.modulation[i] * swing
-        # one force cell, another for each press, feels all of it
+        # one random force cell per press bears the full force
         most = int(_draw(presses, i, number, 2) * FORCE_CHANNELS)
         for element in range(FORCE_CHANNELS):
             lacking = presses.unevenness[i] * _draw(presses, i, number, 3 + element)
@@ -211,7 +213,7 @@ def press(presses: Presses, t_ns: int, resting_c: Floats, stimulus: Floats) -> i
 
 
 def presses_until(presses: Presses, end_ns: int) -> NDArray[Any]:
-    """All presses that began before `end_ns`, as `PRESS_ROW`, in the order of begin and cell."""
+    """List presses that began before `end_ns` [ns] as `PRESS_ROW`, ordered by begin and cell."""
     elapsed_ns = end_ns - presses.first_ns
     count = np.where(elapsed_ns > 0, -(-elapsed_ns // presses.period_ns), 0)
     row = np.repeat(np.arange(len(count)), count)

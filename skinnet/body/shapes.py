@@ -1,4 +1,4 @@
-"""What a body looks like: its shapes, and where its links are for given joints. For those who draw it."""
+"""Visual shapes of a body and forward kinematics of its links, for viewers."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,25 +29,25 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
 _SHOWN_GROUPS = 3
-"""MuJoCo draws the geoms of groups 0 to 2; what is above is there for contacts only."""
+"""Number of geom groups that MuJoCo draws (0 to 2); higher groups are for contacts only."""
 _DISTANCE = 1.3
-"""Of the camera, in extents of the model."""
+"""Distance of the camera, in extents of the model."""
 _UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's colour of what has none; the material then has it."""
+"""Default colour of a MuJoCo geom; the colour is then that of its material."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A solid that a link carries.
+    """Visual shape of a link.
 
     Attributes:
-        link: Name of the body that carries it.
+        link: Name of its link.
         kind: "plane", "sphere", "capsule", "ellipsoid", "cylinder", "box" or "mesh".
         size_m: (3,) MuJoCo's `geom_size`: radius, half-lengths.
-        position_m: (3,) middle, frame of the link [m].
-        wxyz: (4,) its quaternion there.
+        position_m: (3,) centre, frame of the link [m].
+        wxyz: (4,) quaternion, frame of the link.
         rgba: (4,) colour, 0 to 1.
-        vertices_m: (v, 3) corners of a mesh, frame of the shape; empty for all others.
+        vertices_m: (v, 3) vertices of a mesh, frame of the shape [m]; empty for all others.
         faces: (f, 3) triangles of a mesh; empty for all others.
     """
 
@@ -62,31 +62,31 @@ class Shape:
 
 
 class Pose(NamedTuple):
-    """Where a link is: position (3,) [m] and quaternion (4,), world."""
+    """Pose of a link: position (3,) [m] and quaternion (4,), (w, x, y, z), world."""
 
     position_m: Floats
     wxyz: Floats
 
 
 class Camera(NamedTuple):
-    """Where the model wants to be looked at from: position (3,) and what it looks at (3,), world [m]."""
+    """Camera pose that the model suggests: position (3,) and look-at point (3,), world [m]."""
 
     position_m: Floats
     look_at_m: Floats
 
 
 class Figure:
-    """The shapes of a body, and its links' poses.
+    """Visual model of a body: shapes, and poses of its links.
 
     Attributes:
-        links: Names of all links, `world` first; those that the model does not name have their number.
-        free: Links that move by themselves, by the name under which they are told.
-        shapes: All that is drawn.
-        camera: Where to look from.
+        links: Names of all links, `world` first; unnamed ones are called `body` with their id.
+        free: Links of free bodies, by their name in messages.
+        shapes: All visual shapes.
+        camera: Suggested camera.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
-        """Compiles the model.
+        """Compile the model.
 
         Raises:
             ModelError: the model does not compile or lacks something.
@@ -117,11 +117,11 @@ class Figure:
         return len(self._model.joint)
 
     def poses(self, position_rad: Sequence[float], told: Mapping[str, Sequence[float]]) -> dict[str, Pose]:
-        """Poses of all links.
+        """Compute poses of all links, world.
 
         Args:
             position_rad: (D,) positions of the controlled joints [rad].
-            told: Positions and quaternions (7,) of what moves freely, by name; the rest is where it began.
+            told: Poses (7,) of free bodies, position [m] and quaternion, by name; others are at their start.
         """
         self._data.qpos[self._model.qpos] = position_rad
         mujoco.mj_kinematics(self._model.mj, self._data)
@@ -159,7 +159,7 @@ class Figure:
 
 
 def _camera(mj: mujoco.MjModel) -> Camera:
-    """From where MuJoCo's own viewer begins to look, a little nearer."""
+    """Compute the camera of MuJoCo's own viewer, a little nearer."""
     look_at = mj.stat.center.copy()
     view = mj.vis.global_
     azimuth, elevation = math.radians(view.azimuth), math.radians(view.elevation)

@@ -1,4 +1,4 @@
-"""The foam of all tactile sheets: the same foundation as the cells', read as pressures of elements."""
+"""Elastic foundation of all tactile sheets, read as pressures of their elements."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _PA_PER_KPA = 1e3
 
 @dataclass
 class SheetFoundation(Foundation):
-    """Elastic foundation of all sheets, over a `sheet_surface`.
+    """Elastic foundation (Winkler) of all tactile sheets, over a `sheet_surface`.
 
     Attributes:
         sheets: The sheets, in the order of their elements.
@@ -42,7 +42,7 @@ class SheetFoundation(Foundation):
         return self.element_force_n() / (area_m2 * _PA_PER_KPA) if area_m2 else np.zeros(0)
 
     def body_force_n(self) -> Floats:
-        """Sum (nbody,) of the normal forces on the elements that each body carries [N]."""
+        """Normal force (nbody,) on the elements of each body, summed [N]."""
         owner = self.surface.body[::STRIPS]
         force_n = np.zeros(len(self.temperature_c))
         np.add.at(force_n, owner, self.element_force_n())

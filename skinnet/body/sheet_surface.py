@@ -1,4 +1,4 @@
-"""Tactile sheets as the body carries them: pieces of foam that follow a bent surface."""
+"""Sample surface of tactile sheets on their bodies: plane strips of foam on a curved surface."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,16 +15,15 @@ from skinnet.skin.sheet import PlacedSheet
 __all__ = ["STRIPS", "sheet_surface"]
 
 STRIPS = 3
-"""Plane strips of an element, each with as many points: 3 × 3 ripple by 3.5 %, one by 29 % (FACTS.md)."""
+"""Plane strips per element, 3 sample points each; force ripple 3.5 % (3 × 3) or 29 % (one) (FACTS.md)."""
 
 Floats = NDArray[np.float64]
 
 
 def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Path | str) -> Surface:
-    """Puts `sheets` onto the bodies of `mj`, three pieces of foam for each element, in the elements' order.
+    """Build the surface of `sheets` on the bodies of `mj`: three strips of foam per element, in their order.
 
-    A sheet bends in one direction only, along ξ1. So a strip along ξ2 is plane, and its points
-    lie exactly on the surface and look exactly along its normal.
+    A sheet bends along ξ1 only. So a strip along ξ2 is plane, and its points and their normals are exact.
 
     Raises:
         ModelError: a surface names a body that the model does not have.
@@ -48,7 +47,7 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
 
 
 def _strips(sheet: PlacedSheet, steps_m: Floats) -> tuple[Floats, Floats]:
-    """Middles and rotations of the strips of a sheet, frame of its body."""
+    """Centres (k, 3) [m] and rotations (k, 3, 3) of the strips of a sheet, frame of its body."""
     xi_m = np.repeat(sheet.xi_m, len(steps_m), axis=0)
     xi_m[:, 0] += np.tile(steps_m, sheet.n_elements)
     return sheet.surface.frame_at(xi_m)

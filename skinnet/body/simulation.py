@@ -1,4 +1,4 @@
-"""The body without its process: physics, skin, servos and teacher, stepped from one time to another."""
+"""Body simulation: MuJoCo physics, skin contact, servos and teacher, without its process."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -35,36 +35,36 @@ from skinnet.skin.sheet import place_sheets
 __all__ = ["Body"]
 
 _SEEN_BEYOND_REACH = 1.5
-"""The proximity law is smooth, so what lies a little beyond the sensor's nominal reach still counts."""
+"""Ratio of simulated to nominal proximity range: the sensor law is smooth beyond its nominal range."""
 
 
 class Body:
-    """A robot with skin in its world.
+    """Simulation of a robot with skin, its teacher and its environment.
 
-    Everything that happens depends on the deployment, its seed and the calls made, and on nothing else; how
-    often stimulus and joints are read changes nothing.
+    Deterministic in the deployment, its seed and the sequence of commands and stages; reading stimulus,
+    pressures and joints has no side effect.
 
     Attributes:
         t_ns: Present time [ns].
         model: The compiled model.
-        data: MuJoCo's state; read it, do not write it.
-        patches: Where the cells of each patch are.
+        data: MuJoCo's state; read-only for callers.
+        patches: The placed cells of each patch.
         surface: All cells, on the bodies that carry them.
         cells: Rows of each patch's cells in the stimulus, by the name of the patch.
         sheets: The tactile sheets with their elements, in the order of the deployment.
-        sheet_foundation: Their foam.
-        actuation: The control interface.
-        teacher: The finger, and what its touches really were.
-        loose: Poses of finger, payload, stand and object now, by name.
-        payload: The object in the robot's arms, if there is one.
+        sheet_foundation: Elastic foundation of the sheets.
+        actuation: Servos of the controlled joints.
+        teacher: The teacher with its finger, and ground truth of its tasks.
+        loose: Method that returns the poses of the free bodies now, by name.
+        payload: The payload in the robot's arms, if there is one.
         stand: The stand in front of the robot, if there is one.
-        grasp: What really becomes of the object on it.
+        grasp: Ground truth of the grasp, if there is a stand.
         forces: Ground truth of the largest forces on force cells.
-        crossings: Ground truth of forces and distances at which some stage of the program begins to react.
+        crossings: Ground truth of crossings of the reaction thresholds of the program's stages.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
-        """Builds the body and puts it into its home pose at time 0.
+        """Build the simulation in the home configuration at time 0.
 
         Raises:
             ModelError: the model does not compile or lacks something.
@@ -130,7 +130,7 @@ class Body:
 
     @property
     def thickness_m(self) -> float:
-        """Thickness of the foam between the rigid surface and the cells [m]."""
+        """Foam thickness between the rigid surface and the outer face [m]."""
         return self._foundation.foam.thickness_m
 
     @property
@@ -144,11 +144,11 @@ class Body:
         return self.sheet_foundation.n_elements
 
     def set_command(self, velocity_rad_s: Sequence[float] | NDArray[np.float64]) -> bool:
-        """Velocity command (D,) [rad/s], in force from now on; returns whether it was accepted."""
+        """Set the velocity command (D,) [rad/s] from now on; return False if it is refused."""
         return self.actuation.command(velocity_rad_s)
 
     def begin_stage(self, name: str) -> None:
-        """The controller's program is in stage `name` from now on."""
+        """Begin stage `name` of the controller's program."""
         self.teacher.begin_stage(name, self.t_ns)
         self.forces.begin_stage(name)
         if self.stand is not None and self.grasp is not None:
@@ -158,10 +158,10 @@ class Body:
             self.payload.begin_stage(name, self.t_ns)
 
     def advance(self, until_ns: int) -> None:
-        """Steps to `until_ns`, a whole number of physics steps away.
+        """Advance to `until_ns` [ns], a whole number of physics steps away.
 
         Raises:
-            ModelError: the simulation blew up.
+            ModelError: the simulation became unstable.
         """
         assert (until_ns - self.t_ns) % self._step_ns == 0
         while self.t_ns < until_ns:
@@ -174,7 +174,7 @@ class Body:
             )
 
     def stimulus(self) -> NDArray[np.float64]:
-        """What all cells feel now: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
+        """Stimulus of all cells now: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
         if self._stimulus is None:
             self._evaluate()
             self._stimulus = self._sampler.sample()
@@ -182,17 +182,17 @@ class Body:
         return self._stimulus.copy()
 
     def pressures(self) -> NDArray[np.float64]:
-        """Pressure (n_elements,) on each element of all sheets now [kPa], a copy."""
+        """Sheet pressures (n_elements,) on all elements now [kPa], a copy."""
         self._evaluate()
         return self.sheet_foundation.pressure_kpa()
 
     def joints(self) -> NDArray[np.float64]:
-        """Positions (D,) of the controlled joints now [rad], a copy."""
+        """Joint positions (D,) of the controlled joints now [rad], a copy."""
         positions: NDArray[np.float64] = self.data.qpos[self.model.qpos]
         return positions
 
     def truth(self) -> GroundTruth:
-        """Touches of the teacher, crossings, commands that were refused, forces, the way of objects."""
+        """Ground truth: teacher's tasks, threshold crossings, refused commands, forces, motion of objects."""
         self._evaluate()
         self._watch()
         facts = {
@@ -220,7 +220,7 @@ class Body:
         return data
 
     def _skin(self, surface: Surface, deployment: Deployment) -> dict[str, Any]:
-        """What a foundation of `surface` is made of."""
+        """Arguments of a foundation over `surface`."""
         mj = self.model.mj
         return {
             "surface": surface,
@@ -232,7 +232,7 @@ class Body:
         }
 
     def _grip(self, closing: Closing, payload: Payload) -> None:
-        """Closes the arms on the payload, before time zero."""
+        """Close the arms on the payload, before time zero."""
         while True:
             self._press()
             speeds_rad_s = closing.speeds_rad_s(self.sheet_foundation.body_force_n())
@@ -247,7 +247,7 @@ class Body:
         payload.observe(0)
 
     def _press(self) -> None:
-        """Poses and contact forces at the present state."""
+        """Compute poses, velocities and skin contact forces at the present state."""
         mujoco.mj_fwdPosition(self.model.mj, self.data)
         mujoco.mj_fwdVelocity(self.model.mj, self.data)
         self.teacher.tell_velocity()
@@ -256,13 +256,13 @@ class Body:
         self.sheet_foundation.press(self._step_s)
 
     def _accelerate(self) -> None:
-        """Accelerations at the present state, after `_press`."""
+        """Compute accelerations at the present state, after `_press`."""
         mujoco.mj_fwdActuation(self.model.mj, self.data)
         mujoco.mj_fwdAcceleration(self.model.mj, self.data)
         mujoco.mj_fwdConstraint(self.model.mj, self.data)
 
     def _evaluate(self) -> None:
-        """Poses, contact forces and accelerations at the present time; once per time."""
+        """Evaluate poses, contact forces and accelerations at the present time, at most once per step."""
         if self._evaluated:
             return
         self._press()
@@ -272,7 +272,7 @@ class Body:
         self._evaluated = True
 
     def _watch(self) -> None:
-        """Takes the present time into the ground truth, in the stage that is in force; once per time."""
+        """Record ground truth at the present time under the active stage, at most once per step."""
         if self._watched:
             return
         self.forces.see(self.t_ns, float(self._foundation.pressed.peak_n[0]))
@@ -281,7 +281,7 @@ class Body:
         self._watched = True
 
     def _integrate(self) -> None:
-        """One physics step from the present time, with the commands in force."""
+        """Integrate one physics step under the active command."""
         self._watch()
         next_ns = self.t_ns + self._step_ns
         self.teacher.step(self.t_ns, self._step_ns)

@@ -1,4 +1,4 @@
-"""The stand that presents an object, lowers away from it and comes back: the world's part in a grasp."""
+"""Object stand: a lift that presents an object, lowers away once it is grasped, and returns."""
 
 import math
 from enum import Enum, auto
@@ -12,7 +12,7 @@ __all__ = ["MOVES", "Event", "Lift", "Phase", "Stand"]
 
 
 class Phase(Enum):
-    """Where the stand is or goes."""
+    """State of the stand: at rest or moving."""
 
     BELOW = "below"
     RISING = "rising"
@@ -24,7 +24,7 @@ class Phase(Enum):
 
 
 class Event(Enum):
-    """What sends it elsewhere."""
+    """Event that moves the stand to another phase."""
 
     PRESENT = auto()
     LOWER = auto()
@@ -41,25 +41,25 @@ MOVES = {
     (Phase.AWAY, Event.RETURN): Phase.RETURNING,
     (Phase.RETURNING, Event.ARRIVED): Phase.BACK,
 }
-"""All that it ever does; once back, it stays."""
+"""Transition table of the stand; BACK is final."""
 
 
 class Lift:
-    """A height that goes to its target with bounded speed and acceleration, and may be sent elsewhere.
+    """Trajectory generator for a height, with bounded speed and acceleration; the target may change any time.
 
     Attributes:
-        height_m: Where it is.
-        speed_m_s: How fast it rises.
-        target_m: Where it goes.
+        height_m: Present height [m].
+        speed_m_s: Present vertical speed, upwards positive [m/s].
+        target_m: Target height [m].
     """
 
     def __init__(self, limit_m_s: float, acceleration_m_s2: float) -> None:
-        """At rest at height 0."""
+        """Initialise the trajectory at rest at height 0."""
         self.height_m = self.speed_m_s = self.target_m = 0.0
         self._limit_m_s, self._acceleration_m_s2 = limit_m_s, acceleration_m_s2
 
     def step(self, step_s: float) -> bool:
-        """Moves on by `step_s`, as fast as it may and can still stop; returns whether this ends its way."""
+        """Advance by `step_s` [s], time-optimal within the limits; return True on arrival at the target."""
         way_m = self.target_m - self.height_m
         if way_m == 0.0 and self.speed_m_s == 0.0:
             return False
@@ -76,32 +76,32 @@ class Lift:
 
 
 class Stand:
-    """Where the stand goes and when, by the stages of the controller's program.
+    """Motion of the stand, driven by the stages of the controller's program.
 
-    Its joint is prescribed one step ahead: MuJoCo knows how it moves and accelerates, so that what stands on
-    it is carried by contact without a jolt.
+    Its joint motion is prescribed one step ahead, with velocity and acceleration known to MuJoCo, so that
+    contact carries the object without a jolt.
 
     Attributes:
-        phase: Where it is or goes.
-        history: Each phase so far with the time when it began [ns].
+        phase: Present phase.
+        history: Each phase so far with the time of its beginning [ns].
     """
 
     def __init__(self, data: mujoco.MjData, spec: StandSpec) -> None:
-        """Takes the stand of a model, where the model has it."""
+        """Initialise the stand at its pose in the model."""
         self.phase = Phase.BELOW if spec.below_m > 0.0 else Phase.UP
         self.history: list[tuple[int, Phase]] = [(0, self.phase)]
         self._lift = Lift(spec.speed_m_s, spec.acceleration_m_s2)
-        """Its height above where it started, at the end of the next step."""
+        """Height trajectory above the start pose, at the end of the next step."""
         self._arrives = False
         self._spec, self._qpos, self._qvel, self._force_n = spec, data.qpos, data.qvel, data.qfrc_applied
         joint = data.model.joint(STAND)
         self._address, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._mass_kg = float(data.model.dof_M0[self._dof])
         self._due_ns: int | None = None
-        """When the event that ends the present phase comes, if a time does."""
+        """Time [ns] of the timed event that ends the present phase, if any."""
 
     def begin_stage(self, name: str, t_ns: int) -> None:
-        """The controller's program is in stage `name` from `t_ns` on."""
+        """Begin stage `name` of the controller's program at `t_ns` [ns]."""
         spec = self._spec
         if self.phase is Phase.BELOW and name == spec.present_stage and self._due_ns is None:
             self._due_ns = t_ns + spec.present_ns
@@ -111,7 +111,7 @@ class Stand:
             self._go(Event.RETURN, t_ns)
 
     def step(self, t_ns: int, step_s: float) -> None:
-        """It is `t_ns`, one step of `step_s` after the last call: puts it where it is, and pushes it on."""
+        """Step the stand to `t_ns` [ns], `step_s` [s] after the last call: set its state, apply its force."""
         self._qpos[self._address] = self._lift.height_m
         self._qvel[self._dof] = speed_m_s = self._lift.speed_m_s
         if self._arrives:
@@ -131,7 +131,7 @@ class Stand:
                 self._go(Event.RETURN, t_ns)
 
     def _go(self, event: Event, t_ns: int) -> None:
-        """The table's next phase; a `KeyError` would be a bug of ours."""
+        """Apply the transition of `event` at `t_ns` [ns]; a `KeyError` is a bug of ours."""
         waits_for_hold = self.phase is Phase.RISING
         self.phase = MOVES[self.phase, event]
         self.history.append((t_ns, self.phase))

@@ -1,4 +1,4 @@
-"""What every cell senses of the body at one instant: the columns of `STIMULUS_NAMES`."""
+"""Stimulus of every cell at one instant: force, distance, acceleration, temperature (`STIMULUS_NAMES`)."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,13 +22,13 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class StimulusSampler:
-    """Reads the stimulus of all cells off a simulation whose accelerations are up to date.
+    """Stimulus sampler of all cells; needs a simulation whose accelerations are up to date.
 
     Attributes:
         mj: MuJoCo's model.
-        data: Its state.
-        foundation: The foam, pressed at the same instant.
-        reach_m: Nothing farther than this above the face of the foam is seen [m].
+        data: MuJoCo's state.
+        foundation: Foundation of the cells, evaluated at the same instant.
+        reach_m: Range of the distance measurement above the face of the foam [m].
     """
 
     mj: mujoco.MjModel
@@ -41,11 +41,11 @@ class StimulusSampler:
         self._near = np.zeros(max(1, len(self.foundation.scene.geom)), dtype=np.int64)
 
     def sample(self) -> Floats:
-        """Stimulus (n, 8) in `STIMULUS_NAMES` order, frames of the cells.
+        """Sample the stimulus (n, 8) in `STIMULUS_NAMES` order, cell frames.
 
         Forces [N] are those of the foundation. The distance [m] is measured from the face of the foam along
         the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face: a cell sits
-        on its foam. The temperature [°C] is that of what touches the cell, else of the body that carries it.
+        on its foam. The temperature [°C] is that of the touching bodies, else of the carrying body.
         """
         mujoco.mj_rnePostConstraint(self.mj, self.data)
         stimulus = np.empty((len(self.foundation.surface.body), len(STIMULUS_NAMES)))
@@ -84,7 +84,7 @@ def _sample(
                 stimulus[i, element] = pressed.force_n[i, element]
             x, y, z = lifted(surface, motion, i, thickness_m)
             stimulus[i, 3] = math.inf
-            if n_near > 0:  # the call alone, with all its arrays, costs as much as the rest
+            if n_near > 0:  # the call alone, with its array arguments, costs as much as the rest
                 stimulus[i, 3] = _distance_m(surface, scene, motion, i, x, y, z, reach_m, near, n_near)
             felt_acceleration(surface, motion, cacc, i, x, y, z, stimulus)
             touch_c = pressed.touch_c[i]
@@ -104,7 +104,7 @@ def _distance_m(
     near: NDArray[np.int64],
     n_near: int,
 ) -> float:
-    """Distance [m] from the face of cell `i` at (x, y, z) to what lies along its normal; inf beyond reach."""
+    """Measure the distance [m] from the face of cell `i` at (x, y, z) along its normal; inf out of range."""
     u, v, w = axis(surface, motion, i, 2)
     nearest_m = math.inf
     middle_m = 0.5 * reach_m
@@ -119,7 +119,7 @@ def _distance_m(
 def felt_acceleration(
     surface: Surface, motion: Motion, cacc: Floats, i: int, x: float, y: float, z: float, stimulus: Floats
 ) -> None:
-    """Writes the proper acceleration [m/s²] of cell `i`, whose face is at (x, y, z), into `stimulus`."""
+    """Write the proper acceleration [m/s²] of cell `i`, with its face at (x, y, z), into `stimulus`."""
     ax, ay, az = _acceleration(motion, cacc, surface.body[i], x, y, z)
     for column in range(3):
         u, v, w = axis(surface, motion, i, column)

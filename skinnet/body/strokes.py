@@ -1,4 +1,4 @@
-"""A stroke: the finger brushes over cells, one after the other, deep in the foam by the same depth."""
+"""Stroke task: the finger brushes over a sequence of cells at constant depth in the foam."""
 
 import itertools
 from collections.abc import Sequence
@@ -18,23 +18,23 @@ __all__ = ["Stroke", "Sweep", "sweeps_over"]
 Floats = NDArray[np.float64]
 
 _NEIGHBOURS = 1.45
-"""Faces of cells nearer than this share of the pitch are neighbours: on a curved body they lie apart."""
+"""Neighbour distance limit, in lattice pitches: on a curved body the faces of neighbours lie apart."""
 _FINENESS = 24
-"""Pieces into which the way from one cell to its neighbour is cut: 1 mm each."""
+"""Number of path segments from one cell to its neighbour, 1 mm each."""
 _TOUCHED_N = 0.02
-"""Normal force [N] from which on a cell counts as touched: a brush of 2 mm exerts 0.15 N (assumed)."""
+"""Minimum normal force [N] of a touched cell: a stroke 2 mm deep exerts 0.15 N (assumed)."""
 
 
 class Sweep:
-    """A way over neighbouring cells of a patch without lifting the finger, in the frame of the body.
+    """Finger path over neighbouring cells of a patch without lifting, in the frame of the body.
 
     Attributes:
-        spots: Where it leads over.
-        length_m: Length of the way [m].
+        spots: Contact targets along the path.
+        length_m: Path length [m].
     """
 
     def __init__(self, spots: Sequence[Spot]) -> None:
-        """Leads from the first of `spots` to the last, over the face of the foam between them."""
+        """Interpolate a path from the first of `spots` to the last, over the face of the foam."""
         self.spots = list(spots)
         pieces = [_between(one, other) for one, other in itertools.pairwise(spots)]
         ends = (spots[-1].point_m[None], spots[-1].normal[None])
@@ -44,7 +44,7 @@ class Sweep:
         self.length_m = float(self._way_m[-1])
 
     def at(self, way_m: float) -> Spot:
-        """The place on the skin after `way_m` [m]."""
+        """Contact target on the path at arc length `way_m` [m]."""
         point_m, normal = (
             np.array([np.interp(way_m, self._way_m, values[:, axis]) for axis in range(3)])
             for values in (self._point_m, self._normal)
@@ -53,12 +53,12 @@ class Sweep:
 
 
 class Stroke:
-    """One stroke of the script.
+    """Stroke task of the teacher's script.
 
     Attributes:
-        phase: What the finger does.
-        over: It is gone again.
-        truth: What the stroke really was.
+        phase: Motion phase of the finger.
+        over: The stroke has ended and the finger is parked.
+        truth: Ground truth of the stroke.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Stroke:
         sweeps: Sequence[Sweep],
         truth: StrokeTruth,
     ) -> None:
-        """The finger appears above the beginning of the first of `sweeps`."""
+        """Place the finger above the beginning of the first of `sweeps`."""
         self.phase = Phase.APPROACH
         self.over = False
         self.truth = truth
@@ -80,11 +80,11 @@ class Stroke:
         self._begin(self._left.pop(0))
 
     def leave(self, t_ns: int) -> None:
-        """The finger withdraws for good."""
+        """Abort the stroke: the finger withdraws."""
         self.phase, self._left_off = Phase.WITHDRAW, True
 
     def step(self, t_ns: int, step_ns: int) -> None:
-        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         step_s, spec, truth = step_ns / NS_PER_S, self._spec, self.truth
         np.maximum(self._peak_n, self._foundation.pressed.force_n.sum(axis=1), out=self._peak_n)
         truth.touched = np.flatnonzero(self._peak_n >= _TOUCHED_N).tolist()
@@ -110,7 +110,7 @@ class Stroke:
         self._finger.appear(self._finger.line(sweep.at(0.0)), self._height_m)
 
     def _finish(self, t_ns: int) -> None:
-        """Goes on with the next sweep, or parks."""
+        """Begin the next sweep, or end the stroke and park the finger."""
         if self._left and not self._left_off:
             self._begin(self._left.pop(0))
             return
@@ -120,14 +120,14 @@ class Stroke:
 
 
 def sweeps_over(spots: Sequence[Spot], side_m: float) -> list[list[Spot]]:
-    """Puts places on the cells of one patch into the order in which a finger brushes over them.
+    """Order contact targets of one patch into sweeps (nearest-neighbour tour).
 
-    The way begins at the cell farthest from the middle and goes on to the nearest that is left, the first of
-    equals; where that is no neighbour, another sweep begins.
+    The tour begins at the cell farthest from the centroid and goes on to the nearest remaining cell, the
+    first of equals; where that is no neighbour, another sweep begins.
 
     Args:
         spots: One on each cell.
-        side_m: Side of a cell.
+        side_m: Side length of a cell [m].
     """
     left, point_m = list(range(len(spots))), np.array([spot.point_m for spot in spots])
     here = _farthest(np.linalg.norm(point_m - point_m.mean(axis=0), axis=1))
@@ -144,14 +144,14 @@ def sweeps_over(spots: Sequence[Spot], side_m: float) -> list[list[Spot]]:
 
 
 def _farthest(values: Floats) -> int:
-    """Index of the largest value, the first of those that are equal but for rounding."""
+    """Index of the largest value, the first of those equal up to rounding."""
     return int(np.argmax(values >= values.max() - 1e-6))
 
 
 def _between(one: Spot, other: Spot) -> tuple[Floats, Floats]:
-    """Points (m, 3) [m] and normals (m, 3) from one spot to just before the other, over a curve.
+    """Interpolate points (m, 3) [m] and normals (m, 3) from one spot up to the other, exclusive.
 
-    A cubic Hermite curve whose tangents lie in the faces: on a cylinder as good as its arc.
+    A cubic Hermite curve with tangents in the faces of the cells; on a cylinder it approximates the arc.
     """
     chord_m = other.point_m - one.point_m
     tangents_m = [chord_m - (chord_m @ spot.normal) * spot.normal for spot in (one, other)]

@@ -1,4 +1,4 @@
-"""The skin as the body carries it: the cells of all patches as arrays, and the foam's sample points."""
+"""Skin surface on its bodies: cells of all patches as arrays, and sample points of the foam."""
 
 import math
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ __all__ = [
 ]
 
 N_ELEMENTS = 3
-"""Force cells per cell: the three rhombi of the hexagon."""
+"""Force cells (taxels) per cell: the three rhombi of the hexagon."""
 _PER_SIDE = 3
-"""3 × 3 points per force cell ripple by 3.5 % when a contact moves, one point by 29 % (FACTS.md)."""
+"""Sample points per side of a force cell: force ripple of 3.5 %, with one point 29 % (FACTS.md)."""
 N_SAMPLES = N_ELEMENTS * _PER_SIDE**2
 
 Floats = NDArray[np.float64]
@@ -35,23 +35,22 @@ Indices = NDArray[np.int64]
 
 
 class Surface(NamedTuple):
-    """Cells of all patches in the order of the deployment, on the rigid surface that they cover.
+    """Skin surface: cells of all patches in deployment order, on the rigid surface that they cover.
 
-    A cell is a HEX-o-SKIN cell with e = 3 force cells and s = 27 sample points, or any other plane piece of
-    skin whose foam is sampled alike (`sheet_surface`).
+    A cell is a HEX-o-SKIN cell with e = 3 force cells and s = 27 sample points, or another plane piece of
+    skin whose foam is sampled in the same way (`sheet_surface`).
 
     Attributes:
         body: (n,) id of the body that carries each cell.
-        position_m: (n, 3) middle of the cell on the rigid surface, frame of the body [m].
+        position_m: (n, 3) centre of the cell on the rigid surface, frame of the body [m].
         R_body_cell: (n, 3, 3) columns are the cell's x, y and z (outward normal).
-        patch_start: (p + 1,) first cell of each patch, and the number of cells.
+        patch_start: (p + 1,) row of the first cell of each patch, then the number of cells.
         patch_body: (p,) id of the body of each patch.
-        patch_centre_m: (p, 3) middle of a ball around the centres of the patch, frame of the body [m].
-        patch_radius_m: (p,) its radius [m].
-        sample_m: (s, 2) points at which a cell's foam is sampled, plane of the cell [m]; as many for each
-            force cell in turn.
-        sample_area_m2: Area that each of them stands for [m²].
-        n_elements: e, number of force cells of a cell.
+        patch_centre_m: (p, 3) centre of the bounding sphere of each patch's cells, frame of the body [m].
+        patch_radius_m: (p,) radius of the bounding sphere [m].
+        sample_m: (s, 2) sample points of a cell's foam, plane of the cell [m]; s / e per force cell, in turn.
+        sample_area_m2: Area per sample point [m²].
+        n_elements: e, number of force cells per cell.
     """
 
     body: Indices
@@ -69,7 +68,7 @@ class Surface(NamedTuple):
 def skin_surface(
     mj: mujoco.MjModel, patches: list[PlacedPatch], cells: CellSpec, source: Path | str
 ) -> Surface:
-    """Puts `patches` onto the bodies of `mj`.
+    """Build the skin surface of `patches` on the bodies of `mj`.
 
     Raises:
         ModelError: a patch names a body that the model does not have.
@@ -93,7 +92,7 @@ def surface_of_patches(
     sample_area_m2: float,
     n_elements: int,
 ) -> Surface:
-    """Skin that lies on bodies in patches; lists have an entry for each, else as in `Surface`."""
+    """Build a skin surface from lists with one entry per patch; fields as in `Surface`."""
     centre_m = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in position_m]
     radius_m = [np.linalg.norm(p - c, axis=1).max() for p, c in zip(position_m, centre_m, strict=True)]
     counts = [len(p) for p in position_m]
@@ -112,10 +111,10 @@ def surface_of_patches(
 
 
 def sample_points_m(side_m: float) -> Floats:
-    """Sample points (27, 2) [m] of a hexagon of `side_m`, with equal areas, in the plane of the cell.
+    """Sample points (27, 2) [m] of a hexagon of side `side_m` [m], of equal areas, plane of the cell.
 
-    Three rhombi meet in the middle of the hexagon; each is cut into 3 × 3 equal rhombi with a point in
-    the middle. Corners of the hexagon lie at 30°, 90°, …: the x axis points to an edge.
+    Three rhombi meet at the centre of the hexagon; each is cut into 3 × 3 equal rhombi with a point at
+    the centre. Corners of the hexagon lie at 30°, 90°, …: the x axis points to an edge.
     """
     corners = hexagon_m(side_m)
     steps = (np.arange(_PER_SIDE) + 0.5) / _PER_SIDE
@@ -130,13 +129,13 @@ def sample_points_m(side_m: float) -> Floats:
 
 
 def hexagon_m(side_m: float) -> Floats:
-    """Corners (6, 2) [m] of a cell, counter-clockwise from 30°, in the plane of the cell."""
+    """Hexagon corners (6, 2) [m] of a cell, counter-clockwise from 30°, in the plane of the cell."""
     corners: Floats = side_m * _directions([30.0 + 60.0 * k for k in range(6)])
     return corners
 
 
 def element_centre_m(element: int, radius_m: float) -> Floats:
-    """Middle (2,) [m] of a force cell in the plane of the cell: at 90°, 210° and 330°, `radius_m` out."""
+    """Force cell centre (2,) [m] in the plane of the cell: at 90°, 210° and 330°, radius `radius_m` [m]."""
     centre: Floats = radius_m * _directions([90.0 + 120.0 * element])[0]
     return centre
 

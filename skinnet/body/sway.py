@@ -1,4 +1,4 @@
-"""Sway of the reference part: what a balancing lower body leaves over, as one sine per joint (assumed)."""
+"""Postural sway of the reference body, residual of a balancing lower body: one sine per joint (assumed)."""
 
 import math
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import SwaySpec
-from skinnet.seeding import key_of, uniform
+from skinnet.seeding import StreamName, key_of, uniform
 
 __all__ = ["Sway"]
 
@@ -15,19 +15,22 @@ Floats = NDArray[np.float64]
 
 
 class Sway:
-    """Servo targets of the sway joints over time; each joint has a phase of its own.
+    """Sway trajectory of the sway joints; the seed gives each joint its phase.
 
-    The sine is around the targets at which the servos carry the weight of the body.
+    The sine is added to the gravity-compensating servo targets.
     """
 
     def __init__(self, spec: SwaySpec, seed: int) -> None:
         self.spec = spec
         self._phase_rad = np.array(
-            [2.0 * math.pi * uniform(key_of(seed, "sway", joint), np.uint64(0)) for joint in spec.joints]
+            [
+                2.0 * math.pi * uniform(key_of(seed, StreamName.SWAY, joint), np.uint64(0))
+                for joint in spec.joints
+            ]
         )
 
     def offsets_rad(self, t_ns: int) -> Floats:
-        """Deflections (W,) of the sway joints at `t_ns` [rad]."""
+        """Sway offsets (W,) of the sway joints at `t_ns` [rad]."""
         angle_rad = 2.0 * math.pi * self.spec.frequency_hz * t_ns / NS_PER_S
         offsets: Floats = self.spec.amplitude_rad * np.sin(angle_rad + self._phase_rad)
         return offsets

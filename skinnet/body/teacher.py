@@ -1,4 +1,4 @@
-"""The teacher: one finger, and what it does when which stage of the program begins."""
+"""Teacher: one finger that executes a script of touches, lessons and strokes, by program stage."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -24,14 +24,14 @@ from skinnet.deployment.teacher import TeacherSpec, cells_of
 __all__ = ["Phase", "Skin", "Teacher"]
 
 _PUSHED = 0
-"""Force cell of each cell that a lesson with contact pushes: on one of them a finger is felt best."""
+"""Force cell that a lesson with contact pushes on each cell: one force cell gives the largest reading."""
 
 
 class Skin(NamedTuple):
-    """The skin as the teacher knows it.
+    """Skin interface of the teacher: foundation and cell names.
 
     Attributes:
-        foundation: The foam that feels his finger.
+        foundation: Foundation of the cells.
         cells: Rows of each patch's cells, by the name of the patch.
         spec: Geometry of a cell.
     """
@@ -41,7 +41,7 @@ class Skin(NamedTuple):
     spec: CellSpec
 
     def spots(self, key: str, names: Sequence[str], force_cell: int | None = None) -> list[Spot]:
-        """Places on the cells that `names` mean, under `key` of the deployment.
+        """Resolve contact targets of the cells `names`, given under `key` of the deployment.
 
         Raises:
             DeploymentError: there is no such patch or cell.
@@ -53,41 +53,41 @@ class Skin(NamedTuple):
 
 
 class _Due(NamedTuple):
-    """Something to do in the present stage: when, and how it begins."""
+    """Scheduled task of the present stage: begin time [ns] and factory."""
 
     t_ns: int
     begin: Callable[[int], Task]
 
 
 class Teacher:
-    """Follows the script of touches, lessons and strokes, step by step, one at a time.
+    """Teacher that executes its script of touches, lessons and strokes, one task at a time.
 
-    Each begins `start_s` after its stage did, or when the finger is free again after an earlier one: in the
-    order of `start_s`, touches before lessons before strokes. All touches of a stage belong to it whenever
-    it begins, and of its lessons and strokes the next one each time. When another stage begins, the finger
-    withdraws and what was left of the old stage never happens.
+    A task begins `start_s` after its stage, or when the finger is free again: in the order of `start_s`,
+    touches before lessons before strokes. Each time a stage begins, all its touches are scheduled, and the
+    next one of its lessons and strokes. When another stage begins, the finger withdraws and the remaining
+    tasks of the old stage are dropped.
 
     Attributes:
-        truth: What the touches so far really were; the last one may still last.
-        lessons: The same of the lessons.
-        strokes: The same of the strokes.
+        truth: Ground truth of the touches so far; the last one may be in progress.
+        lessons: Ground truth of the lessons so far.
+        strokes: Ground truth of the strokes so far.
     """
 
     def __init__(
         self, model: BodyModel, data: mujoco.MjData, skin: Skin, spec: TeacherSpec, source: str
     ) -> None:
-        """Parks the finger.
+        """Resolve the script and park the finger.
 
         Args:
-            model: The robot.
-            data: State of the simulation.
-            skin: Its skin.
+            model: The robot model.
+            data: MuJoCo's state.
+            skin: The robot's skin.
             spec: The script.
-            source: Where the model comes from.
+            source: Model file, for error messages.
 
         Raises:
-            DeploymentError: the script means a cell that does not exist.
-            ModelError: a lesson's goal means a body that does not exist.
+            DeploymentError: the script names a cell that does not exist.
+            ModelError: a lesson's goal names a body that does not exist.
         """
         self.truth: list[TouchTruth] = []
         self.lessons: list[LessonTruth] = []
@@ -125,11 +125,11 @@ class Teacher:
 
     @property
     def phase(self) -> Phase:
-        """What the finger does."""
+        """Motion phase of the finger."""
         return Phase.PARKED if self._task is None else self._task.phase
 
     def begin_stage(self, name: str, t_ns: int) -> None:
-        """The program's stage `name` began at `t_ns`."""
+        """Begin stage `name` of the controller's program at `t_ns` [ns]: schedule its tasks."""
         spec = self._spec
         count = self._given[name]
         self._given[name] += 1
@@ -145,11 +145,11 @@ class Teacher:
             self._task.leave(t_ns)
 
     def tell_velocity(self) -> None:
-        """Tells MuJoCo how fast the finger moves."""
+        """Write the finger's velocity into MuJoCo's state."""
         self._finger.tell_velocity()
 
     def step(self, t_ns: int, step_ns: int) -> None:
-        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         if self._task is None and self._queue and t_ns >= self._queue[0].t_ns:
             self._task = self._queue.popleft().begin(t_ns)
         if self._task is not None:

@@ -1,4 +1,4 @@
-"""What lessons and strokes of the teacher really were."""
+"""Ground truth of the teacher's lessons and strokes."""
 
 from dataclasses import dataclass, field
 
@@ -7,13 +7,13 @@ __all__ = ["LessonTouch", "LessonTruth", "StrokeTruth"]
 
 @dataclass
 class LessonTouch:
-    """A cell that the finger came near to in a lesson.
+    """Touch of one cell in a lesson, by approach or contact.
 
     Attributes:
         cell: Row of the cell.
-        begin_ns: The finger appeared above it.
-        end_ns: It began to withdraw; None while it stays.
-        moved_rad: How far the joints moved meanwhile, all together (norm) [rad].
+        begin_ns: Time at which the finger appeared above the cell [ns].
+        end_ns: Time at which it began to withdraw [ns]; None before.
+        moved_rad: Joint motion meanwhile, Euclidean norm [rad].
     """
 
     cell: int
@@ -24,20 +24,20 @@ class LessonTouch:
 
 @dataclass
 class LessonTruth:
-    """What a lesson really was.
+    """Ground truth of a lesson.
 
     Attributes:
         lesson: Index in the deployment's list of lessons.
-        stage: Stage of the program in which it was given.
-        begin_ns: It began.
-        end_ns: The finger was away for good; None while it lasts.
-        outcome: "reached", "nothing helps", "out of patience" or "stage over"; empty while it lasts.
-        begin_error_m: Distance of each goal's point from its place in the beginning [m].
-        error_m: The same at the end, or as seen last [m].
-        touches: Cells that the finger came near to, in this order.
-        nearest_m: Least height of the finger above the face of such a cell [m], negative within the foam;
-            None if it never came near.
-        contact_ns: First force on the finger; None when it never touched anything.
+        stage: Stage of the program in which it took place.
+        begin_ns: Begin [ns].
+        end_ns: End, with the finger parked [ns]; None before.
+        outcome: "reached", "nothing helps", "out of patience" or "stage over"; empty while in progress.
+        begin_error_m: Initial distance of each goal's point from its target [m].
+        error_m: Final, or last observed, distance of each point from its target [m].
+        touches: Touched cells, in order.
+        nearest_m: Smallest height of the finger above the face of a touched cell [m], negative within the
+            foam; None if there was no touch.
+        contact_ns: Time of the first force on the finger [ns]; None without contact.
         peak_n: Largest normal force on the finger [N].
     """
 
@@ -54,7 +54,7 @@ class LessonTruth:
     peak_n: float = 0.0
 
     def observe(self, t_ns: int, height_m: float, finger_n: float) -> None:
-        """Takes in one physics step: height of the finger above the cell [m], force on the finger [N]."""
+        """Record one physics step at `t_ns` [ns]: height above the cell [m], force on the finger [N]."""
         self.nearest_m = height_m if self.nearest_m is None else min(self.nearest_m, height_m)
         if finger_n > 0.0 and self.contact_ns is None:
             self.contact_ns = t_ns
@@ -63,15 +63,15 @@ class LessonTruth:
 
 @dataclass
 class StrokeTruth:
-    """What a stroke really was.
+    """Ground truth of a stroke.
 
     Attributes:
         stroke: Index in the deployment's list of strokes.
-        stage: Stage of the program in which it happened.
-        begin_ns: The finger appeared.
-        end_ns: It was gone again; None while it lasts.
-        asked: Rows of the cells in the order in which the script wants them brushed.
-        touched: Rows of the cells that felt something meanwhile, ascending.
+        stage: Stage of the program in which it took place.
+        begin_ns: Time at which the finger appeared [ns].
+        end_ns: End, with the finger parked [ns]; None before.
+        asked: Rows of the cells of the script, in stroke order.
+        touched: Rows of the cells with a normal force above the threshold, ascending.
         peak_n: Largest normal force on the finger [N].
     """
 

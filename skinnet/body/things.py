@@ -1,4 +1,4 @@
-"""The stand in front of the robot and the object on it, as parts of the model."""
+"""Stand and object in front of the robot, added to the MuJoCo model."""
 
 import math
 from typing import NamedTuple
@@ -10,27 +10,27 @@ from skinnet.deployment.schema import Deployment
 from skinnet.deployment.stand import StandSpec
 from skinnet.deployment.things import NO_OBJECT, THINGS, Shape, Solid, Thing
 from skinnet.errors import DeploymentError
-from skinnet.seeding import key_of, uniform
+from skinnet.seeding import StreamName, key_of, uniform
 
 __all__ = ["OBJECT", "STAND", "Presented", "add_stand", "presented_by", "solids_of"]
 
 OBJECT = "object"
 STAND = "object_stand"
-"""Names of the bodies, and of their joints."""
+"""Names of the stand's body and joint; `OBJECT` likewise."""
 _EVERYTHING = 2**31 - 1
-"""Contact bits: object and stand touch whatever takes part in contacts at all."""
+"""Contact bits (contype, conaffinity): object and stand collide with every contact geom."""
 _EMPTY_M = (0.30, 0.30, 0.30)
-"""Without an object the stand is where it would be for one of this size (assumed)."""
+"""Nominal object size [m] that places the stand when there is no object (assumed)."""
 _PLATE_M = 0.02
 _BEYOND_M = 0.02
-"""The plate ends so far behind the object."""
+"""Length [m] of the plate behind the object."""
 _COLUMN_M = 0.03
-"""Radius."""
+"""Radius of the column [m]."""
 _STAND_KG = 1e4
-"""So heavy that nothing moves it between two steps; its way is prescribed."""
+"""Mass of the stand [kg]: no contact moves it between two steps, as its motion is prescribed."""
 _STEEL_TINT = (0.46, 0.48, 0.52, 1.0)
 _CONTACT_S = 0.005
-"""Time constant of rigid contacts with it: five steps, so that what is light does not sink in (assumed)."""
+"""Time constant [s] of rigid contacts with the object: five steps, so that it does not sink in (assumed)."""
 _SHAPES = {
     Shape.BOX: mujoco.mjtGeom.mjGEOM_BOX,
     Shape.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -39,14 +39,14 @@ _SHAPES = {
 
 
 class Presented(NamedTuple):
-    """A stand, what is on it, and where the seed has put it.
+    """Stand and object with a pose drawn from the seed.
 
     Attributes:
-        stand: The stand.
+        stand: Stand section of the deployment.
         name: Name of the object.
-        thing: The object; None if there is none.
-        at_m: Its middle while the stand is up, world [m].
-        yaw_rad: How far it is turned.
+        thing: The object model; None if there is none.
+        at_m: Centre of the object while the stand is up, world [m].
+        yaw_rad: Yaw of the object [rad].
     """
 
     stand: StandSpec
@@ -57,22 +57,22 @@ class Presented(NamedTuple):
 
     @property
     def size_m(self) -> tuple[float, float, float]:
-        """Depth, width and height of what is presented [m]."""
+        """Object size: depth, width and height [m]; nominal without an object."""
         return _EMPTY_M if self.thing is None else self.thing.size_m
 
     @property
     def top_m(self) -> float:
-        """Height of the plate's top while the stand is up [m]."""
+        """Plate height (top) while the stand is up [m]."""
         return self.at_m[2] - 0.5 * self.size_m[2]
 
     @property
     def start_top_m(self) -> float:
-        """Height of the plate's top at the start of a run [m]."""
+        """Plate height (top) at the start of a run [m]."""
         return self.top_m - self.stand.below_m
 
 
 def presented_by(deployment: Deployment) -> Presented | None:
-    """What a deployment presents to the robot; the disturbances are drawn from its seed."""
+    """Place stand and object of a deployment, with disturbances drawn from its seed; None without a stand."""
     stand = deployment.stand
     if stand is None:
         return None
@@ -91,10 +91,10 @@ def presented_by(deployment: Deployment) -> Presented | None:
 
 
 def add_stand(spec: mujoco.MjSpec, presented: Presented) -> None:
-    """Adds stand and object, where they are at the start of a run.
+    """Add stand and object to the model at their start poses.
 
     Raises:
-        DeploymentError: the plate would have no length, or lie in the floor.
+        DeploymentError: the plate would have no length, or intersect the floor.
     """
     x_m, y_m, _ = presented.at_m
     lowest_m = 0.5 * presented.size_m[2] + _PLATE_M
@@ -106,25 +106,25 @@ def add_stand(spec: mujoco.MjSpec, presented: Presented) -> None:
     body = spec.worldbody.add_body(name=STAND, pos=[x_m, y_m, top_m], gravcomp=1.0)
     body.add_joint(name=STAND, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
     _add_plate(body, presented)
-    # The column goes down through the floor, as if into it.
+    # The column penetrates the floor.
     spec.add_exclude(bodyname1="world", bodyname2=STAND)
     if presented.thing is not None:
         _add_thing(spec, body, presented, presented.thing, top_m)
 
 
 def solids_of(thing: Thing) -> dict[str, Solid]:
-    """Solids of an object with its base, by the names of their geoms."""
+    """Solids of an object, with its base, by geom name."""
     solids = thing.solids if thing.base is None else (*thing.solids, thing.base)
     return {f"{OBJECT}_{i}": solid for i, solid in enumerate(solids)}
 
 
 def _draw(seed: int, what: str) -> float:
-    """Uniform in (-1, 1)."""
-    return 2.0 * uniform(key_of(seed, "stand", what), np.uint64(0)) - 1.0
+    """Random number, uniform in (-1, 1), of the stream `what`."""
+    return 2.0 * uniform(key_of(seed, StreamName.STAND, what), np.uint64(0)) - 1.0
 
 
 def _add_plate(body: mujoco.MjsBody, presented: Presented) -> None:
-    """The frame of the stand: below the middle of the object, on the plate's top."""
+    """Add plate and column; the stand's origin lies below the object's centre, on the top of the plate."""
     stand, x_m = presented.stand, presented.at_m[0]
     near_m, far_m = stand.plate_near_x_m - x_m, 0.5 * presented.size_m[0] + _BEYOND_M
     if near_m >= far_m:
@@ -184,7 +184,7 @@ def _add_solid(body: mujoco.MjsBody, name: str, solid: Solid, mass_kg: float, th
         condim=3,
         friction=[thing.friction, 0.005, 0.0001],
         solref=[_CONTACT_S, 1.0],
-        priority=1,  # friction and softness are the object's, whatever it touches
+        priority=1,  # the object's friction and solref take precedence in all its contacts
         rgba=[*thing.tint, 1.0],
         contype=_EVERYTHING,
         conaffinity=_EVERYTHING,

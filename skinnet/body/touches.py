@@ -1,4 +1,4 @@
-"""A touch: the finger goes to a cell, holds a depth or a force there, and withdraws."""
+"""Touch task: the finger approaches a cell, holds a depth or a force, and withdraws."""
 
 from skinnet.body.finger import Finger, Phase, Spot
 from skinnet.body.truth import TouchTruth
@@ -8,26 +8,28 @@ from skinnet.deployment.teacher import TouchSpec
 __all__ = ["Touch"]
 
 _GAIN_M_S = 0.08
-"""Speed of the finger for a force error of the whole wanted force: integral control by the depth. A ball
-in foam feels F ∝ depth², hence a time constant of depth / (2 × gain): 30 ms at 5 mm (assumed)."""
+"""Integral gain [m/s] of force control: finger speed at a relative force error of 1 (assumed).
+
+A sphere in foam has F ∝ depth², hence a time constant of depth / (2 × gain): 30 ms at 5 mm.
+"""
 _SETTLED = 0.02
-"""A force counts as reached within this share of it."""
+"""Relative tolerance within which a force counts as reached."""
 
 
 class Touch:
-    """One touch of the script.
+    """Touch task of the teacher's script.
 
-    A touch by force holds the force on the force cell that it aims at, or the whole force on the finger
-    when it aims at the middle of a cell.
+    A touch by force controls the force on the targeted force cell, or the total force on the finger
+    when it targets the centre of a cell.
 
     Attributes:
-        phase: What the finger does.
-        over: It is gone again.
-        truth: What the touch really was.
+        phase: Motion phase of the finger.
+        over: The touch has ended and the finger is parked.
+        truth: Ground truth of the touch.
     """
 
     def __init__(self, finger: Finger, spec: TouchSpec, spot: Spot, truth: TouchTruth, foam_m: float) -> None:
-        """The finger appears above `spot`, where the foam is `foam_m` thick."""
+        """Place the finger above `spot`, on foam of thickness `foam_m` [m]."""
         self.phase = Phase.APPROACH
         self.over = False
         self.truth = truth
@@ -38,11 +40,11 @@ class Touch:
         finger.appear(self._line, self._height_m)
 
     def leave(self, t_ns: int) -> None:
-        """The finger withdraws from now on."""
+        """Abort the touch: the finger withdraws."""
         self.phase = Phase.WITHDRAW
 
     def step(self, t_ns: int, step_ns: int) -> None:
-        """Moves the finger to where it is at `t_ns + step_ns`, from poses and forces at `t_ns`."""
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         spec, finger, step_s = self._spec, self._finger, step_ns / NS_PER_S
         felt_n = self._felt_n()
         self.truth.observe(t_ns, step_s, finger.force_n(), felt_n, self.phase is Phase.HOLD)
@@ -55,12 +57,12 @@ class Touch:
                 return
         else:
             self._advance(felt_n, t_ns, step_s)
-        if spec.force_n is not None:  # a touch by force follows the cell
+        if spec.force_n is not None:  # a touch by force tracks the moving cell
             self._line = finger.line(self._spot)
         finger.move(self._line, self._height_m, step_s)
 
     def _advance(self, felt_n: float, t_ns: int, step_s: float) -> None:
-        """One step of approach or hold."""
+        """Advance approach or hold by one step of `step_s` [s]."""
         spec = self._spec
         if spec.force_n is not None:
             error = 1.0 - felt_n / spec.force_n
@@ -78,7 +80,7 @@ class Touch:
             self.phase = Phase.WITHDRAW
 
     def _felt_n(self) -> float:
-        """Normal force [N] on what the touch aims at."""
+        """Normal force [N] on the target: a force cell, or the finger."""
         if self._spec.force_cell is None:
             return self._finger.on_foam_n()
         return self._finger.on_cell_n(self._spot.row, self._spec.force_cell)

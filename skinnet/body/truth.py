@@ -1,4 +1,4 @@
-"""Ground truth that no cell and no controller ever sees: when forces really rose and things came near."""
+"""Contact onset ground truth: threshold crossings, peak forces, and touches; hidden from the controller."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,14 +28,14 @@ _FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: FORCE_CHANNELS}
 
 
 class Crossing(NamedTuple):
-    """A threshold was crossed towards more contact.
+    """Threshold crossing towards more contact.
 
     Attributes:
-        t_ns: When [ns], interpolated between two physics steps (force) or stimulus frames (proximity).
+        t_ns: Time [ns], interpolated between two physics steps (force) or stimulus samples (proximity).
         cell: Row of the cell.
         modality: FORCE or PROXIMITY.
         channel: Force cell, or 0.
-        level: Which threshold, counted from 1 for the least contact.
+        level: Number of the threshold, from 1 for the least contact.
     """
 
     t_ns: int
@@ -47,13 +47,13 @@ class Crossing(NamedTuple):
 
 @dataclass
 class CrossingTruth:
-    """Watches force and distance of all cells for upward crossings of thresholds.
+    """Detector of threshold crossings of force and distance, for all cells.
 
     Attributes:
         force_n: (l,) ascending thresholds of the normal force of a force cell [N].
-        distance_m: (m,) descending thresholds of the distance [m]: coming nearer crosses them.
-        readings: What sensors without noise read there, by modality; a crossing's level counts them.
-        crossings: What happened so far, in the order of its detection.
+        distance_m: (m,) descending thresholds of the distance [m]; an approach crosses them.
+        readings: Noise-free sensor readings at the thresholds, by modality; indexed by level − 1.
+        crossings: Crossings so far, in the order of detection.
     """
 
     force_n: Floats
@@ -67,7 +67,7 @@ class CrossingTruth:
     _nothing_near: bool = False
 
     def see_forces(self, t_ns: int, step_ns: int, force_n: Floats, touching: bool) -> None:
-        """Forces (n, 3) [N] at `t_ns`, one physics step after the last call; `touching`: is there any."""
+        """Observe forces (n, 3) [N] at `t_ns` [ns], a step after the last; `touching`: any in contact."""
         if not len(self.force_n) or (self._quiet and not touching):
             return
         if self._force_before is None:
@@ -79,7 +79,7 @@ class CrossingTruth:
         self._quiet = not touching
 
     def see_stimulus(self, t_ns: int, stimulus: Floats) -> None:
-        """Stimulus (n, 8) at `t_ns`, later than the last one."""
+        """Observe distances of the stimulus (n, 8) at `t_ns` [ns], later than the last one."""
         if not len(self.distance_m):
             return
         nearness = -stimulus[:, _DISTANCE : _DISTANCE + 1]
@@ -94,7 +94,7 @@ class CrossingTruth:
         self._distance_before, self._distance_ns = nearness, t_ns
 
     def facts(self) -> list[tuple[int, int, int, float]]:
-        """Of each crossing: when, which cell, which touch channel (0–2 force, 3 proximity), which reading."""
+        """Crossings as facts: time [ns], cell, touch channel (0–2 force, 3 proximity), reading."""
         return [
             (c.t_ns, c.cell, _FIRST_CHANNEL[c.modality] + c.channel, self.readings[c.modality][c.level - 1])
             for c in self.crossings
@@ -114,14 +114,14 @@ class CrossingTruth:
 
 
 class ForceTrace:
-    """The largest force on any force cell: over time, and in each stage of the controller's program.
+    """Peak force trace of all force cells: over time, and by stage of the controller's program.
 
     Attributes:
-        by_stage_n: The largest in each stage that has felt any, by name [N].
+        by_stage_n: Peak force of each stage with a force above 0, by name [N].
     """
 
     def __init__(self, every_ns: int) -> None:
-        """Nothing has been felt yet; `every_ns` is the period of the trace [ns]."""
+        """Initialise an empty trace of period `every_ns` [ns]."""
         self.by_stage_n: dict[str, float] = {}
         self._every_ns, self._stage = every_ns, ""
         self._peak_n = 0.0
@@ -129,11 +129,11 @@ class ForceTrace:
         self._trace_n: list[float] = []
 
     def begin_stage(self, name: str) -> None:
-        """The controller's program is in stage `name` from now on."""
+        """Begin stage `name` of the controller's program."""
         self._stage = name
 
     def see(self, t_ns: int, peak_n: float) -> None:
-        """`peak_n` is the largest force now [N], one physics step after the last call."""
+        """Observe the largest force now [N] at `t_ns` [ns], one physics step after the last call."""
         if peak_n > 0.0:
             self._peak_n = max(self._peak_n, peak_n)
             self.by_stage_n[self._stage] = max(self.by_stage_n.get(self._stage, 0.0), peak_n)
@@ -143,7 +143,7 @@ class ForceTrace:
             self._peak_n = 0.0
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The largest force [N] in the period that ends at each time."""
+        """Peak force time series: the largest force [N] in the period that ends at each time."""
         return {
             "cell_t_ns": np.array(self._t_ns, dtype=np.int64),
             "cell_peak_n": np.array(self._trace_n, dtype=np.float32),
@@ -151,7 +151,7 @@ class ForceTrace:
 
 
 def reaction_truth(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingTruth:
-    """Watches the readings at which some guide stage begins to react."""
+    """Build the crossing detector for the reaction thresholds of all guide stages."""
     guides = [stage for stage in stages if stage.kind == "guide"]
     force = sorted({stage.force_threshold for stage in guides})
     proximity = sorted({stage.proximity_threshold for stage in guides})
@@ -163,16 +163,16 @@ def reaction_truth(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingTrut
 
 
 def force_thresholds_n(spec: ForceSpec, readings: Sequence[float] | None = None) -> Floats:
-    """Forces (l,) [N] at which a force cell without noise reads `readings`, else Table I [M14]."""
+    """Force thresholds (l,) [N] at which a noise-free force cell reads `readings`; default: Table I [M14]."""
     wanted = spec.levels if readings is None else readings
     thresholds: Floats = np.interp(wanted, spec.calibration_reading, spec.calibration_n)
     return thresholds
 
 
 def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None = None) -> Floats:
-    """Distances (m,) [m] at which a proximity sensor without noise reads `readings`, else Table I [M14].
+    """Distance thresholds (m,) [m] at noise-free proximity readings `readings`; default: Table I [M14].
 
-    The inverse of the law (d0 / (d0 + distance))² that `ProximitySpec` states.
+    Inverse of the sensor law (d0 / (d0 + distance))² of `ProximitySpec`.
     """
     root_at_reach = math.sqrt(spec.reading_at_reach)
     d0_m = spec.reach_m * root_at_reach / (1.0 - root_at_reach)
@@ -182,20 +182,20 @@ def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None 
 
 @dataclass
 class TouchTruth:
-    """What a touch of the teacher really was.
+    """Ground truth of a touch of the teacher.
 
     Attributes:
         touch: Index in the deployment's list of touches.
-        cell: Name of the cell aimed at, as the deployment gives it.
-        stage: Stage of the program in which it happened.
-        begin_ns: The finger appeared.
-        contact_ns: First force on the finger; None when it never touched.
-        hold_ns: It began to hold; None when it never came so far.
-        end_ns: It was gone again; None while it lasts.
+        cell: Name of the target cell, as in the deployment.
+        stage: Stage of the program in which it took place.
+        begin_ns: Time at which the finger appeared [ns].
+        contact_ns: Time of the first force on the finger [ns]; None without contact.
+        hold_ns: Begin of the hold phase [ns]; None if not reached.
+        end_ns: End, with the finger parked [ns]; None before.
         peak_n: Largest normal force on the finger [N].
-        aimed_peak_n: Largest normal force on what it aimed at: a force cell, or everything [N].
-        held_n: Mean of that force while it held [N]; NaN when it did not.
-        impulse_n_s: Normal force on the finger, integrated over time [N s].
+        aimed_peak_n: Largest normal force on the target: a force cell, or the finger [N].
+        held_n: Mean force on the target in the hold phase [N]; NaN without one.
+        impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
     """
 
     touch: int
@@ -212,12 +212,12 @@ class TouchTruth:
     _held_steps: int = 0
 
     def facts(self, touches: Sequence[TouchSpec]) -> dict[str, Any]:
-        """All that is public of it, and whether the script gave it a depth or a force."""
+        """Public fields as facts, and `by_depth`: True for depth control, False for force control."""
         public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
         return public | {"by_depth": touches[self.touch].depth_m is not None}
 
     def observe(self, t_ns: int, step_s: float, finger_n: float, aimed_n: float, holds: bool) -> None:
-        """Takes in one physics step: force on the finger and on what it aims at [N]."""
+        """Record one physics step at `t_ns` [ns]: forces on the finger and on the target [N]."""
         if finger_n > 0.0 and self.contact_ns is None:
             self.contact_ns = t_ns
         self.peak_n = max(self.peak_n, finger_n)

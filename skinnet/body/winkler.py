@@ -1,15 +1,15 @@
-"""The elastic foundation (Winkler): what the foam between robot and cells feels, and does to both sides.
+"""Elastic-foundation (Winkler) contact between the skin and nearby geoms.
 
-Native contacts give a cylinder on a box two points; force cells need a pressure field. So every cell samples
-its foam at s points. Where a solid reaches below the face of the foam by the depth d, the pressure there is
+MuJoCo's contacts give a cylinder on a box two points; force cells need a pressure field. So every cell
+samples its foam at s points. Where a solid penetrates the face of the foam by the depth d, the pressure is
 
-    p = max(0, k d + c ḋ),    d ≤ thickness,
+    p = max(0, k d + c ḋ),    d ≤ thickness.
 
-with k and c times the share of a solid that is elastic itself: two springs in a row. Its face gives way by
-the rest, and d may exceed the thickness by as much. Friction is the foam's shear: it springs and damps
-sideways with half of k and c (the ratio of shear to normal stiffness of a foam with Poisson's ratio 0,
-assumed) and slides at μ p. The forces act on both bodies, equal and opposite, at the same point. MuJoCo's own
-contact takes over when the foam is fully compressed, for what is rigid at the rigid surface.
+An elastic solid is a second spring in series: k and c are scaled by the foam's fraction of d, the solid's
+face recedes by the rest, and d may exceed the thickness by as much. Friction is shear of the foam: a spring
+and damper with half of k and c (the ratio of shear to normal stiffness of a foam with Poisson's ratio 0,
+assumed) that slides at μ p. Forces act on both bodies, equal and opposite, at the same point. When the foam
+is fully compressed, MuJoCo's own contact takes over at the rigid surface.
 """
 
 import math
@@ -31,18 +31,18 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _BELOW_M = 0.004
-"""Rays start this far below the rigid surface: a solid that comes to lie there has not left the foam."""
+"""Start of rays [m] below the rigid surface: a solid that penetrates this far still counts as in contact."""
 _SHEAR = 0.5
 
 
 class Foam(NamedTuple):
-    """The foam of all cells.
+    """Material of the foam layer, the same for all cells.
 
     Attributes:
-        thickness_m: From the rigid surface to the face [m].
-        stiffness_pa_per_m: k above.
-        damping_pa_s_per_m: c above.
-        friction: μ above.
+        thickness_m: Distance from the rigid surface to the outer face [m].
+        stiffness_pa_per_m: Foundation stiffness k [Pa/m].
+        damping_pa_s_per_m: Damping c [Pa s/m].
+        friction: Friction coefficient μ.
     """
 
     thickness_m: float
@@ -52,18 +52,18 @@ class Foam(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """What the foundation found at the present time.
+    """Contact state of a foundation at the present time.
 
     Attributes:
         force_n: (n, e) normal force on each force cell [N].
-        touch_c: (n,) mean temperature of what touches a cell [°C]; NaN where nothing does.
-        on_body_n: (nbody,) normal force that all cells together exert on a body, as a sum of magnitudes [N].
-        by_patch_n: (p, nbody) the same of the cells of each patch [N].
+        touch_c: (n,) mean temperature of the bodies that touch a cell [°C]; NaN without contact.
+        on_body_n: (nbody,) normal force of all cells on each body, sum of magnitudes [N].
+        by_patch_n: (p, nbody) normal force of each patch on each body, sum of magnitudes [N].
         peak_n: (1,) the largest force on any force cell [N].
-        slid_n_m: (nbody,) how far each body slid over the skin in this step, times the normal force [N m]; μ
-            times this is the work of sliding friction.
-        shear_m: (n, s, 2) sideways strain of the foam at each point, plane of the cell [m].
-        loaded: (n,) does anything touch the cell?
+        slid_n_m: (nbody,) sliding distance of each body over the skin in this step times normal force [N m];
+            μ times this is the work of sliding friction.
+        shear_m: (n, s, 2) shear displacement of the foam at each point, plane of the cell [m].
+        loaded: (n,) True for cells in contact.
     """
 
     force_n: Floats
@@ -77,7 +77,7 @@ class Pressed(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Working memory of one call: solids near a patch, close to a cell, and what each point meets first."""
+    """Scratch arrays of one call: solids near a patch, close to a cell, first hit and distance per point."""
 
     near: Indices
     close: Indices
@@ -97,21 +97,21 @@ def press(
     wrench: Floats,
     scratch: Scratch,
 ) -> int:
-    """Presses all cells against what is near them.
+    """Compute contact of all cells with the solids near them.
 
     Args:
         surface: The cells.
         scene: The solids.
         motion: Poses and velocities now.
-        foam: The foam.
+        foam: Material of the foam.
         temperature_c: (nbody,) temperatures of the bodies [°C].
-        step_s: Time by which friction strains the foam [s].
-        pressed: Filled with what is found.
+        step_s: Step over which shear displacement is integrated [s].
+        pressed: Contact state, overwritten; shear is updated.
         wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; added to.
-        scratch: Working memory.
+        scratch: Scratch arrays.
 
     Returns:
-        Number of cells that something touches.
+        Number of cells in contact.
     """
     pressed.on_body_n[:] = 0.0
     pressed.by_patch_n[:] = 0.0
@@ -119,7 +119,7 @@ def press(
     pressed.slid_n_m[:] = 0.0
     below_m = _BELOW_M + scene.deepest_m
     half_m = 0.5 * (foam.thickness_m + below_m)
-    corner_m = 0.0  # of the sample points, from the middle of the cell
+    corner_m = 0.0  # largest distance of a sample point from the centre of the cell
     for s in range(len(surface.sample_m)):
         corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
     ball_m = math.hypot(corner_m, half_m)
@@ -147,7 +147,7 @@ def press(
 def _push(
     xipos: Floats, wrench: Floats, b: int, x: float, y: float, z: float, fx: float, fy: float, fz: float
 ) -> None:
-    """Adds the force (fx, fy, fz) [N] at the point (x, y, z) to the wrench of body `b`."""
+    """Add the force (fx, fy, fz) [N] at the point (x, y, z) [m], world, to the wrench of body `b`."""
     rx, ry, rz = x - xipos[b, 0], y - xipos[b, 1], z - xipos[b, 2]
     wrench[b, 0] += fx
     wrench[b, 1] += fy
@@ -161,9 +161,9 @@ def _push(
 def _probe(
     surface: Surface, scene: Scene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
 ) -> None:
-    """Where solid `k` is nearer to the points of cell `i` than `nearest_m`, it becomes the `hit` there.
+    """Cast rays from the points of cell `i` at solid `k`; update `hit` and `nearest_m` where it is nearer.
 
-    Heights count from `_BELOW_M` below the rigid surface; a solid that gives way may lie deeper.
+    Heights count from `_BELOW_M` below the rigid surface; a compliant solid may lie deeper.
     """
     g, axes, give_m = scene.geom[k], motion.geom_xmat, scene.give_m[k]
     x, y, z = lifted(surface, motion, i, -_BELOW_M - give_m)
@@ -199,7 +199,7 @@ def _press_cell(
     scratch: Scratch,
     n_close: int,
 ) -> None:
-    """Presses the points of cell `i`, of patch `p`, against the solids close to it."""
+    """Compute contact forces of cell `i`, of patch `p`, with the solids close to it."""
     hit, nearest_m = scratch.hit, scratch.nearest_m
     hit[:], nearest_m[:] = -1, _BELOW_M + foam.thickness_m
     for j in range(n_close):
@@ -270,10 +270,10 @@ def _shear(
     i: int,
     s: int,
 ) -> tuple[float, float, float]:
-    """Friction [N] on what moves over the foam with (slip_x, slip_y) [m/s], plane of the cell; its slide [m].
+    """Friction force [N] at slip velocity (slip_x, slip_y) [m/s], plane of the cell; sliding distance [m].
 
-    The strain grows with the slip until the force reaches μ N; there the foam slides and the strain stays
-    behind, so that a body at rest on a slope stays at rest.
+    Elastic-plastic Coulomb friction: shear displacement grows with the slip until the force reaches μ N;
+    beyond, the solid slides at constant displacement. So a body at rest on a slope stays at rest.
     """
     stiffness = _SHEAR * foam.stiffness_pa_per_m * area
     damping = _SHEAR * foam.damping_pa_s_per_m * area
@@ -282,7 +282,7 @@ def _shear(
     limit_n, slid_m = foam.friction * normal_n, 0.0
     if (
         abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n
-    ):  # the first is quick and mostly settles it
+    ):  # the first test is cheap and mostly decides
         force_n = math.hypot(fx, fy)
         fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
         held = foam.friction * normal_n / stiffness

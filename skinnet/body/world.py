@@ -1,4 +1,4 @@
-"""What the body process runs: physics, or a script in its place."""
+"""Plant interface of the body process: a physics simulation, or a script in its place."""
 
 from typing import Any, NamedTuple, Protocol
 
@@ -9,14 +9,14 @@ __all__ = ["GroundTruth", "World"]
 
 
 class GroundTruth(NamedTuple):
-    """What really happened, for figures that compare: facts and arrays of the body's part."""
+    """Ground truth of a run for metrics: facts and arrays of the body's process result."""
 
     facts: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
 
 class World(Protocol):
-    """A robot with skin in its world, stepped from one time to another.
+    """Plant (protocol): a robot with skin in its environment, stepped in time.
 
     Attributes:
         t_ns: Present time [ns].
@@ -31,25 +31,25 @@ class World(Protocol):
         """Number of controlled joints."""
 
     def set_command(self, velocity_rad_s: NDArray[np.float64]) -> bool:
-        """Velocity command (D,) [rad/s], in force from now on; returns whether it was accepted."""
+        """Set the velocity command (D,) [rad/s] from now on; return False if it is refused."""
 
     def begin_stage(self, name: str) -> None:
-        """The controller's program is in stage `name` from now on."""
+        """Begin stage `name` of the controller's program."""
 
     def advance(self, until_ns: int) -> None:
-        """Lets time pass until `until_ns`."""
+        """Advance to `until_ns` [ns]."""
 
     def stimulus(self) -> NDArray[np.float64]:
-        """What all cells feel now: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
+        """Stimulus of all cells now: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
 
     def pressures(self) -> NDArray[np.float64]:
-        """Pressure (n_elements,) on each element of all tactile sheets now [kPa], a copy."""
+        """Sheet pressures (n_elements,) on all elements now [kPa], a copy."""
 
     def joints(self) -> NDArray[np.float64]:
-        """Positions (D,) of the controlled joints now [rad], a copy."""
+        """Joint positions (D,) of the controlled joints now [rad], a copy."""
 
     def loose(self) -> dict[str, list[float]]:
-        """Poses of what moves freely in the world now: position [m] and quaternion (w, x, y, z) by name."""
+        """Free-body poses now: position [m] and quaternion (w, x, y, z), world, by name."""
 
     def truth(self) -> GroundTruth:
-        """What really happened so far."""
+        """Ground truth of the run so far."""

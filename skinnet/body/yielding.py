@@ -1,4 +1,4 @@
-"""What is elastic itself: how it shares its depth with the skin's foam, and where the link below is met."""
+"""Compliant objects on skin: springs in series with the foam, and delayed rigid contact with links."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,22 +14,24 @@ __all__ = ["Yielding", "delay_rigid_contact", "share_of", "under_skin", "yieldin
 
 Floats = NDArray[np.float64]
 _DEEPEST_M = 0.03
-"""Nothing is followed deeper than this into a link: forearms are 45 mm thick (assumed)."""
+"""Maximum indentation [m] beyond the foam: forearms are 45 mm thick (assumed)."""
 _NOTHING, _RIGID = 0.0001, 0.95
-"""MuJoCo's impedance of a contact that exerts no force, and of a rigid one."""
+"""Impedance (`solimp`) of a contact without force, and of a rigid one."""
 _SETS_IN, _STEEP = 0.9, 20.0
-"""Rigid contact sets in at this share of the depth, and rises with this power of it. A negative margin would
-be simpler, but MuJoCo's collision of general convex shapes does not heed it."""
+"""Midpoint and power (`solimp`) of the onset of rigid contact over depth.
+
+A negative margin would be simpler, but MuJoCo's collision of general convex shapes ignores it.
+"""
 _ABOVE_M = 0.01
-"""A cell looks for its link from so far above the link's surface."""
+"""Start of rays [m] above the link's surface, to find the geom under a cell."""
 
 
 class Yielding(NamedTuple):
-    """How a body gives way to the skin.
+    """Compliance of a body in contact with skin.
 
     Attributes:
-        share: Part of its depth in the skin by which the skin's foam is pressed; the rest is its own.
-        give_m: How much deeper than the foam is thick it may lie [m].
+        share: Fraction of the overlap that compresses the skin's foam; the rest indents the body.
+        give_m: Maximum indentation of the body, beyond the thickness of the foam [m].
     """
 
     share: float
@@ -37,12 +39,12 @@ class Yielding(NamedTuple):
 
 
 def share_of(own_pa_per_m: float, foam: FoamSpec) -> float:
-    """Part of the overlap of foam and an elastic face that the foam takes: two springs in a row."""
+    """Fraction of the overlap that the foam takes against an elastic face: two springs in series."""
     return 1.0 / (1.0 + foam.stiffness_pa_per_m / own_pa_per_m)
 
 
 def yielding_of(own_pa_per_m: float, foam: FoamSpec) -> Yielding:
-    """How an elastic body gives way: until the foam is pressed flat, and never by more than 30 mm."""
+    """Compliance of an elastic body, indented until the foam is fully compressed, at most 30 mm."""
     share = share_of(own_pa_per_m, foam)
     return Yielding(share, min(foam.thickness_m * (1.0 / share - 1.0), _DEEPEST_M))
 
@@ -54,16 +56,16 @@ def delay_rigid_contact(
     solids: Sequence[str],
     give_m: float,
 ) -> None:
-    """Links under skin meet elastic solids in rigid contact only where these hardly give way any further.
+    """Delay rigid contact of links under skin with elastic solids until these are almost fully indented.
 
-    Bare links meet them where they are.
+    Contact with bare links is unchanged.
 
     Args:
-        spec: The model, compiled once; to be compiled again.
-        mj: That model.
+        spec: The model, compiled once; must be compiled again.
+        mj: The compiled model of `spec`.
         patches: The skin.
-        solids: Names of the solids.
-        give_m: As in `Yielding`.
+        solids: Names of the solids' geoms.
+        give_m: Maximum indentation [m], as in `Yielding`.
     """
     links = {geom.id: geom for geom in spec.geoms}
     for index in under_skin(mj, patches):
@@ -82,7 +84,7 @@ def delay_rigid_contact(
 
 
 def under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list[int]:
-    """Ids of the geoms, ascending, on which cells lie: what a cell's normal meets first from outside."""
+    """Find geoms under skin: ids, ascending, of the first geom along each cell's inward normal."""
     data = mujoco.MjData(mj)
     mujoco.mj_kinematics(mj, data)
     found: set[int] = set()
@@ -100,7 +102,7 @@ def under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list[int]:
 
 
 def _ray_m(mj: mujoco.MjModel, data: mujoco.MjData, geom: int, start_m: Floats, direction: Floats) -> float:
-    """Distance [m] from `start_m` to a geom; negative if the ray misses it."""
+    """Ray distance [m] from `start_m` to a geom; negative if the ray misses it."""
     if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
         return float(mujoco.mj_rayMesh(mj, data, geom, start_m, direction, None))
     xpos, xmat = data.geom_xpos[geom], data.geom_xmat[geom]

@@ -1,1 +1,1 @@
-"""The command line: one module for each group of commands, all registered in `skinnet.cli.main`."""
+"""Command-line interface: one module per command group, all registered in `skinnet.cli.main`."""

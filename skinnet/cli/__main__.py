@@ -1,4 +1,4 @@
-"""`python -m skinnet.cli`."""
+"""Entry point of `python -m skinnet.cli`."""
 
 from skinnet.cli.main import main
 

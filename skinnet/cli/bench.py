@@ -1,4 +1,4 @@
-"""`skinnet bench network`: the packet kernel against others, measured on this machine."""
+"""Command `skinnet bench network`: benchmark of the packet kernel against other simulators."""
 
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ app = typer.Typer(no_args_is_help=True, help="Measures this machine's speed, and
 
 @app.callback()
 def _group() -> None:
-    """Measures this machine's speed, and others beside it."""
+    """Benchmark the simulator on this computer."""
 
 
 @app.command(name="network")
@@ -23,7 +23,7 @@ def _network(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer packets and rounds, for a look.")] = False,
     json: Json = None,
 ) -> None:
-    """Measures the packet kernel against SimPy, a heap of events and, if it is there, ns-3, in CPU time."""
+    """Benchmark the packet kernel against SimPy, an event heap and, if installed, ns-3, in CPU time."""
     progress = console(stderr=True)
     with progress.status("starting") as status:
         figures = measure(quick=quick, say=status.update)

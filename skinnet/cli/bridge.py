@@ -1,4 +1,4 @@
-"""`skinnet bridge ros2`: the skin of a run as topics of a ROS 2 system."""
+"""Command `skinnet bridge ros2`: a run as topics of a ROS 2 system."""
 
 from pathlib import Path
 from typing import Annotated
@@ -33,7 +33,7 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="A run as pa
 
 @app.callback()
 def _group() -> None:
-    """A run as part of another system."""
+    """Bridge a run to another middleware."""
 
 
 @app.command(name="ros2", epilog=EXAMPLES)
@@ -56,7 +56,10 @@ def _ros2(
         Path | None, typer.Option(help="Folder with the model; the one that the run names unless given.")
     ] = None,
 ) -> None:
-    """Speaks rmw_zenoh: joint states, transforms, skin, markers and diagnostics, without ROS 2 here."""
+    """Bridge a run to ROS 2 over rmw_zenoh: joint states, transforms, skin, markers, diagnostics.
+
+    ROS 2 need not be installed here.
+    """
     try:
         from skinnet.ros2.bridge import Order, bridge
     except ModuleNotFoundError as error:

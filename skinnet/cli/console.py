@@ -1,4 +1,4 @@
-"""What commands share: the terminal, options of the same name, and where results go."""
+"""Console output, common options and result files of the commands."""
 
 import importlib.util
 import sys
@@ -26,13 +26,13 @@ Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; run
 
 
 def console(stderr: bool = False) -> Console:
-    """The terminal; what is not one gets lines that are wide enough."""
+    """Return the console; output that is no terminal has 120 columns."""
     terminal = Console(stderr=stderr)
     return terminal if terminal.is_terminal else Console(stderr=stderr, width=_PLAIN_WIDTH)
 
 
 def require_extra(extra: str, *modules: str) -> None:
-    """Makes sure that what an extra brings is installed.
+    """Require the modules of a package extra.
 
     Raises:
         DeploymentError: names the module that is missing, and the extra.
@@ -43,7 +43,7 @@ def require_extra(extra: str, *modules: str) -> None:
 
 
 def write_report(report: dict[str, Any], target: str | None) -> None:
-    """Writes `report` as JSON to a file, or to standard output for "-"; nothing for None."""
+    """Write `report` as JSON to a file, to standard output for "-", not at all for None."""
     if target == "-":
         sys.stdout.write(msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
     elif target is not None:
@@ -51,10 +51,10 @@ def write_report(report: dict[str, Any], target: str | None) -> None:
 
 
 def seed_range(text: str) -> range:
-    """The seeds of "A-B".
+    """Parse a range of seeds "A-B".
 
     Raises:
-        DeploymentError: it is not written so.
+        DeploymentError: the text has another form, or A is above B.
     """
     first, dash, last = text.partition("-")
     if not (dash and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):

@@ -1,4 +1,4 @@
-"""The program `skinnet`: its commands, and what every failure looks like."""
+"""Program `skinnet`: commands, error messages and exit codes."""
 
 import contextlib
 import signal
@@ -75,13 +75,13 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Prints the version.")
     ] = False,
 ) -> None:
-    """Options of the program as a whole."""
+    """Parse the options of the program as a whole."""
 
 
 def main() -> None:
-    """Entry point: one clear line for whatever a user can cause, and an exit code that tells."""
+    """Run the program: one line on standard error for any user error, and an exit code by its kind."""
     code: object = 0
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # told to stop, by whatever key
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM as Ctrl-C
     try:
         app()
     except _BAD_INPUTS as error:

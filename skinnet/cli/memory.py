@@ -1,4 +1,4 @@
-"""`skinnet memory`: what a robot remembers, shown, exported and imported."""
+"""Command `skinnet memory`: show, export and import long-term memory files."""
 
 import sys
 from collections import Counter
@@ -52,12 +52,12 @@ Stored = Annotated[Path, typer.Argument(metavar="FILE", help="Memory file, SQLit
 
 @app.callback()
 def _group() -> None:
-    """What a robot remembers."""
+    """Show, export and import the long-term memory of a robot."""
 
 
 @app.command(name="show", epilog=_SHOW)
 def _show(memory_file: Stored) -> None:
-    """Prints whose memory it is, its structure, key poses, touch areas and parameters."""
+    """Print the robot, structure, key poses, touch areas and parameters of a memory file."""
     memory = read_memory(memory_file)
     terminal = console()
     for table in (_table(memory), _poses(memory), _areas(memory), _parameters(memory)):
@@ -70,7 +70,7 @@ def _export(
     memory_file: Stored,
     out: Annotated[str, typer.Option(metavar="JSON|-", help="File to write; - for standard output.")] = "-",
 ) -> None:
-    """Writes all that is remembered as JSON, exact to the last bit."""
+    """Export a memory file as JSON, exact to the last bit."""
     content = to_json(read_memory(memory_file))
     if out == "-":
         sys.stdout.write(content.decode())
@@ -90,7 +90,7 @@ def _import(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replaces FILE if it exists.")] = False,
 ) -> None:
-    """Makes a memory file from JSON; nothing is written unless all of it holds."""
+    """Import a memory file from JSON; nothing is written unless all of it is valid."""
     memory = read_json(source)
     if deployment is not None:
         try:
@@ -114,7 +114,7 @@ def _require_fit(memory: Memory, file: Path) -> None:
 
 
 def _table(memory: Memory) -> Table:
-    """The robot and what it knows of its structure."""
+    """Build the table of the robot and its explored structure."""
     robot = memory.robot
     table = Table(title=f"memory of {robot.name}", show_header=False)
     table.add_column(style="bold")
@@ -134,7 +134,7 @@ def _table(memory: Memory) -> Table:
 
 
 def _poses(memory: Memory) -> Table:
-    """Where every joint is in every key pose."""
+    """Build the table of key poses: joint positions [rad]."""
     table = Table(title="key poses [rad]")
     table.add_column("joint", style="bold")
     for name in memory.poses:

@@ -1,4 +1,4 @@
-"""`skinnet network simulate`: anyone's topology and packets, as CSV files."""
+"""Command `skinnet network simulate`: packet simulation of a topology from CSV files."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +17,7 @@ app = typer.Typer(no_args_is_help=True, help="The packet network by itself.")
 
 @app.callback()
 def _group() -> None:
-    """The packet network by itself."""
+    """Simulate the packet network alone."""
 
 
 @app.command(name="simulate")
@@ -39,7 +39,7 @@ def _simulate(
     seed: Annotated[int, typer.Option(min=0, help="Of loss, jitter and bit errors.")] = 0,
     json: Json = None,
 ) -> None:
-    """Runs packets through a network of directed links. Every file may be gzipped: NAME.csv.gz."""
+    """Simulate packets through a network of directed links. Every file may be gzipped: NAME.csv.gz."""
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -62,7 +62,7 @@ def _simulate(
 
 
 def _table(figures: dict[str, Any]) -> Table:
-    """What became of the packets."""
+    """Build the table of packets: enqueued, delivered, dropped, in flight."""
     prefix = "packets.dropped."
     causes = {name.removeprefix(prefix): n for name, n in figures.items() if name.startswith(prefix)}
     table = Table(

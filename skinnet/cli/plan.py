@@ -1,4 +1,4 @@
-"""`skinnet plan`: the link budget of a deployment before it runs."""
+"""Command `skinnet plan`: link budget of a deployment before it runs."""
 
 import time
 from pathlib import Path
@@ -45,7 +45,7 @@ def plan(
     json: Json = None,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the skin.")] = True,
 ) -> None:
-    """Plans a deployment: load of every link, latencies, voltages, and the fewest gateways that will do."""
+    """Plan a deployment: link loads, latencies, cell voltages, and the fewest sufficient gateways."""
     given = {
         "latency_ms": latency_ms,
         "utilisation": utilisation,

@@ -1,4 +1,4 @@
-"""`skinnet replay`: a recording again, for a controller that has changed or for watchers."""
+"""Command `skinnet replay`: playback of a recording to a controller or to observers."""
 
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -55,7 +55,7 @@ def replay(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Replays a recording into a controller, or publishes it; exit code 1 if a command differs."""
+    """Replay a recording into a controller, or publish it; exit code 1 if a command differs."""
     if (into is None) == (not publish):
         raise DeploymentError("give --into controller, or else --publish")
     require_extra("record", "mcap", "zstandard")
@@ -68,7 +68,7 @@ def replay(
 
 
 class _Changes(NamedTuple):
-    """What is to be different from the recorded run."""
+    """Changes of the deployment relative to the recorded run."""
 
     file: Path | None
     settings: tuple[str, ...]
@@ -105,7 +105,7 @@ def _into(path: Path, into: str, changes: _Changes, json: str | None) -> None:
 
 
 def _deployment(raw: dict[str, Any], path: Path, changes: _Changes) -> Deployment:
-    """The recorded deployment or another one, with its settings."""
+    """Build the recorded deployment, or load another one, with the changed settings."""
     if changes.file is not None:
         deployment = load(changes.file, changes.settings)
     else:

@@ -1,4 +1,4 @@
-"""`skinnet report`: a run folder as one HTML file."""
+"""Command `skinnet report`: HTML report of a run folder."""
 
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +27,7 @@ def report(
         typer.Option("--out", metavar="FILE", help="RUN/report.html unless given."),
     ] = None,
 ) -> None:
-    """Writes a run as one HTML page: summary, plots, figures beside the paper's, deployment, versions."""
+    """Write a run as one HTML page: summary, plots, metrics beside the paper's, deployment, versions."""
     from skinnet.report.collect import collect
     from skinnet.report.html import render
 

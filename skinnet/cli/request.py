@@ -1,4 +1,4 @@
-"""`skinnet request`: asks the controller of a run that goes on, and says what it answered."""
+"""Command `skinnet request`: a request to the controller of a live run."""
 
 import re
 from typing import Annotated
@@ -34,7 +34,7 @@ def request(
         float, typer.Option(min=0.001, max=3600.0, metavar="SECONDS", help="How long to wait for an answer.")
     ] = 10.0,
 ) -> None:
-    """Asks the controller of a run for something; exit code 0 if it was accepted, 1 if not."""
+    """Send a request to the controller of a live run; exit code 0 if accepted, 1 if refused."""
     for name, hint in ((what, "WHAT"), (robot or "any", "--robot")):
         if not _NAME.fullmatch(name):
             raise DeploymentError(f"{hint} {name!r}: names have letters, digits, - and _ only")
@@ -51,7 +51,7 @@ def request(
 
 
 def _report(key: str, payload: bytes) -> bool:
-    """Prints an answer; returns whether the request was accepted."""
+    """Print an answer; return whether the request was accepted."""
     try:
         answer = decode(payload, Answer)
     except ProtocolError as error:

@@ -1,4 +1,4 @@
-"""`skinnet run` and `skinnet check`: one deployment, for one seed or many."""
+"""Commands `skinnet run` and `skinnet check`: one deployment, for one seed or several."""
 
 import contextlib
 import time
@@ -63,7 +63,7 @@ def run(
     control: Annotated[bool, typer.Option("--control", help="The page has buttons for requests.")] = False,
     keep: Annotated[bool, typer.Option("--keep", help="The page stays when the run is over.")] = False,
 ) -> None:
-    """Runs a deployment."""
+    """Run a deployment."""
     if (control or keep) and not view:
         raise DeploymentError("--control and --keep are about the live page: give --view too")
     if keep and seeds is not None:
@@ -98,6 +98,6 @@ def run(
 
 
 def check(file: File, settings: Set = None) -> None:
-    """Validates a deployment; prints its processes, channels, cells and periods."""
+    """Check a deployment; print its processes, cells, channels and periods."""
     order = Order(file, tuple(settings or ()))
     explain(console(), prepare(order))

@@ -1,4 +1,4 @@
-"""`skinnet stress`: how much skin the network, the machine and the controller carry."""
+"""Command `skinnet stress`: load sweep of network, computer and controller."""
 
 import time
 from collections.abc import Callable
@@ -53,7 +53,7 @@ def stress(
     json: Json = None,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots.")] = True,
 ) -> None:
-    """Sweeps cells, encodings, stimulation and gateways, through real processes over Zenoh."""
+    """Sweep cells, encodings, stimulation and gateways, with separate processes over Zenoh."""
     if resume and out is None:
         raise DeploymentError("--resume: say with --out which sweep to go on with")
     deployment = prepare(Order(file, tuple(settings or ()), plots=False))
@@ -102,7 +102,11 @@ def _say(terminal: Console) -> Callable[[str], None]:
 
 
 def _list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
-    """The values of "a,b,c"."""
+    """Parse the list "a,b,c" of option `name`.
+
+    Raises:
+        DeploymentError: an element is no number.
+    """
     try:
         return tuple(kind(word.strip()) for word in text.split(","))
     except ValueError:
@@ -111,7 +115,7 @@ def _list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
 
 
 def _spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
-    """The deployment's sweep with what the command line gives instead."""
+    """Build the sweep specification: that of the deployment, with the overrides of the command line."""
     try:
         return convert(to_builtins(deployment.stress) | given, StressSpec)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""`skinnet view`: the live page of a run, or of its recording."""
+"""Command `skinnet view`: web page of a live run or of a recording."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ Examples:
   skinnet view tcp/127.0.0.1:7447 --host 0.0.0.0 --token a-word-that-nobody-guesses
 """
 _NICE = 10
-"""The run comes first."""
+"""Scheduling priority increment of the page, below the processes of the run."""
 
 
 def view(
@@ -46,7 +46,7 @@ def view(
         Path | None, typer.Option(help="Folder with the model; the one that the run names unless given.")
     ] = None,
 ) -> None:
-    """Serves a page with body, skin, network and controller of a run that goes on, or of a recording."""
+    """Serve a web page of body, skin, network and controller, of a live run or of a recording."""
     if hasattr(os, "nice"):
         os.nice(_NICE)
     require_extra("view", "viser", "mcap", "zstandard")

@@ -1,4 +1,4 @@
-"""Deployments: schema, loading with clear errors, and the checks that no schema can express."""
+"""Deployment files: schema, loading, and checks across keys."""
 
 from skinnet.deployment.load import load, resolved_json
 from skinnet.deployment.schema import Deployment

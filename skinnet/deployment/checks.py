@@ -1,4 +1,4 @@
-"""Checks across the keys of a deployment that need no model: periods, processes, names, stages."""
+"""Consistency checks across the keys of a deployment: periods, processes, names, stages."""
 
 import itertools
 import math
@@ -14,11 +14,15 @@ from skinnet.errors import DeploymentError
 __all__ = ["check"]
 
 _TAKEN = ("body", "boards", "cells", "controller", "outside")
-"""Names of other processes, of all cell hosts together, and of strangers (`skinnet.channels`)."""
+"""Reserved names: other processes, all cell processes, and external clients (`skinnet.channels`)."""
 
 
 def check(deployment: Deployment) -> None:
-    """Raises DeploymentError with key, value and what is allowed if the parts do not fit together."""
+    """Check the consistency of a deployment, as far as no model is needed.
+
+    Raises:
+        DeploymentError: names key, value and what is allowed.
+    """
     _check_periods(deployment)
     _check_network(deployment)
     _check_patches(deployment)

@@ -1,6 +1,6 @@
-"""What a rule of faults says of itself: times, and values that the sensors have.
+"""Consistency checks of fault rules: times, and values within the range of the sensors.
 
-Whether what it names exists, only the placed patches know (`skinnet.network.faults.check_targets`).
+Targets are checked against the placed patches in `skinnet.network.faults.check_targets`.
 """
 
 from skinnet.deployment.faults import Drift, FaultRule, Stuck
@@ -11,7 +11,11 @@ __all__ = ["check_faults"]
 
 
 def check_faults(deployment: Deployment) -> None:
-    """Raises DeploymentError with key, value and what is allowed if a rule does not hold."""
+    """Check the times and values of all fault rules.
+
+    Raises:
+        DeploymentError: names key, value and what is allowed.
+    """
     for index, rule in enumerate(deployment.faults):
         key = f"faults[{index}]"
         _check_times(key, rule, deployment.run.max_s)
@@ -43,7 +47,7 @@ def _check_times(key: str, rule: FaultRule, end_s: float) -> None:
 
 
 def _range(cells: CellSpec, channel: str) -> tuple[float, float]:
-    """Lowest and highest reading of a channel; of all of them, what every one can read."""
+    """Return the range of readings of a channel; for `all`, the range common to all channels."""
     acceleration, warmth = cells.accelerometer, cells.temperature
     match channel:
         case "ax_g" | "ay_g" | "az_g":

@@ -1,6 +1,6 @@
-"""Rules of faults, as a deployment states them: what breaks, where, and when.
+"""Fault rules of a deployment: kind, targets and times of each injected fault.
 
-A rule is one entry of `[[faults]]`; its `kind` says which of the tables below it is.
+A rule is one entry of `[[faults]]`; its `kind` selects one of the tables below.
 """
 
 from typing import Annotated, Literal
@@ -28,127 +28,128 @@ __all__ = [
 
 Target = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-*]+(/(?!0[0-9])[0-9*]+)?(:(?!0[0-9])[0-9*]+)?$")]
 Channel = Literal["force0", "force1", "force2", "proximity", "ax_g", "ay_g", "az_g", "temperature_c"]
-"""Columns of a reading, as in `skinnet.messages.READING_NAMES`; a test holds them together."""
+"""Columns of a reading, as in `skinnet.messages.READING_NAMES`; a test compares the two."""
 _Interval = Annotated[float, Meta(ge=0.001)]
-"""Repeated faults are at least a millisecond apart on average, so that a slip makes no billions."""
+"""Mean interval of repeated faults [s], bounded below against typing errors that yield billions of faults."""
 _Dwell = Annotated[float, Meta(ge=0.0001)]
-"""About one packet on the wire: no burst is shorter on average."""
+"""Mean dwell time of a channel state [s]: at least about one packet on the wire."""
 _PacketRate = Annotated[float, Meta(gt=0.0, le=100_000.0)]
 
 
 class _Rule(Table, frozen=True, kw_only=True, tag_field="kind"):
-    """Where and when: at one time or at random; the draws depend on the seed and on what is hit only."""
+    """Targets and times of a fault; random draws depend on the seed and on the target only."""
 
     target: Target
-    """What breaks, by name or by a pattern in which `*` stands for anything."""
+    """Targets of the fault, by name or by a pattern in which `*` matches anything."""
     pick: Annotated[int, Meta(ge=1)] | None = None
-    """Only so many of those that match, chosen by the seed; all unless given."""
+    """Number of targets drawn by the seed from those that match; all unless given."""
     at_s: NonNegative | None = None
-    """When it breaks; from the start unless this or one of the next two is given."""
+    """Onset of the fault; the start of the run unless this or one of the next two is given."""
     between_s: tuple[NonNegative, NonNegative] | None = None
-    """It breaks at a random time between these, each target at its own."""
+    """Interval from which the onset is drawn, for each target by itself."""
     mean_interval_s: _Interval | None = None
-    """It breaks again and again: each target, while whole, at random with this mean (a Poisson process)."""
+    """Mean time from repair to the next fault of each target (a Poisson process)."""
     duration_s: Positive | None = None
-    """After so long it is whole again; for good unless given."""
+    """Duration of the fault; permanent unless given."""
 
     @property
     def kind(self) -> str:
-        """The rule's kind, as the deployment writes it."""
+        """Kind of fault, as written in the deployment."""
         return str(self.__struct_config__.tag)
 
 
 class LinkRule(_Rule, frozen=True, kw_only=True):
-    """Something about links."""
+    """Fault of links."""
 
     direction: Literal["out", "in", "both"] = "both"
-    """Out of the named ports, into them, or both."""
+    """Direction of the faulty links: out of the named ports, into them, or both."""
 
 
 class LinkCut(LinkRule, frozen=True, kw_only=True, tag="link_cut"):
-    """A link is cut: what is on it or is sent over it is lost.
+    """Link cut: packets on the link or sent over it are lost.
 
-    Links go by the port at one of their ends, "patch/cell:port" or "patch:gateway"; "patch/cell" and "patch"
-    stand for all links of a cell and of a patch.
+    A link is named by the port at one of its ends, "patch/cell:port" or "patch:gateway"; "patch/cell" and
+    "patch" stand for all links of a cell and of a patch.
     """
 
 
 class BitErrors(LinkRule, frozen=True, kw_only=True, tag="bit_errors"):
-    """Bits flip on a link, independently; the checksum catches every packet that is hit.
+    """Independent bit errors on a link; the checksum detects every corrupted packet.
 
-    Links go by the same names as for `link_cut`.
+    Links are named as for `link_cut`.
     """
 
     rate: Share
-    """Probability for each bit on the wire."""
+    """Bit error probability, for each bit on the wire."""
 
 
 class Loss(LinkRule, frozen=True, kw_only=True, tag="loss"):
-    """A link loses packets, independently. Links go by the same names as for `link_cut`."""
+    """Independent packet loss on a link. Links are named as for `link_cut`."""
 
     probability: Share
 
 
 class BurstLoss(LinkRule, frozen=True, kw_only=True, tag="burst_loss"):
-    """A link loses packets in bursts (Gilbert 1960, Elliott 1963), in continuous time.
+    """Burst packet loss on a link (Gilbert 1960, Elliott 1963), in continuous time.
 
-    It is good or bad for times that are exponentially distributed, and loses packets accordingly, each
-    direction by itself. Links go by the same names as for `link_cut`.
+    Dwell times in the good and bad states are exponentially distributed, independently for each direction.
+    Links are named as for `link_cut`.
     """
 
     mean_good_s: _Dwell
     mean_bad_s: _Dwell
     loss_good: Share = 0.0
-    """Probability of loss while good."""
+    """Loss probability in the good state."""
     loss_bad: Share = 1.0
-    """Probability of loss while bad."""
+    """Loss probability in the bad state."""
 
 
 class GatewayLost(_Rule, frozen=True, kw_only=True, tag="gateway_lost"):
-    """A port of an interface dies: "patch:gateway", or "patch" for all gateways of a patch."""
+    """Gateway failure: "patch:gateway", or "patch" for all gateways of a patch."""
 
 
 class CellRule(_Rule, frozen=True, kw_only=True):
-    """Something about cells."""
+    """Fault of cells."""
 
 
 class CellDead(CellRule, frozen=True, kw_only=True, tag="cell_dead"):
-    """A cell is dead: it neither senses nor forwards. Cells are "patch/cell", or "patch" for all of a patch.
+    """Cell failure: the cell neither senses nor forwards.
 
-    A cell that is added at run time is one that is dead until then: `at_s = 0`, `duration_s = 5`.
+    A cell is named "patch/cell"; "patch" stands for all cells of a patch. To add a cell at run time, let it
+    be dead until then: `at_s = 0`, `duration_s = 5`.
     """
 
 
 class Stuck(CellRule, frozen=True, kw_only=True, tag="stuck"):
-    """A reading no longer changes. Cells go by the same names as for `cell_dead`."""
+    """Stuck-at fault of a reading. Cells are named as for `cell_dead`."""
 
     channel: Channel | Literal["all"]
     value: float | None = None
-    """The reading from then on; the first one after the fault unless given."""
+    """Constant reading; the first one after the onset unless given."""
 
 
 class Drift(CellRule, frozen=True, kw_only=True, tag="drift"):
-    """A reading drifts away, within the sensor's range. Cells go by the same names as for `cell_dead`."""
+    """Drift of a reading within the sensor's range. Cells are named as for `cell_dead`."""
 
     channel: Channel
     per_s: float
-    """Growth of its offset, in units of the reading per second."""
+    """Drift rate, in units of the reading per second."""
 
 
 class Babble(CellRule, frozen=True, kw_only=True, tag="babble"):
-    """A cell sends events of its own at random, whatever it feels (a Poisson process).
+    """Babbling idiot (Kopetz): a cell sends spurious events as a Poisson process.
 
-    Cells go by the same names as for `cell_dead`.
+    Cells are named as for `cell_dead`.
     """
 
     packets_per_s: _PacketRate
 
 
 class SlowHost(_Rule, frozen=True, kw_only=True, tag="slow_host"):
-    """The process of a cell host, by name, needs more wall time; what it computes stays the same."""
+    """Slow process: a cell process, by name, needs more wall-clock time for the same results."""
 
     extra_ms: Positive
-    """Wall time that each period takes more."""
+    """Additional wall-clock time of each period."""
 
 
 FaultRule = (

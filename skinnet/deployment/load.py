@@ -1,4 +1,4 @@
-"""From a TOML file and `--set` overrides to a frozen deployment; errors name file, key and value."""
+"""Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
 import difflib
 import math
@@ -20,16 +20,16 @@ _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|(\[\.\.\.\]|\[key\])")
 
 
 def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -> Deployment:
-    """Reads and checks the schema of a deployment.
+    """Load a deployment and validate it against the schema.
 
     Args:
         path: TOML file.
         overrides: `key=value` with dotted keys; values are TOML, anything else is a string. An entry of a
-            list goes by its number or by its name: `patches.torso.body="chest"`.
-        seed: Replaces the deployment's seed.
+            list is named by its index or by its name: `patches.torso.body="chest"`.
+        seed: Replacement for the deployment's seed.
 
     Raises:
-        DeploymentError: one line with file, key, value, what is allowed.
+        DeploymentError: one line with file, key, value and what is allowed.
     """
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -47,7 +47,11 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
 
 
 def build(raw: dict[str, Any], source: str) -> Deployment:
-    """Deployment of a decoded TOML document; `source` names it in errors."""
+    """Convert a decoded TOML document to a deployment; `source` names it in errors.
+
+    Raises:
+        DeploymentError: one line with source, key, value and what is allowed.
+    """
     try:
         _refuse_infinite(raw)
         return msgspec.convert(raw, Deployment)
@@ -58,15 +62,15 @@ def build(raw: dict[str, Any], source: str) -> Deployment:
 
 
 def resolved_json(deployment: Deployment) -> bytes:
-    """The whole deployment with every default, as JSON that `build` reads back."""
+    """Encode the deployment with every default, as JSON that `build` accepts."""
     return msgspec.json.format(msgspec.json.encode(deployment), indent=1)
 
 
 def apply_override(raw: dict[str, Any], override: str) -> None:
-    """Sets one `key=value` in a decoded TOML document.
+    """Apply one `key=value` override to a decoded TOML document, in place.
 
     Raises:
-        DeploymentError: no "=", or the key leads through something that is no table.
+        DeploymentError: no "=", or the key leads through a value that is no table.
     """
     key, separator, text = override.partition("=")
     steps = [step.strip() for step in key.split(".")]
@@ -109,7 +113,7 @@ def _value(text: str) -> Any:
 
 
 def _refuse_infinite(value: Any, key: str = "") -> None:
-    """TOML knows nan and inf; no quantity of a deployment may be one."""
+    """Reject nan and inf, which TOML allows."""
     if isinstance(value, float) and not math.isfinite(value):
         raise DeploymentError(f"{key} = {value}: must be a finite number")
     if isinstance(value, dict):
@@ -121,7 +125,7 @@ def _refuse_infinite(value: Any, key: str = "") -> None:
 
 
 def _explain(raw: dict[str, Any], message: str) -> str:
-    """The message of msgspec as key = value: what is wrong, what is allowed."""
+    """Translate a msgspec message to "key = value: error, allowed values"."""
     match = _AT.match(message)
     assert match is not None
     what = match["what"]
@@ -139,9 +143,10 @@ def _explain(raw: dict[str, Any], message: str) -> str:
 
 
 def _follow(raw: dict[str, Any], path: str) -> tuple[str, Any, Any]:
-    """Key, value and annotation at a path of msgspec's, which writes [...] for any entry of a table.
+    """Resolve a msgspec path to key, value and annotation.
 
-    Of such a table, the first entry that does not hold is meant; after [key], its first name that does not.
+    msgspec writes [...] for any entry of a table: this resolves to the first invalid entry, and [key] to the
+    first invalid name.
     """
     key, value, kind = "", cast(Any, raw), cast(Any, Deployment)
     for name, number, other in _STEP.findall(path):
@@ -177,38 +182,38 @@ def _explain_unknown(key: str, table: Any, field: str) -> str:
 
 
 def _tables(annotation: Any) -> list[Any]:
-    """The tables that an annotation allows: more than one where their tags tell them apart."""
+    """List the table types of an annotation: several for a tagged union."""
     if hasattr(annotation, "__struct_fields__"):
         return [annotation]
     return [table for part in get_args(annotation) for table in _tables(part)]
 
 
 def _table(annotation: Any, value: Any) -> Any:
-    """The one table among those of an annotation that `value` is, by its tag."""
+    """Select the table type of `value` by its tag."""
     tables = _tables(annotation)
     tag = value.get(_tag_field(annotation))
     return next((table for table in tables if table.__struct_config__.tag == tag), tables[0])
 
 
 def _tag_field(annotation: Any) -> str | None:
-    """The key that tells the tables of an annotation apart."""
+    """Return the tag key of a tagged union of tables; None for other annotations."""
     return next((table.__struct_config__.tag_field for table in _tables(annotation)), None)
 
 
 def _tags(annotation: Any) -> Any:
-    """Annotation of that key."""
+    """Return the annotation of the tag key."""
     return Literal[tuple(table.__struct_config__.tag for table in _tables(annotation))]
 
 
 def _entries(annotation: Any) -> tuple[Any, ...]:
-    """Annotations of the names and values of the dict that an annotation allows; none if it allows none."""
+    """Return the name and value annotations of a dict annotation; empty for others."""
     if get_origin(annotation) is dict:
         return get_args(annotation)
     return next((kinds for part in get_args(annotation) if (kinds := _entries(part))), ())
 
 
 def _allowed(annotation: Any) -> list[str]:
-    """What a choice may be."""
+    """List the allowed values of an annotation."""
     if get_origin(annotation) is Literal:
         return [repr(choice) for choice in get_args(annotation)]
     if annotation is int:

@@ -1,4 +1,4 @@
-"""Long-term memory, as a deployment describes it."""
+"""Long-term memory spec."""
 
 from typing import Annotated
 
@@ -10,8 +10,8 @@ __all__ = ["MemorySpec"]
 
 
 class MemorySpec(Table, frozen=True, kw_only=True):
-    """What the controller knows from earlier runs; a run keeps its own `memory.sqlite` in its folder."""
+    """Long-term memory from earlier runs; each run writes its own `memory.sqlite` to its folder."""
 
     read: Annotated[str, Meta(min_length=1)] | None = None
-    """A memory file, or its export as JSON, relative to the deployment: what the controller knows when it
-    starts. Nothing unless given."""
+    """Path of a memory file or of its JSON export, relative to the deployment, read at the start; empty
+    memory unless given."""

@@ -1,4 +1,4 @@
-"""What a deployment says of the nursing program."""
+"""Nursing spec: whole-body contact manipulation of Mukai et al. 2011 [R11]."""
 
 from typing import Annotated, Literal
 
@@ -10,14 +10,14 @@ __all__ = ["AssumedContactSpec", "ImpedanceSpec", "NursingSpec", "WaypointSpec",
 
 
 def _above_zero(spec: Table, *fields: str) -> None:
-    """The types say so too, but only to what is read from a file."""
+    """Require positive fields; msgspec checks types only in what is read from a file."""
     for name in fields:
         if not getattr(spec, name) > 0.0:
             raise ValueError(f"{name} = {getattr(spec, name):g}: must be above zero")
 
 
 class WeightSpec(Table, frozen=True, kw_only=True):
-    """Weights of one contact in the evaluation function (6); those of a forearm unless given [R11]."""
+    """Weights of one contact in the evaluation function (6); defaults are those of a forearm [R11]."""
 
     position: Positive = 1.0
     rotation: Positive = 0.2
@@ -38,77 +38,78 @@ class ImpedanceSpec(Table, frozen=True, kw_only=True):
 
 
 class AssumedContactSpec(Table, frozen=True, kw_only=True):
-    """A contact that is assumed, as in experiment A [R11, VI.A]: where ξ is on a surface."""
+    """Contact that is assumed instead of sensed, at ξ on a surface, as in experiment A [R11, VI.A]."""
 
     surface: Name
     xi_m: tuple[float, float] = (0.0, 0.0)
 
 
 class WaypointSpec(Table, frozen=True, kw_only=True):
-    """Where the object is to be, against where it was in the beginning, world frame."""
+    """Waypoint of the object, relative to its initial pose, world frame."""
 
     t_s: Positive
-    """Since the object began to move."""
+    """Time since the start of the motion."""
     displacement_m: Vector = (0.0, 0.0, 0.0)
     rotation_rad: Vector = (0.0, 0.0, 0.0)
-    """Axis times angle."""
+    """Rotation vector (axis times angle)."""
 
 
 class NursingSpec(Table, frozen=True, kw_only=True):
-    """Whole-body contact manipulation [R11]; what has no source there is assumed."""
+    """Whole-body contact manipulation [R11]; values without a source there are assumed."""
 
     label: Name = "nursing"
-    """What its figures are called."""
+    """Label of its metrics."""
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
-    """Joints that take part: arms and waist; with the cart every deviation vanishes, against the paper."""
+    """Controlled joints: arms and waist; with the cart all deviations vanish, contrary to [R11]."""
     waypoints: Annotated[tuple[WaypointSpec, ...], Meta(min_length=1)]
     assumed: tuple[AssumedContactSpec, ...] = ()
-    """Contacts to go by instead of those that are felt; feedback must be none."""
+    """Contacts used instead of sensed ones; requires `feedback = "none"`."""
     solver: Literal["closed_form", "qp"] = "closed_form"
     feedback: Literal["none", "position", "rotation", "position_rotation"] = "position_rotation"
     weights: dict[str, WeightSpec] = field(default_factory=dict)
-    """By sheet, or by the body that carries it; a `WeightSpec` as it is for all others."""
+    """Contact weights by sheet or by its body; default weights for all others."""
     joint_weight: Positive = 1e-4
-    """w_q of every joint [R11, VI.A]."""
+    """Weight w_q of every joint [R11, VI.A]."""
     object_m: Vector | None = None
-    """Inherent centre of the object in the beginning, world frame; the mean of the contacts unless given."""
+    """Initial inherent centre of the object, world frame; mean of the contacts unless given."""
     position_feedback: ImpedanceSpec = ImpedanceSpec(inertia=545.0, damping=1090.0, stiffness=2725.0)
-    """Table II [R11]."""
+    """Impedance of the position feedback: Table II [R11]."""
     rotation_feedback: ImpedanceSpec = ImpedanceSpec(inertia=0.0043, damping=0.143, stiffness=0.108)
-    """Table II [R11]."""
+    """Impedance of the rotation feedback: Table II [R11]."""
     speed_rad_s: Positive = 0.5
-    """Of every joint *(assumed)*."""
+    """Speed limit of every joint *(assumed)*."""
     acceleration_rad_s2: Positive | None = None
-    """Of every joint; without limit unless given."""
+    """Acceleration limit of every joint; none unless given."""
     joint_offset_sigma_deg: NonNegative = 0.0
-    """By how much the controller is wrong about each joint, drawn from the seed."""
+    """Standard deviation of the joint offsets in the controller's model, drawn by the seed."""
     link_error_sigma_mm: NonNegative = 0.0
-    """By how much the controller is wrong about where each link is, per axis, drawn from the seed."""
+    """Standard deviation of the link positions in the controller's model, per axis, drawn by the seed."""
     joint_offset_deg: dict[str, float] = field(default_factory=dict)
-    """The same for joints that are named here, instead of a draw."""
+    """Joint offsets given by name instead of drawn."""
     link_error_mm: dict[str, Vector] = field(default_factory=dict)
-    """The same for links that are named here, by body, in the frame of its parent."""
+    """Link position errors given by body instead of drawn, in the frame of its parent."""
     hold_s: NonNegative = 1.0
     record_s: NonNegative = 0.2
     settle_s: NonNegative = 3.0
     contact_n: Positive = 1.0
-    """Weaker is no contact *(assumed)*."""
+    """Force threshold of a contact *(assumed)*."""
     follow_m: NonNegative = 0.043
-    """So far may a contact jump along its sheet, or be found under a new number: two elements *(assumed)*."""
+    """Association distance: largest jump of a contact along its sheet, or to a new region id; two elements
+    *(assumed)*."""
     lost_ms: Positive = 100.0
-    """A contact that is weaker for so long is lost *(assumed)*."""
+    """Time below the force threshold after which a contact is lost *(assumed)*."""
     silent_ms: Positive = 40.0
-    """Skin that says nothing for so long, ten frames of the boards, is silent *(assumed)*."""
+    """Timeout of the skin input: ten board periods *(assumed)*."""
     comfort_kpa: Positive = 60.0
-    """Highest pressure on an element; below the 90 kPa of the sensors *(assumed)*."""
+    """Pressure limit of an element; below the 90 kPa of the sensors *(assumed)*."""
     reach_m: Positive = 0.1
-    """A contact that deviates more is out of reach *(assumed)*."""
+    """Position deviation beyond which a contact is out of reach *(assumed)*."""
     reach_rad: Positive = 0.7
-    """The same for its rotation *(assumed)*."""
+    """Rotation deviation beyond which a contact is out of reach *(assumed)*."""
     mobility: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.25
-    """Least share of a shift in any direction that the contacts must be able to follow *(assumed)*."""
+    """Minimum fraction of a shift in any direction that the contacts can follow *(assumed)*."""
     mobility_lever_m: Positive = 0.05
-    """Joint levers below this count as lost in a singular posture *(assumed)*."""
+    """Joint lever below which a direction counts as lost in a singular posture *(assumed)*."""
 
     def __post_init__(self) -> None:
         _above_zero(self, "joint_weight", "speed_rad_s", "contact_n", "lost_ms", "silent_ms", "comfort_kpa")
@@ -123,12 +124,12 @@ class NursingSpec(Table, frozen=True, kw_only=True):
 
     @property
     def feels_position(self) -> bool:
-        """Position feedback is on."""
+        """True with position feedback."""
         return self.feedback in ("position", "position_rotation")
 
     @property
     def feels_rotation(self) -> bool:
-        """Rotation feedback is on."""
+        """True with rotation feedback."""
         return self.feedback in ("rotation", "position_rotation")
 
     @property
@@ -138,7 +139,7 @@ class NursingSpec(Table, frozen=True, kw_only=True):
 
     @property
     def record_ns(self) -> int:
-        """Duration of the record [ns]."""
+        """Duration of the recording of initial contacts [ns]."""
         return ns_of_s(self.record_s)
 
     @property
@@ -148,10 +149,10 @@ class NursingSpec(Table, frozen=True, kw_only=True):
 
     @property
     def lost_ns(self) -> int:
-        """Patience with a weak contact [ns]."""
+        """Timeout of a weak contact [ns]."""
         return ns_of_ms(self.lost_ms)
 
     @property
     def silent_ns(self) -> int:
-        """Patience with the skin [ns]."""
+        """Timeout of the skin input [ns]."""
         return ns_of_ms(self.silent_ms)

@@ -1,4 +1,4 @@
-"""An object in the robot's arms, as a deployment describes it."""
+"""Payload spec: a cylinder held between the robot's arms."""
 
 from typing import Annotated
 
@@ -10,41 +10,41 @@ __all__ = ["PayloadSpec"]
 
 
 class PayloadSpec(Table, frozen=True, kw_only=True):
-    """A cylinder of 140 mm with an elastic sheet of 10 mm, held between the arms [R11, VI.B].
+    """Cylinder of 140 mm with an elastic sheet of 10 mm, held between the arms [R11, VI.B].
 
-    Before the run begins, the world holds it in its place and the arms close on it: each joint of
-    `closing` turns, in the direction of its number, until the sheets beyond it press with `grip_n`. The world
-    begins to let go `release_s` after the controller's stage `release_stage` began.
+    Before the run, the simulator fixes the cylinder and the arms close on it: each joint of `closing` turns
+    in its direction until the sheets beyond it press with `grip_n`. The simulator begins to release the
+    cylinder `release_s` after the start of the controller's stage `release_stage`.
     """
 
     position_m: Vector
-    """Its middle in the beginning, world frame."""
+    """Initial position of the centre, world frame."""
     axis: Vector = (0.0, 0.0, 1.0)
-    """Of the cylinder, world frame; upright unless given *(assumed)*."""
+    """Axis of the cylinder, world frame; upright unless given *(assumed)*."""
     diameter_m: Positive = 0.140
-    """Without the sheet [R11]."""
+    """Diameter without the sheet [R11]."""
     length_m: Positive = 0.30
-    """*(assumed)*"""
+    """Length of the cylinder *(assumed)*."""
     mass_kg: Positive = 3.0
-    """Not given in the paper; 3 kg was held in the feasibility study."""
+    """Mass, not given in [R11]; 3 kg was held in the feasibility study."""
     sheet_thickness_m: NonNegative = 0.010
-    """Of the elastic sheet around it [R11]."""
+    """Thickness of the elastic sheet [R11]."""
     sheet_stiffness_pa_per_m: Positive = 4.0e6
-    """Of that sheet, in series with the robot's foam: rubber foam of 40 kPa, 10 mm thick *(assumed)*."""
+    """Stiffness of the sheet, in series with the robot's foam: rubber of 40 kPa, 10 mm *(assumed)*."""
     closing: dict[str, Annotated[float, Meta(ge=-1.0, le=1.0)]]
-    """Joints that close the arms in the beginning, with the direction and its share of `closing_rad_s`."""
+    """Joints that close the arms before the run, each with its signed fraction of `closing_rad_s`."""
     closing_rad_s: Positive = 0.05
-    """Speed of a closing joint that does not feel anything yet *(assumed)*."""
+    """Speed of a closing joint before contact *(assumed)*."""
     grip_n: Positive = 60.0
-    """Force of each arm's sheets in the beginning: held in the feasibility study."""
+    """Initial grip force on the sheets of each arm: held in the feasibility study."""
     release_stage: Name = "hold"
     release_s: NonNegative = 0.1
     easing_s: NonNegative = 0.4
-    """For so long it is let go gently, so that it sinks into the foam without a jolt *(assumed)*."""
+    """Duration of the release ramp, which avoids an impact on the foam *(assumed)*."""
     fallen_m: Positive = 0.15
-    """It counts as dropped when its middle is so far below where it was released *(assumed)*."""
+    """Fall of the centre below the point of release that counts as a drop *(assumed)*."""
 
     @property
     def radius_m(self) -> float:
-        """Of the face of the elastic sheet [m]."""
+        """Outer radius, with the elastic sheet [m]."""
         return 0.5 * self.diameter_m + self.sheet_thickness_m

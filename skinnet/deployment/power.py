@@ -1,4 +1,4 @@
-"""The power wires of the skin, as a deployment describes them."""
+"""Power network spec: supply, resistances and brown-out of the cells."""
 
 from skinnet.deployment.table import NonNegative, PortName, Positive, Table
 
@@ -6,20 +6,20 @@ __all__ = ["PowerSpec"]
 
 
 class PowerSpec(Table, frozen=True, kw_only=True):
-    """Power runs over the same 4-wire links as the data [T11]; cells below their minimum brown out."""
+    """Power network over the 4-wire links that also carry data [T11]; undervoltage browns cells out."""
 
     supply_v: Positive = 3.3
-    """Voltage at the feed points [T11]."""
+    """Supply voltage [T11]."""
     current_ma: NonNegative = 47.0
-    """Current of a cell, with power saving; 130 mA without [T11]."""
+    """Current of a cell with power saving; 130 mA without [T11]."""
     link_ohm: Positive = 0.05
     """Resistance of a link, both conductors together *(assumed: none is published)*."""
     feed_ohm: NonNegative = 0.0
     """Resistance between the supply and a feed point *(assumed)*."""
     minimum_v: Positive = 2.7
-    """Below this a cell browns out and leaves the network *(assumed)*."""
+    """Brown-out voltage, below which a cell leaves the network *(assumed)*."""
     feeds: tuple[PortName, ...] = ()
-    """Ports of cells that are fed; all interfaces unless given."""
+    """Feed points, ports of cells; all interfaces unless given."""
 
     def __post_init__(self) -> None:
         if self.minimum_v >= self.supply_v:

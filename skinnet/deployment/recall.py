@@ -1,4 +1,4 @@
-"""What the robot of a deployment remembers: from the file that the deployment names."""
+"""Memory loading: from the file named by a deployment, with a check of the robot."""
 
 from pathlib import Path
 
@@ -12,21 +12,21 @@ __all__ = ["read_json", "recall", "require_fit", "robot_of"]
 
 
 def robot_of(deployment: Deployment) -> Robot:
-    """The robot that a memory must be of: its cells are those of the patches."""
+    """Describe the robot of a deployment: name, joints and number of cells per patch."""
     patches = {patch.name: patch.n_cells for patch in deployment.patches}
     return Robot(deployment.robot, deployment.body.joints, patches)
 
 
 def recall(deployment: Deployment, base: Path, range_rad: Floats | None = None) -> Memory | None:
-    """What the robot knows at the start of a run; None if the deployment names no file.
+    """Load the memory for the start of a run; None if the deployment names no file.
 
     Args:
-        deployment: What is run.
-        base: Its folder.
-        range_rad: (D, 2) limits of the joints, to compare key poses with; not compared without.
+        deployment: Deployment to be run.
+        base: Folder of the deployment.
+        range_rad: (D, 2) joint limits [rad], against which key poses are checked; no check without.
 
     Raises:
-        MemoryFileError: there is no such file, it does not hold, or it does not fit the robot.
+        MemoryFileError: the file does not exist, is invalid, or belongs to another robot.
     """
     if deployment.memory.read is None:
         return None
@@ -40,10 +40,10 @@ def recall(deployment: Deployment, base: Path, range_rad: Floats | None = None) 
 
 
 def read_json(path: Path) -> Memory:
-    """What `skinnet memory export` wrote.
+    """Read a memory from the JSON of `skinnet memory export`.
 
     Raises:
-        MemoryFileError: there is no such file, or it does not hold.
+        MemoryFileError: the file does not exist or is invalid.
     """
     try:
         return from_json(path.read_bytes())
@@ -54,10 +54,10 @@ def read_json(path: Path) -> Memory:
 
 
 def require_fit(memory: Memory, deployment: Deployment, range_rad: Floats | None = None) -> None:
-    """Refuses the memory of another robot, and key poses that the joints cannot take.
+    """Check that a memory belongs to the robot and that its key poses are within the joint limits.
 
     Raises:
-        MemoryFileError: says what differs, or which pose and joint.
+        MemoryFileError: names the difference, or the pose and the joint.
     """
     memory.robot.require_same(robot_of(deployment))
     if range_rad is not None:

@@ -1,8 +1,7 @@
-"""The schema of a deployment file: one TOML file is one complete run.
+"""Schema of a deployment file: one TOML file describes one run.
 
-Everything is frozen data. Values marked *assumed* have no published source (docs/assumptions.md says
-what each stands for); all others name theirs. Times in the file carry their unit in the name; code uses
-the integer nanoseconds that the properties give.
+All specs are frozen. Values marked *assumed* have no published source (docs/assumptions.md gives the reason
+for each); all others cite theirs. Keys carry their unit; code uses the integer nanoseconds of the properties.
 """
 
 import itertools
@@ -72,21 +71,23 @@ BOARDS = "boards"
 
 
 class RunSpec(Table, frozen=True, kw_only=True):
-    """How long and at which pace a run goes, and who may be lost on the way."""
+    """Duration, pace and fault tolerance of a run."""
 
     max_s: Positive = 300.0
+    """Simulated time after which the run ends at the latest."""
     pace: Literal["lockstep", "realtime"] = "lockstep"
+    """Pace of simulated time: as fast as it is computed, or following the wall clock."""
     pin: bool = True
-    """Bind each process to one core, where the system can: processes that take turns then find their caches
-    warm. Turn it off to share a machine with other work."""
+    """CPU affinity: bind each process to one core where the operating system supports it, which keeps its
+    caches warm. Turn it off to share the computer with other work."""
     deadline_s: Positive = 10.0
-    """Wall time after which an upstream that sends no frame is given up."""
+    """Wall-clock timeout of an upstream process that sends no period end."""
     may_be_lost: tuple[Name, ...] = ()
-    """Processes whose loss does not end the run; "cells" stands for every cell host."""
+    """Processes whose loss does not end the run; "cells" stands for every cell process."""
 
 
 class ServoSpec(Table, frozen=True, kw_only=True):
-    """Stiff position servos that turn velocity commands into position targets *(assumed)*."""
+    """Stiff position servos, which turn velocity commands into position targets *(assumed)*."""
 
     kp_nm_per_rad: Positive = 3000.0
     kv_nm_s_per_rad: NonNegative = 60.0
@@ -95,9 +96,9 @@ class ServoSpec(Table, frozen=True, kw_only=True):
 
 
 class FoamSpec(Table, frozen=True, kw_only=True):
-    """Elastic foundation (Winkler) between the rigid surface and the face of the cells.
+    """Elastic (Winkler) foundation between the rigid surface and the face of the cells.
 
-    Stiffness: pads of 1–2 MPa/m held well in the feasibility study; thickness and damping are assumed.
+    Stiffness: pads of 1–2 MPa/m held objects in the feasibility study; thickness and damping are assumed.
     """
 
     thickness_m: Positive = 0.012
@@ -107,7 +108,7 @@ class FoamSpec(Table, frozen=True, kw_only=True):
 
 
 class SwaySpec(Table, frozen=True, kw_only=True):
-    """Motion of the reference part by a balancing lower body: one sine per listed joint *(assumed)*."""
+    """Postural sway of the reference body: one sine per listed joint *(assumed)*."""
 
     joints: tuple[str, ...] = ()
     amplitude_rad: NonNegative = 0.001
@@ -115,39 +116,46 @@ class SwaySpec(Table, frozen=True, kw_only=True):
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
-    """The MuJoCo body: any MJCF."""
+    """Robot model in MJCF, its controlled joints, and the periods of its simulation."""
 
     model: str
     """Path of an MJCF file relative to the deployment, or the name of a shipped model."""
     reference: str
+    """Body of the model that is the root of the kinematic structure."""
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
-    """Controlled hinge and slide joints, in the order of commands and feedback; for a slide joint read m
-    where a name says rad."""
+    """Controlled hinge and slide joints, in the order of commands and feedback; slide joints use m where a
+    key says rad."""
     locked: tuple[str, ...] = ()
-    """Joints that take no part: fixed where the model has them at zero."""
+    """Joints fixed at the zero position of the model."""
     home_rad: dict[str, float] = field(default_factory=dict)
+    """Home posture, by joint; the reference position of the model unless given."""
     physics_ms: Positive = 1.0
+    """Physics timestep."""
     stimulus_ms: Positive = 4.0
+    """Period of the stimuli."""
     joints_ms: Positive = 5.0
+    """Period of the joint feedback."""
     ambient_c: float = 23.0
+    """Ambient temperature."""
     body_temperature_c: dict[str, float] = field(default_factory=dict)
+    """Surface temperature, by body; ambient unless given."""
     servo: ServoSpec = field(default_factory=ServoSpec)
     foam: FoamSpec = field(default_factory=FoamSpec)
     sway: SwaySpec = field(default_factory=SwaySpec)
 
     @property
     def physics_ns(self) -> int:
-        """Physics step [ns]."""
+        """Physics timestep [ns]."""
         return ns_of_ms(self.physics_ms)
 
     @property
     def stimulus_ns(self) -> int:
-        """Period of stimulus frames [ns]."""
+        """Period of the stimuli [ns]."""
         return ns_of_ms(self.stimulus_ms)
 
     @property
     def joints_ns(self) -> int:
-        """Period of joint feedback [ns]."""
+        """Period of the joint feedback [ns]."""
         return ns_of_ms(self.joints_ms)
 
 
@@ -157,17 +165,18 @@ class ForceSpec(Table, frozen=True, kw_only=True):
     calibration_n: tuple[float, ...] = (0.0, 0.6, 1.0, 4.822)
     calibration_reading: tuple[float, ...] = (0.0, 0.05, 0.14, 1.0)
     noise: NonNegative = 0.004
-    """Idle noise 0.003–0.005 (field report in FACTS.md)."""
+    """Standard deviation of a reading: idle noise 0.003–0.005 (field report in FACTS.md)."""
     lsb: Positive = 0.0009765625
     levels: Levels = (0.04, 0.10, 0.30, 0.45)
     """Low, medium, high and pain force: Table I [M14]."""
     hysteresis: NonNegative = 0.028
-    """Seven times the noise: a reading at rest between two levels changes level less than once in 15 s."""
+    """Hysteresis of level crossing: seven times the noise, less than one false event in 15 s at rest."""
     delta: Positive = 0.02
+    """Threshold of send-on-delta."""
 
 
 class ProximitySpec(Table, frozen=True, kw_only=True):
-    """Proximity sensor: reacts from about 5 cm [M14]; reading = (d0 / (d0 + distance))² *(assumed law)*."""
+    """Proximity sensor, range about 5 cm [M14]; reading = (d0 / (d0 + distance))² *(assumed law)*."""
 
     reach_m: Positive = 0.05
     reading_at_reach: Positive = 0.01
@@ -176,7 +185,9 @@ class ProximitySpec(Table, frozen=True, kw_only=True):
     levels: Levels = (0.01, 0.02, 0.10, 0.80)
     """High, medium, low proximity and close contact: Table I [M14]."""
     hysteresis: NonNegative = 0.0056
+    """Hysteresis of level crossing: seven times the noise."""
     delta: Positive = 0.02
+    """Threshold of send-on-delta."""
 
 
 class AccelerometerSpec(Table, frozen=True, kw_only=True):
@@ -200,20 +211,20 @@ class TemperatureSpec(Table, frozen=True, kw_only=True):
 
 
 class EncodingSpec(Table, frozen=True, kw_only=True):
-    """How readings become packets."""
+    """Event encoding of the readings: `levels`, `delta` (send-on-delta) or `clock` (every period)."""
 
     kind: Literal["levels", "delta", "clock"] = "levels"
 
 
 class CellSpec(Table, frozen=True, kw_only=True):
-    """The HEX-o-SKIN cell."""
+    """HEX-o-SKIN cell: sampling, geometry, sensors and event encoding."""
 
     period_ms: Positive = 4.0
     side_m: Positive = 0.014
     force_cell_radius_m: Positive = 0.0055
     """Distance of the three force cells from the centre *(assumed)*."""
     reaction_us: Positive = 50.0
-    """Time from a packet to the cell's answer while forming the network *(assumed)*."""
+    """Processing delay from a packet to the cell's answer during network formation *(assumed)*."""
     encoding: EncodingSpec = field(default_factory=EncodingSpec)
     force: ForceSpec = field(default_factory=ForceSpec)
     proximity: ProximitySpec = field(default_factory=ProximitySpec)
@@ -227,11 +238,11 @@ class CellSpec(Table, frozen=True, kw_only=True):
 
 
 class LatticeSpec(Table, frozen=True, kw_only=True):
-    """A hexagonal lattice of `rows` × `columns` cells on a plane, or wrapped around a cylinder.
+    """Hexagonal lattice of `rows` × `columns` cells on a plane or around a cylinder.
 
-    `origin_m` is the middle of the lattice on the rigid surface, `normal` points outwards and `up` along the
-    rows' stacking direction, all in the frame of the body. With `radius_m` the lattice bends around an
-    axis parallel to `up`, `radius_m` below the origin.
+    `origin_m` is the centre of the lattice on the rigid surface, `normal` points outwards and `up` from row
+    to row, all in the frame of the body. With `radius_m` the lattice lies on a cylinder whose axis is
+    parallel to `up`, `radius_m` below the origin.
     """
 
     columns: Annotated[int, Meta(ge=1)]
@@ -243,7 +254,7 @@ class LatticeSpec(Table, frozen=True, kw_only=True):
 
 
 class PlacedCell(Table, frozen=True, kw_only=True):
-    """One cell placed by hand, on the rigid surface, in the frame of the body.
+    """Pose of a single cell on the rigid surface, in the frame of the body.
 
     `x_axis` points from the centre to the edge of port 0.
     """
@@ -254,21 +265,21 @@ class PlacedCell(Table, frozen=True, kw_only=True):
 
 
 class InterfaceSpec(Table, frozen=True, kw_only=True):
-    """A free port of a boundary cell that is wired to the computer."""
+    """Interface: a free port of a boundary cell that is wired to the computer."""
 
     cell: Annotated[int, Meta(ge=0)]
     port: Annotated[int, Meta(ge=0, le=3)]
 
 
 class PatchSpec(Table, frozen=True, kw_only=True):
-    """A patch of HEX-o-SKIN cells on one body, placed by a lattice or cell by cell."""
+    """Patch of HEX-o-SKIN cells on one body, placed by a lattice or cell by cell."""
 
     name: Name
     body: str
     lattice: LatticeSpec | None = None
     cells: tuple[PlacedCell, ...] = ()
     interfaces: tuple[InterfaceSpec, ...] = ()
-    """Where gateways are wired; at least one, here or in a patch that bridges lead to."""
+    """Ports of the gateways; at least one, here or in a patch that bridges connect."""
 
     @property
     def n_cells(self) -> int:
@@ -277,7 +288,7 @@ class PatchSpec(Table, frozen=True, kw_only=True):
 
 
 class BridgeSpec(Table, frozen=True, kw_only=True):
-    """A wire from a free port of a cell to a free port of a cell of another patch: "patch/cell:port"."""
+    """Wire between free ports of cells of two patches, each "patch/cell:port"."""
 
     a: PortName
     b: PortName
@@ -286,28 +297,30 @@ class BridgeSpec(Table, frozen=True, kw_only=True):
 class NetworkSpec(Table, frozen=True, kw_only=True):
     """Cell-to-cell links: UART of 2 Mbit/s, 10 bits a byte, packets of 8 and 23 bytes [T11].
 
-    The hop delay makes a 23-byte packet take the measured 300 µs a hop [T11]; the queue is assumed.
+    With this hop delay a 23-byte packet takes the measured 300 µs a hop [T11]; the queue is assumed.
     """
 
     bits_per_s: Annotated[int, Meta(gt=0)] = 2_000_000
     bits_per_byte: Annotated[int, Meta(gt=0)] = 10
     hop_delay_us: NonNegative = 185.0
+    """Processing delay of a cell that forwards a packet."""
     queue_packets: Annotated[int, Meta(ge=-1)] = 16
+    """Capacity of the queue of each port; −1 for no bound."""
     event_bytes: Annotated[int, Meta(gt=0)] = 8
     stream_bytes: Annotated[int, Meta(gt=0)] = 23
     control_bytes: Annotated[int, Meta(gt=0)] = 8
     jitter_us: NonNegative = 0.0
     loss: Share = 0.0
-    """Chance that a link destroys a packet."""
+    """Probability that a link loses a packet."""
     detect_us: NonNegative = 500.0
-    """From the end of a line's signal to the moment when its receiver knows: a cut wire, or a far end without
-    power, reads as a break *(assumed)*."""
+    """Time from the loss of a line's signal (cut wire, or far end without power) to its detection by the
+    receiver *(assumed)*."""
     bundle: bool = False
-    """One event message per gateway and period instead of one per cell."""
+    """Aggregate the events of a period in one message per gateway, instead of one per cell."""
 
 
 class StructureSpec(Table, frozen=True, kw_only=True):
-    """Structural exploration, with the paper's timing [M14, VI.A]."""
+    """Structural exploration, with the timing of [M14, VI.A]."""
 
     step_rad: Positive = 0.1
     speed_rad_s: Positive = 1.0
@@ -317,17 +330,18 @@ class StructureSpec(Table, frozen=True, kw_only=True):
 
 
 class MapSpec(Table, frozen=True, kw_only=True):
-    """Exploration of the sensory-motor map by velocity sines of 0.3 rad/s (frequency: FACTS.md)."""
+    """Sensory-motor map exploration by velocity sines of 0.3 rad/s (frequency: FACTS.md)."""
 
     amplitude_rad_s: Positive = 0.3
     frequency_hz: Positive = 4.0
     periods: Annotated[int, Meta(ge=1)] = 4
     settle_s: NonNegative = 0.3
     cut: NonNegative = 0.05
+    """Norm of a map row below which its cell counts as immobile along its normal."""
 
 
 class StageSpec(Table, frozen=True, kw_only=True):
-    """One stage of the controller's program."""
+    """Stage of the controller's program."""
 
     kind: Literal["structure", "map", "posture", "guide", "listen", "session"]
     duration_s: Positive | None = None
@@ -341,37 +355,38 @@ class StageSpec(Table, frozen=True, kw_only=True):
 
 
 class ReactionSpec(Table, frozen=True, kw_only=True):
-    """Tactile reactions as a whole."""
+    """Tactile reactions of the controller."""
 
     enabled: bool = True
 
 
 class SafetySpec(Table, frozen=True, kw_only=True):
-    """The last clamp before the body *(assumed)*."""
+    """Safety clamp of the commanded joint velocities *(assumed)*."""
 
     joint_speed_rad_s: Positive = 1.2
     stale_ms: Positive = 50.0
-    """Older joint feedback or skin frames are stale: the robot slows down and holds."""
+    """Age beyond which joint feedback or skin data is stale: the robot slows down and holds."""
     ramp_ms: Positive = 100.0
-    """From full speed to rest when input is stale, and back when it is fresh again."""
+    """Ramp from full speed to rest when input becomes stale, and back when it is fresh again."""
 
 
 class ControllerSpec(Table, frozen=True, kw_only=True):
-    """The brain."""
+    """Controller: period, program of stages, explorations, reactions and safety."""
 
     period_ms: Positive = 5.0
     command_delay_ms: Positive | None = None
-    """From the tick to the moment a command takes effect; one control period unless set."""
+    """Delay from the control tick to the effect of its command; one control period unless given."""
     program: tuple[Name, ...] = ()
-    """Stages by name, at least one; none if there is a `[nursing]` table."""
+    """Sequence of stages by name, at least one; empty with a `[nursing]` table."""
     stages: dict[str, StageSpec] = field(default_factory=dict)
     poses_rad: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """Named poses, with one angle per controlled joint."""
     structure: StructureSpec = field(default_factory=StructureSpec)
     map: MapSpec = field(default_factory=MapSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
     session: SessionSpec = field(default_factory=SessionSpec)
     outside_velocity: bool = False
-    """Let users add joint velocities to the controller's own, before the safety clamp."""
+    """Add joint velocities of external clients to those of the controller, before the safety clamp."""
     safety: SafetySpec = field(default_factory=SafetySpec)
 
     @property
@@ -381,18 +396,19 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
 
     @property
     def command_delay_ns(self) -> int:
-        """From the tick to the moment a command takes effect [ns]."""
+        """Delay from the control tick to the effect of its command [ns]."""
         return ns_of_ms(self.period_ms if self.command_delay_ms is None else self.command_delay_ms)
 
 
 class Deployment(Table, frozen=True, kw_only=True):
-    """One complete run."""
+    """Deployment: the complete description of one run."""
 
     name: Name
     robot: Name
     seed: Annotated[int, Meta(ge=0)] = 1
+    """Seed of all random streams."""
     hosts: int | Literal["per_patch"] | dict[Name, tuple[str, ...]] = 2
-    """Cell hosts: how many, one for each patch, or the patches of each by name."""
+    """Cell processes: their number, one per patch, or a table of patches by process."""
     run: RunSpec = field(default_factory=RunSpec)
     body: BodySpec
     cells: CellSpec = field(default_factory=CellSpec)
@@ -400,48 +416,48 @@ class Deployment(Table, frozen=True, kw_only=True):
     patches: tuple[PatchSpec, ...] = ()
     """HEX-o-SKIN cells; at least one patch or one tactile sheet."""
     surfaces: tuple[SurfaceSpec, ...] = ()
-    """Where tactile sheets lie."""
+    """Surfaces that carry tactile sheets."""
     sheets: tuple[SheetSpec, ...] = ()
-    """Tactile sheets, each with its board; all boards run in a host of their own, `boards`."""
+    """Tactile sheets, each with its board; all boards run in one process, `boards`."""
     boards: BoardSpec = field(default_factory=BoardSpec)
     board_network: BoardNetworkSpec = field(default_factory=BoardNetworkSpec)
     bridges: tuple[BridgeSpec, ...] = ()
     power: PowerSpec | None = None
-    """Solve the power network; without this table every cell has power."""
+    """Power network; without this table every cell has power."""
     plan: PlanSpec = field(default_factory=PlanSpec)
     faults: tuple[FaultRule, ...] = ()
     script: ScriptSpec | None = None
     """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
     payload: PayloadSpec | None = None
-    """An object between the robot's arms."""
+    """Payload held between the robot's arms."""
     object: ObjectName = NO_OBJECT
-    """What the stand presents to be grasped; docs/assumptions.md describes each."""
+    """Object presented by the stand; docs/assumptions.md describes each."""
     stand: StandSpec | None = None
-    """A stand in front of the robot."""
+    """Stand in front of the robot."""
     nursing: NursingSpec | None = None
-    """Whole-body contact manipulation as the controller's program, in the place of stages."""
+    """Whole-body contact manipulation [R11] as the controller's program, instead of stages."""
     controller: ControllerSpec
     memory: MemorySpec = field(default_factory=MemorySpec)
     stress: StressSpec = field(default_factory=StressSpec)
-    """What `skinnet stress` sweeps; runs ignore it."""
+    """Parameter sweep of `skinnet stress`; runs ignore it."""
 
     @property
     def frame_ns(self) -> int:
-        """Period after which stimulus, joints and control frames fall together again [ns]; runs end on it."""
+        """Hyperperiod (least common multiple) of stimulus, joint and control periods [ns]; runs end on it."""
         return math.lcm(self.body.stimulus_ns, self.body.joints_ns, self.controller.period_ns)
 
     @property
     def max_ns(self) -> int:
-        """Simulated time at which the run ends at the latest [ns]."""
+        """Latest simulated end time of the run [ns], a whole number of hyperperiods."""
         return -(-round(self.run.max_s * 1e9) // self.frame_ns) * self.frame_ns
 
     def hosts_of_skin(self) -> tuple[str, ...]:
-        """Names of all processes that run skin: the hosts of patches, then that of the boards."""
+        """List the processes that simulate skin: the cell processes, then that of the boards."""
         return (*self.host_patches(), *((BOARDS,) if self.sheets else ()))
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Patches that bridges join into one network, by name; one without bridges is a group of its own."""
+        """Group the patches that bridges join into one network; a patch without bridges is its own group."""
         group = {patch.name: [patch.name] for patch in self.patches}
         for bridge in self.bridges:
             one, other = (group.get(parse_port(end)[0]) for end in (bridge.a, bridge.b))
@@ -453,7 +469,7 @@ class Deployment(Table, frozen=True, kw_only=True):
         return tuple(sorted(members.values(), key=lambda names: order.index(names[0])))
 
     def host_patches(self) -> dict[str, tuple[str, ...]]:
-        """Names of the patches that each cell host runs, by the name of the host; a group stays together."""
+        """Assign patches to cell processes, by name of the process; a bridged group stays together."""
         groups = self.groups()
         if not groups:
             return {}

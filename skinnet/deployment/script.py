@@ -1,4 +1,4 @@
-"""Scripted stimuli, as a deployment describes them: what presses which cells, and when."""
+"""Scripted stimuli spec: force profiles on cells, instead of physics."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -11,16 +11,16 @@ from skinnet.errors import DeploymentError
 __all__ = ["CellPattern", "Course", "ScriptSpec", "ScriptTouch", "StimulationSpec"]
 
 CellPattern = Annotated[str, Meta(pattern=r"^([A-Za-z0-9_\-]+|\*)/([0-9]+|\*)$")]
-"""Cells: "patch/cell", where * stands for any."""
+"""Pattern of cells: "patch/cell", where * matches any."""
 
 
 class Course(Table, frozen=True, kw_only=True):
-    """The course of a scripted press *(assumed)*.
+    """Force profile of a scripted press *(assumed)*.
 
-    Something warm comes near from `approach_m` in `approach_s`, presses harder for `rise_s`, holds for
-    `hold_s`, lets go in `release_s` and leaves as it came. While it presses, its force swings by the share
-    `modulation` at `modulation_hz`: nobody holds still. One of the three force cells feels all of it, the
-    others less by up to the share `unevenness`.
+    A warm object approaches from `approach_m` in `approach_s`; its force rises for `rise_s`, holds for
+    `hold_s` and falls in `release_s`; then it withdraws as it came. The force is modulated by the fraction
+    `modulation` at `modulation_hz`. One of the three force cells receives all of it, the others less by up to
+    the fraction `unevenness`.
     """
 
     approach_m: Positive = 0.08
@@ -35,16 +35,16 @@ class Course(Table, frozen=True, kw_only=True):
 
     @property
     def duration_ns(self) -> int:
-        """From the moment it comes near to the moment it is gone [ns]."""
+        """Duration from the start of the approach to the end of the withdrawal [ns]."""
         return sum(map(ns_of_s, (self.approach_s, self.rise_s, self.hold_s, self.release_s, self.approach_s)))
 
 
 class StimulationSpec(Course, frozen=True, kw_only=True):
-    """How the share `script.stimulated` of the cells is pressed *(assumed)*.
+    """Random presses on the fraction `script.stimulated` of the cells *(assumed)*.
 
-    Each press has a force of its own within `force_n`, on the force cell that is pressed most. Cells are
-    pressed again after `pause_s`, or with `repeat = false` once: a hug. Their first presses are spread over
-    `stagger_s` from `start_s` on, without `stagger_s` over a whole period, so that they never beat together.
+    The force of each press on its most loaded force cell is drawn from `force_n`. Presses repeat after
+    `pause_s`; with `repeat = false` each cell is pressed once, as in a hug. First presses are spread over
+    `stagger_s` from `start_s` on, or over a whole period without `stagger_s`, so that they do not coincide.
     """
 
     force_n: tuple[Positive, Positive] = (0.8, 3.0)
@@ -55,12 +55,12 @@ class StimulationSpec(Course, frozen=True, kw_only=True):
 
     @property
     def period_ns(self) -> int:
-        """From one press of a cell to its next [ns]."""
+        """Period of the presses on a cell [ns]."""
         return self.duration_ns + ns_of_s(self.pause_s)
 
 
 class ScriptTouch(Course, frozen=True, kw_only=True):
-    """Cells that are pressed all at once, at `start_s` of the run and then `every_s`, or once without it."""
+    """Press on several cells at once, at `start_s` and then with period `every_s`, or once without it."""
 
     cells: Annotated[tuple[CellPattern, ...], Meta(min_length=1)]
     start_s: NonNegative
@@ -71,19 +71,23 @@ class ScriptTouch(Course, frozen=True, kw_only=True):
 
 
 class ScriptSpec(Table, frozen=True, kw_only=True):
-    """Stimuli from a script instead of physics: joints follow their commands exactly, touch is prescribed.
+    """Scripted stimuli instead of physics: joints follow their commands exactly, contact is prescribed.
 
-    Cells feel gravity and their own motion as the model's kinematics give them; what the script does not
-    press, nothing touches. The teacher's finger does not act.
+    Accelerometers measure gravity and motion as given by the model's kinematics. Cells that the script does
+    not press have no contact. The teacher's finger is inactive.
     """
 
     stimulated: Share = 0.0
-    """Share of the cells that are pressed as `script.stimulation` says; the seed chooses them by name."""
+    """Fraction of the cells that are pressed as in `script.stimulation`; drawn by the seed and cell name."""
     stimulation: StimulationSpec = field(default_factory=StimulationSpec)
     touches: tuple[ScriptTouch, ...] = ()
 
     def check(self, sizes: Mapping[str, int]) -> None:
-        """Raises DeploymentError if the script contradicts itself or patches of `sizes` cells."""
+        """Check the script against patches of `sizes` cells.
+
+        Raises:
+            DeploymentError: forces, periods or cell patterns are inconsistent.
+        """
         low_n, high_n = self.stimulation.force_n
         if low_n > high_n:
             raise DeploymentError(
@@ -98,10 +102,14 @@ class ScriptSpec(Table, frozen=True, kw_only=True):
                 )
 
     def touched(self, index: int, sizes: Mapping[str, int]) -> list[tuple[str, int]]:
-        """Cells that touch `index` presses, each once, in the order of the patches.
+        """List the cells pressed by touch `index`, each once, in the order of the patches.
+
+        Args:
+            index: Index in `touches`.
+            sizes: Number of cells of every patch.
 
         Raises:
-            DeploymentError: it names a patch or a cell that does not exist.
+            DeploymentError: a pattern names a patch or a cell that does not exist.
         """
         found = {cell for pattern in self.touches[index].cells for cell in _matching(pattern, sizes, index)}
         return [(patch, cell) for patch, n in sizes.items() for cell in range(n) if (patch, cell) in found]

@@ -1,4 +1,4 @@
-"""What a deployment says of a session: teaching by touch and grasping, on request [M14, IV and V]."""
+"""Teach-and-grasp spec: teaching by touch and grasping, on request [M14, IV and V]."""
 
 from typing import Annotated, Literal
 
@@ -30,7 +30,7 @@ Level = Annotated[int, Meta(ge=1, le=4)]
 
 
 class AreaSpec(Table, frozen=True, kw_only=True):
-    """Reaction of the cells of one area in one state; what is not given is as in Table II [M14]."""
+    """Tactile reaction of one area in one state; defaults are those of Table II [M14]."""
 
     force_threshold: NonNegative | None = None
     force_gain: NonNegative | None = None
@@ -39,7 +39,7 @@ class AreaSpec(Table, frozen=True, kw_only=True):
 
 
 class StateSpec(Table, frozen=True, kw_only=True):
-    """Directives of one state; what is not given is as in Table II [M14]."""
+    """Parameters of one state; defaults are those of Table II [M14]."""
 
     speed_rad_s: Positive | None = None
     accuracy_rad: Positive | None = None
@@ -48,10 +48,10 @@ class StateSpec(Table, frozen=True, kw_only=True):
 
 
 class OperatorSpec(Table, frozen=True, kw_only=True):
-    """One request of the scripted operator, who sends one after the other.
+    """Request of the scripted operator, who sends one after the other.
 
-    It is sent when the session has been in `state` for `after_s`, counted from the request before if that
-    was later, and nothing has touched the robot for `quiet_s`.
+    It is sent once the session has been in `state` for `after_s`, counted from the previous request if that
+    was later, without any contact for `quiet_s`.
     """
 
     state: StateName
@@ -62,48 +62,48 @@ class OperatorSpec(Table, frozen=True, kw_only=True):
 
 
 class SessionSpec(Table, frozen=True, kw_only=True):
-    """Teaching and grasping; levels are those of Table I [M14], counted from 1."""
+    """Teaching and grasping [M14]; levels are those of Table I, counted from 1."""
 
     operator: tuple[OperatorSpec, ...] = ()
-    """Without any, requests come from users only, and the session lasts until one of them ends it."""
+    """Scripted requests; without any, external clients send requests until one of them ends the session."""
     patience_s: Positive = 10.0
-    """A session whose operator waits in vain, the robot at rest, ends after so long."""
+    """Timeout of the scripted operator, while the robot is at rest; then the session ends."""
     pre_contact: bool = True
-    """Use the proximity sensors to grasp; without them all that is left is force."""
+    """Use proximity and force to grasp; if false, force only."""
     near_level: Level = 2
-    """An object is near an arm at this level of proximity: medium *(settled in docs/grasping.md)*."""
+    """Proximity level at which an object is near an arm: medium *(settled in docs/grasping.md)*."""
     contact_level: Level = 4
-    """Contact is felt at this level of proximity, close contact, or at any level of force."""
+    """Proximity level that counts as contact, close contact; any level of force counts too."""
     load_level: Level = 2
-    """A force holds at this level: medium."""
+    """Force level at which an object is held: medium."""
     pain_level: Level = 4
-    """A force hurts at this level: the grasp is cancelled."""
+    """Force level of pain, at which the grasp is cancelled."""
     lost_ms: Positive = 300.0
-    """An arm that feels no contact for so long has lost the object *(assumed)*."""
+    """Time without contact after which an arm has lost the object *(assumed)*."""
     stall_ms: Positive = 1500.0
-    """A robot that comes no nearer to its pose for so long is stalled *(assumed)*."""
+    """Time without progress towards the pose after which the robot is stalled *(assumed)*."""
     set_down_s: Positive = 4.0
-    """A robot that shall let go of what it carries holds it so long, for somebody to take it *(assumed)*."""
+    """Time for which the robot holds an object to be taken before it lets go *(assumed)*."""
     least_skin: Share = 0.5
-    """An area of which a smaller share of the cells is there is lost *(assumed)*."""
+    """Fraction of an area's cells below which the area is lost *(assumed)*."""
     states: dict[StateName, StateSpec] = field(default_factory=dict)
 
     @property
     def lost_ns(self) -> int:
-        """Patience with an arm without contact [ns]."""
+        """Timeout of an arm without contact [ns]."""
         return ns_of_ms(self.lost_ms)
 
     @property
     def stall_ns(self) -> int:
-        """Patience with a robot that comes no nearer [ns]."""
+        """Timeout of a robot without progress [ns]."""
         return ns_of_ms(self.stall_ms)
 
     @property
     def set_down_ns(self) -> int:
-        """How long it waits with what it carries [ns]."""
+        """Duration of the wait before it lets go [ns]."""
         return ns_of_s(self.set_down_s)
 
     @property
     def patience_ns(self) -> int:
-        """Patience of the operator [ns]."""
+        """Timeout of the scripted operator [ns]."""
         return ns_of_s(self.patience_s)

@@ -1,6 +1,6 @@
-"""Tactile sheets, their boards and the network of the boards, as a deployment describes them.
+"""Tactile sheet specs: surfaces, sheets, boards and the network of the boards.
 
-Values marked *assumed* have no published source; all others name theirs.
+Values marked *assumed* have no published source; all others cite theirs.
 """
 
 from typing import Annotated, Literal
@@ -20,16 +20,15 @@ __all__ = [
 ]
 
 MAX_SIDE = 8
-"""Rows and columns of the largest sheet [R11]."""
+"""Largest number of rows and of columns of a sheet [R11]."""
 
 
 class SurfaceSpec(Table, frozen=True, kw_only=True):
-    """A surface of a body on which tactile sheets lie, with tactile coordinates of its own.
+    """Surface of a body that carries tactile sheets, with its own tactile coordinates ξ.
 
-    `origin_m` is where ξ is zero, on the rigid surface; `normal` points outwards and `up` along ξ2, all in
-    the frame of the body. Without `radius_m` the surface is a plane. With it, it is flat over `flat_m`
-    across `up`, half of that to each side of the origin, then bends with the radius: a cylinder if `flat_m`
-    is 0.
+    `origin_m` is the point ξ = 0 on the rigid surface; `normal` points outwards and `up` along ξ2, all in the
+    frame of the body. Without `radius_m` the surface is a plane. With it, the surface is flat over `flat_m`
+    across `up`, half to each side of the origin, and then bends with the radius: a cylinder if `flat_m` is 0.
     """
 
     name: Name
@@ -42,13 +41,12 @@ class SurfaceSpec(Table, frozen=True, kw_only=True):
 
 
 class SheetSpec(Table, frozen=True, kw_only=True):
-    """A tactile sheet with its board: 8 × 8 elements, 21.5 mm apart [R11], or a part of that.
+    """Tactile sheet with its board: 8 × 8 elements at a pitch of 21.5 mm [R11], or fewer.
 
-    `middle_xi_m` are the tactile coordinates of the middle of the grid. `mask` has a text for each row, the
-    first for the one farthest up, of `#` for an element and `.` for one that is cut away: it
-    shows the sheet as one sees it from outside with `up` upwards. Without it the grid is full. With
-    `joins_gaps`, elements on both sides of a gap of one cut row or column count as neighbours,
-    as if the teeth of the comb touched.
+    `middle_xi_m` are the tactile coordinates of the centre of the grid. `mask` has one string per row, from
+    the top, with `#` for an element and `.` for one that is cut away, as seen from outside with `up` upwards;
+    without it the grid is full. With `joins_gaps`, elements on both sides of a gap of one cut row or column
+    are neighbours, as if the teeth of the comb touched.
     """
 
     name: Name
@@ -62,14 +60,14 @@ class SheetSpec(Table, frozen=True, kw_only=True):
 
     @property
     def n_elements(self) -> int:
-        """Number of elements; right for a mask that holds."""
+        """Number of elements, for a valid mask."""
         return sum(row.count("#") for row in self.mask) if self.mask else self.columns * self.rows
 
 
 class PressureSpec(Table, frozen=True, kw_only=True):
     """Pressure elements: 0 to above 90 kPa, more than 5 bit [R11].
 
-    Eight bits, because in the feasibility study a grasp with 5 dropped its object and one with 8 held it.
+    Eight bits, since in the feasibility study a grasp with 5 bits dropped its object and one with 8 held it.
     """
 
     range_kpa: Positive = 90.0
@@ -77,60 +75,59 @@ class PressureSpec(Table, frozen=True, kw_only=True):
     noise_kpa: NonNegative = 0.1
     """Standard deviation of a reading *(assumed)*."""
     element_us: Positive = 50.0
-    """Time to read one element *(assumed: 64 in 3.2 ms leave time to compute and send within 4 ms)*."""
+    """Read time of one element *(assumed: 64 in 3.2 ms leave time to compute and send within 4 ms)*."""
 
     @property
     def lsb_kpa(self) -> float:
-        """One step of a reading [kPa]."""
+        """Resolution of a reading [kPa]."""
         return self.range_kpa / (2.0**self.bits - 1.0)
 
 
 class RegionSpec(Table, frozen=True, kw_only=True):
-    """When an element is active, and how far a region may jump and still be the same *(assumed)*."""
+    """Contact regions: activation thresholds of elements, and tracking between scans *(assumed)*."""
 
     on_kpa: Positive = 1.0
     off_kpa: Positive = 0.6
     follow_m: NonNegative = 0.032
-    """Between two frames, if no element remains in common; one row and one column are 0.0304 m apart."""
+    """Association distance between two scans without a common element; a row plus a column is 0.0304 m."""
 
 
 class BoardSpec(Table, frozen=True, kw_only=True):
-    """The board of a tactile sheet: a period of 4 ms [R11]."""
+    """Board of a tactile sheet, with a scan period of 4 ms [R11]."""
 
     period_ms: Positive = 4.0
     compute_us: NonNegative = 200.0
-    """From the last reading of a frame to the moment its message is sent *(assumed)*."""
+    """Processing delay from the last reading of a scan to the sending of its message *(assumed)*."""
     pattern_every: Annotated[int, Meta(ge=0)] = 0
-    """Send the raw pattern every n frames; 0: only when asked to."""
+    """Interval of raw patterns, in scans; 0: only on request."""
     pressure: PressureSpec = field(default_factory=PressureSpec)
     regions: RegionSpec = field(default_factory=RegionSpec)
 
     @property
     def period_ns(self) -> int:
-        """Period of frames [ns]."""
+        """Scan period [ns]."""
         return ns_of_ms(self.period_ms)
 
 
 class BoardNetworkSpec(Table, frozen=True, kw_only=True):
-    """The network of the boards to the main PC *(assumed; the paper has more than 20 boards on one [R11])*.
+    """Network from the boards to the main PC *(assumed; more than 20 boards share one in [R11])*.
 
-    `bus` is one medium that all boards and the PC share, such as CAN; who asks first sends first. `star`
-    gives each board a wire of its own. In a `chain` each board passes on what comes from the boards behind
-    it. The wires of star and chain are full-duplex. 14 bits a byte are the 111 bits of a CAN frame of 8
-    bytes.
+    `bus` is a medium shared by all boards and the PC, such as CAN, first come, first served. `star` gives
+    each board its own wire. In a `chain` each board forwards the messages of the boards behind it. The wires
+    of star and chain are full-duplex. 14 bits a byte correspond to the 111 bits of a CAN frame of 8 bytes.
     """
 
     kind: Literal["bus", "star", "chain"] = "bus"
     bits_per_s: Annotated[int, Meta(gt=0)] = 1_000_000
     bits_per_byte: Annotated[int, Meta(gt=0, le=64)] = 14
     delay_us: NonNegative = 0.0
-    """From the end of a transmission to the arrival, on each link."""
+    """Propagation delay of each link."""
     jitter_us: NonNegative = 0.0
     loss: Share = 0.0
-    """Chance that a link destroys a message."""
+    """Probability that a link loses a message."""
     queue_messages: Annotated[int, Meta(ge=-1)] = 32
-    """How many messages may wait for a link; −1 for any number."""
+    """Capacity of the queue of each link; −1 for no bound."""
     head_bytes: Annotated[int, Meta(gt=0)] = 8
-    """Of any message: board, kind, frame number, count."""
+    """Header of any message: board, kind, scan number, count."""
     region_bytes: Annotated[int, Meta(gt=0)] = 12
-    """Of a region: number, kin, force, ξ1, ξ2 of two bytes each, peak, elements of one."""
+    """Size of a region: id, lineage id, force, ξ1, ξ2 of two bytes each, peak and elements of one."""

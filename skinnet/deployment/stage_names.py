@@ -1,4 +1,4 @@
-"""Names by which the world knows what the controller does: stages of its program, states of sessions."""
+"""Stage name checks: stages of the controller's program and states of teach-and-grasp."""
 
 from typing import get_args
 
@@ -10,10 +10,10 @@ __all__ = ["require_stage"]
 
 
 def require_stage(key: str, name: str, control: ControllerSpec) -> None:
-    """Refuses a `name` under `key` that is neither a stage nor, as in `session.hold`, a state of a session.
+    """Check that `name` under `key` is a stage, or a state of one as in `session.hold`.
 
     Raises:
-        DeploymentError: names what there is.
+        DeploymentError: names the known stages and states.
     """
     known = list(control.stages)
     for stage, spec in control.stages.items():

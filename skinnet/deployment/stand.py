@@ -1,4 +1,4 @@
-"""The stand that presents an object to the robot, as a deployment describes it."""
+"""Stand spec: a lift that presents an object to the robot."""
 
 from typing import Annotated
 
@@ -10,53 +10,53 @@ __all__ = ["StandSpec"]
 
 
 class StandSpec(Table, frozen=True, kw_only=True):
-    """A plate on a column that lifts an object to the robot, and lowers away from it *(assumed)*.
+    """Lift that presents an object to the robot on a plate, and lowers it again *(assumed)*.
 
-    It starts `below_m` too low and rises `present_s` after the stage `present_stage` first began. It lowers
-    away by `lower_m`, `lower_s` after `lower_stage` began, stays away for `away_s`, and comes back up to
-    where it was; it comes back at once if that stage ends before. Once back it stays.
+    The plate starts `below_m` below its upper position and rises `present_s` after the first start of the
+    stage `present_stage`. It lowers by `lower_m`, `lower_s` after the start of `lower_stage`, stays down for
+    `away_s`, or less if that stage ends, and returns to its upper position for the rest of the run.
     """
 
     grasp_z_m: Positive = 1.07
-    """Height of the middle of the object while the stand is up: that of the HRP-2-like robot's forearms when
-    they hug."""
+    """Height of the object's centre in the upper position: that of the HRP-2-like robot's forearms in a
+    hug."""
     near_x_m: float = 0.24
-    """How near a box's nearest face comes to the robot, without the disturbance (x, world frame); round
-    objects come nearer."""
+    """Position of a box's nearest face, without the disturbance (x, world frame); round objects are placed
+    nearer to the robot."""
     offset_m: NonNegative = 0.0
-    """Disturbance: the object stands off by up to so much in x and in y, drawn by the seed."""
+    """Disturbance: largest offset of the object in x and in y, drawn by the seed."""
     yaw_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
-    """Disturbance: it is turned by up to so much, drawn by the seed."""
+    """Disturbance: largest rotation of the object about z, drawn by the seed."""
     stuck: bool = False
-    """The object is fixed to the stand."""
+    """Fix the object to the plate."""
     below_m: NonNegative = 0.0
     present_stage: StageName | None = None
-    """Needed with `below_m`."""
+    """Stage that makes the plate rise; required with `below_m`."""
     present_s: NonNegative = 0.0
     lower_stage: StageName | None = None
-    """Without one the stand stays up."""
+    """Stage that makes the plate lower; without one it stays up."""
     lower_s: NonNegative = 1.0
     lower_m: Positive = 0.25
     away_s: NonNegative = 6.0
     speed_m_s: Positive = 0.10
     acceleration_m_s2: Positive = 0.5
-    """Gentle: what stands on it stays where it is."""
+    """Acceleration of the plate, low enough that objects do not slip."""
     plate_near_x_m: float = 0.17
-    """Where the plate begins: clear of the robot's chest when the object is pulled towards it."""
+    """Near edge of the plate (x, world frame), clear of the chest when the object is pulled to it."""
     plate_width_m: Positive = 0.20
-    """Narrower than what two forearms can hold: they pass by its sides."""
+    """Width of the plate, narrow enough for the forearms to pass by its sides."""
 
     @property
     def present_ns(self) -> int:
-        """From the beginning of `present_stage` until it rises [ns]."""
+        """Delay from the start of `present_stage` until the plate rises [ns]."""
         return ns_of_s(self.present_s)
 
     @property
     def lower_ns(self) -> int:
-        """From the beginning of `lower_stage` until it lowers away [ns]."""
+        """Delay from the start of `lower_stage` until the plate lowers [ns]."""
         return ns_of_s(self.lower_s)
 
     @property
     def away_ns(self) -> int:
-        """How long it stays away [ns]."""
+        """Duration of the lower position [ns]."""
         return ns_of_s(self.away_s)

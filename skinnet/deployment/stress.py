@@ -1,4 +1,4 @@
-"""What `skinnet stress` sweeps, as a deployment describes it."""
+"""Stress sweep spec of `skinnet stress`."""
 
 from typing import Annotated, Literal
 
@@ -13,38 +13,38 @@ _Count = Annotated[int, Meta(ge=1)]
 
 
 class PublishedSpec(Table, frozen=True, kw_only=True):
-    """A published share of the clock-driven rate, drawn beside what is measured."""
+    """Published fraction of the clock-driven rate, for comparison with the measured one."""
 
     share: Share
     of: Literal["bytes", "packets", "rate"] = "rate"
-    """What it is a share of; "rate" where the source does not say how long its packets are: then it stands
-    beside both."""
+    """Quantity of the fraction; "rate" where the source gives no packet length: it is then compared with
+    both."""
     stimulated: bool
     at_most: bool = False
-    """The source gives a bound, not a value."""
+    """Upper bound instead of a value."""
     source: str
 
     def is_of(self, what: str) -> bool:
-        """Whether it stands beside the share of `what`, "bytes" or "packets"."""
+        """Check if the published fraction applies to `what`, "bytes" or "packets"."""
         return self.of in (what, "rate")
 
 
 class StressSpec(Table, frozen=True, kw_only=True):
-    """The sweep of `skinnet stress`: every combination of these, each a run of its own."""
+    """Parameter sweep of `skinnet stress`: one run for every combination."""
 
     cells: tuple[_Count, ...] = ()
-    """Numbers of cells, by whole patches from the first until the number is reached; all unless given."""
+    """Numbers of cells, reached by whole patches from the first; all unless given."""
     gateways: tuple[_Count, ...] = ()
-    """Gateways of each patch, at good places; those of the deployment unless given."""
+    """Numbers of gateways per patch, placed by search; those of the deployment unless given."""
     stimulated: tuple[Share, ...] = ()
-    """Shares of stimulated cells; without a script there is only what the body does. Unless given: none, and
-    the script's own share."""
+    """Fractions of stimulated cells, which need a script; zero and the fraction of the script unless
+    given."""
     encodings: Annotated[tuple[EncodingName, ...], Meta(min_length=1)] = ("clock", "delta", "levels")
     delta_sigmas: tuple[Positive, ...] = ()
-    """More runs with send-on-delta, where each delta is so many times the noise of its sensor, quantisation
-    included; with all cells and each share of stimulated ones."""
+    """Send-on-delta thresholds as multiples of each sensor's noise, quantisation included: further runs with
+    all cells and each fraction of stimulated ones."""
     settle_s: NonNegative = 1.0
-    """Simulated time before the measurement, in which cells send their first readings."""
+    """Warm-up before the measurement (simulated time), in which cells send their first readings."""
     duration_s: Positive = 4.0
-    """Simulated time that is measured."""
+    """Duration of the measurement (simulated time)."""
     published: tuple[PublishedSpec, ...] = ()

@@ -1,4 +1,4 @@
-"""What a teacher does with one finger, as a deployment describes it: touches, lessons and strokes."""
+"""Teacher spec: touches, lessons and strokes of the teacher's finger."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -11,24 +11,24 @@ from skinnet.errors import DeploymentError
 __all__ = ["CellsName", "GoalSpec", "LessonSpec", "StrokeSpec", "TeacherSpec", "TouchSpec", "cells_of"]
 
 CellsName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$")]
-"""Cells of a patch: all of "patch", one as in "patch/3", or several as in "patch/3-7", ends included."""
+"""Range of cells: all of "patch", one as in "patch/3", or several as in "patch/3-7", ends included."""
 
 
 class TouchSpec(Table, frozen=True, kw_only=True):
-    """One touch of the teacher's finger on a cell, along the cell's normal.
+    """Touch of the teacher's finger on a cell, along the cell's normal.
 
-    The finger appears `approach_m` above the face of the foam, approaches at `speed_m_s`, then holds a
-    depth into the foam where the cell was when the touch began (`depth_m`), or holds a force while it
-    follows the cell (`force_n`), for `hold_s`, and withdraws the way it came. `depth_m` may be
-    negative: the finger stops short of contact.
+    The finger starts `approach_m` above the face of the foam and approaches at `speed_m_s`. For `hold_s` it
+    either holds a depth in the foam, at the position of the cell when the touch began (`depth_m`), or follows
+    the cell at a constant force (`force_n`). Then it withdraws along the same path. With a negative `depth_m`
+    it stops before contact.
     """
 
     cell: CellName
     stage: StageName
-    """A stage, or one of its states as in "session.hold"."""
+    """Stage, or one of its states as in "session.hold"."""
     start_s: NonNegative
     force_cell: Annotated[int, Meta(ge=0, le=2)] | None = None
-    """Aim at this force cell instead of the middle of the cell."""
+    """Force cell to aim at, instead of the centre of the cell."""
     approach_m: Positive = 0.08
     speed_m_s: Positive = 0.03
     depth_m: float | None = None
@@ -37,45 +37,47 @@ class TouchSpec(Table, frozen=True, kw_only=True):
 
 
 class GoalSpec(Table, frozen=True, kw_only=True):
-    """Where the teacher wants a point of the robot to come."""
+    """Goal position of a point of the robot in a lesson."""
 
     body: str
     point_m: Vector = (0.0, 0.0, 0.0)
-    """In the frame of the body."""
+    """Point, in the frame of the body."""
     at_m: Vector
-    """In the world."""
+    """Goal position, world frame."""
     weight: Positive = 1.0
 
 
 class LessonSpec(Table, frozen=True, kw_only=True):
-    """A pose into which the teacher leads the robot, which evades his finger.
+    """Tactile guidance of the robot into a pose, by proximity or by force [M14].
 
-    The finger comes near to one cell after the other, wherever that cell's evasion takes the goals' points to
-    their places, follows the cell as it evades, and stays away when all are within `tolerance_m`, when
-    nothing helps any more, or when the teacher's patience is over. Each time that `stage` begins, the next
-    lesson of that stage is given. Defaults are *(assumed)*.
+    The finger approaches one cell after the other, chosen such that the cell's evasion moves the points
+    towards their goals, and follows the cell as it evades. The lesson ends when all points are within
+    `tolerance_m`, when no cell improves them, or after `patience_s`. Each start of `stage` gives the next
+    lesson of that stage. Defaults are *(assumed)*.
     """
 
     stage: StageName
-    """A stage, or one of its states as in "session.guide_proximity"."""
+    """Stage, or one of its states as in "session.guide_proximity"."""
     start_s: NonNegative = 0.5
     goals: Annotated[tuple[GoalSpec, ...], Meta(min_length=1)]
     tolerance_m: Positive = 0.015
+    """Goal tolerance of every point."""
     gap_m: Positive | None = None
-    """Without contact: the finger comes as near as this to the face of the foam, at proximity guidance."""
+    """Clearance between finger and foam, for proximity guidance."""
     depth_m: Positive | None = None
-    """With contact: it presses a force cell as deep as this, at force guidance."""
+    """Depth of the finger in the foam over a force cell, for force guidance."""
     approach_m: Positive = 0.05
-    """Height above the face of the foam at which the finger appears, less where something is in the way."""
+    """Initial height of the finger above the face of the foam, reduced by obstacles."""
     speed_m_s: Positive = 0.1
-    """The finger is never faster."""
+    """Speed limit of the finger."""
     cells: tuple[CellsName, ...] = ()
-    """Cells that may be used, all unless given: "patch", "patch/3" or "patch/3-7"."""
+    """Cells that may be used: "patch", "patch/3" or "patch/3-7"; all unless given."""
     patience_s: Positive = 120.0
+    """Timeout of the lesson."""
 
     @property
     def near_m(self) -> float:
-        """Height of the finger above the face of the foam while it guides, negative with contact [m]."""
+        """Height of the finger above the face of the foam during guidance, negative with contact [m]."""
         if self.gap_m is not None:
             return self.gap_m
         assert self.depth_m is not None
@@ -83,25 +85,25 @@ class LessonSpec(Table, frozen=True, kw_only=True):
 
 
 class StrokeSpec(Table, frozen=True, kw_only=True):
-    """Cells over which the finger brushes, one after the other.
+    """Stroke of the finger over a set of cells.
 
-    It begins at a corner, goes on to the nearest cell that is left, lifts where that is no neighbour, and
-    stays `depth_m` deep in the foam along the local normal. Each time that `stage` begins, the next stroke of
-    that stage is given. Defaults are *(assumed)*.
+    It starts at a corner, continues to the nearest remaining cell, lifts where that cell is no neighbour, and
+    keeps `depth_m` in the foam along the local normal. Each start of `stage` gives the next stroke of that
+    stage. Defaults are *(assumed)*.
     """
 
     stage: StageName
-    """A stage, or one of its states as in "session.attend"."""
+    """Stage, or one of its states as in "session.attend"."""
     start_s: NonNegative = 0.5
     cells: Annotated[tuple[CellsName, ...], Meta(min_length=1)]
-    """Patches in the order of the list: "patch", "patch/3" or "patch/3-7"."""
+    """Cells to stroke, in the order of the list: "patch", "patch/3" or "patch/3-7"."""
     depth_m: Positive = 0.002
     approach_m: Positive = 0.05
     speed_m_s: Positive = 0.1
 
 
 class TeacherSpec(Table, frozen=True, kw_only=True):
-    """A teacher's finger: a warm sphere that does one thing after the other."""
+    """Teacher's finger: a warm sphere with one action at a time."""
 
     tip_radius_m: Positive = 0.008
     temperature_c: float = 33.0
@@ -111,15 +113,15 @@ class TeacherSpec(Table, frozen=True, kw_only=True):
 
 
 def cells_of(key: str, name: str, sizes: Mapping[str, int]) -> tuple[str, range]:
-    """The patch and its cells that `name`, a `CellsName` or `CellName` under `key`, means.
+    """Parse the cell range `name` into its patch and cells.
 
     Args:
-        key: Where the name stands in the deployment.
-        name: As above.
+        key: Deployment key of the name, for errors.
+        name: A `CellsName` or `CellName`.
         sizes: Number of cells of every patch.
 
     Raises:
-        DeploymentError: there is no such patch or cell.
+        DeploymentError: the patch or a cell does not exist.
     """
     patch, _, numbers = name.partition("/")
     if patch not in sizes:

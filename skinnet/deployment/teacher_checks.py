@@ -1,4 +1,4 @@
-"""Checks of the teacher's tables that need no model: stages, cells, and what excludes each other."""
+"""Consistency checks of the teacher: stages, cells, and mutually exclusive keys."""
 
 from skinnet.deployment.schema import Deployment
 from skinnet.deployment.stage_names import require_stage
@@ -9,7 +9,11 @@ __all__ = ["check_teacher"]
 
 
 def check_teacher(deployment: Deployment) -> None:
-    """Raises DeploymentError if the teacher means what there is not, or two things at once."""
+    """Check the stages, cells and exclusive keys of touches, lessons and strokes.
+
+    Raises:
+        DeploymentError: names key, value and what is allowed.
+    """
     teacher = deployment.teacher
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
     for index, touch in enumerate(teacher.touches):

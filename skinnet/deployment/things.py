@@ -1,8 +1,8 @@
-"""The objects that a stand can present: five unknown ones as in Fig. 9 [M14], and what must not be grasped.
+"""Object models for the stand: five unknown objects of Fig. 9 [M14], and two that cannot be grasped.
 
-The paper names the objects and shows them; it gives no numbers. All sizes, masses and compliances here are
-assumed; docs/assumptions.md says what each stands for. The frame of an object: origin in the middle of its
-height, x away from the robot (depth), y to the robot's left (width), z up.
+The paper names and shows the objects without dimensions. All sizes, masses and compliances are assumed;
+docs/assumptions.md gives the reasons. Object frame: origin at half the height, x away from the robot (depth),
+y to the robot's left (width), z up.
 """
 
 import math
@@ -28,28 +28,28 @@ ObjectName = Literal[
 NO_OBJECT: ObjectName = "none"
 
 _BASE_M = 0.002
-"""What does not stand on a box of its own has a box as base, which stands out by so much."""
+"""Height [m] by which the box under a round object protrudes below it."""
 
 
 class Shape(Enum):
-    """Form of a solid, and what its `half_m` are."""
+    """Shape of a solid, which defines its `half_m`."""
 
     BOX = "box"
-    """Half of its edges."""
+    """Box: half of each edge."""
     CYLINDER = "cylinder"
-    """Upright: radius, radius, half of its height."""
+    """Upright cylinder: radius, radius, half of the height."""
     ELLIPSOID = "ellipsoid"
-    """Its semi-axes."""
+    """Ellipsoid: semi-axes."""
 
 
 class Solid(NamedTuple):
-    """A part of an object.
+    """Primitive solid of an object.
 
     Attributes:
-        shape: What it is.
-        half_m: Half of its extent along x, y and z, before it is turned [m].
-        at_m: Its middle, frame of the object [m].
-        yaw_deg: How far it is turned about its vertical axis.
+        shape: Box, cylinder or ellipsoid.
+        half_m: Half extents along x, y and z, before rotation [m].
+        at_m: Position of the centre, object frame [m].
+        yaw_deg: Rotation about the vertical axis.
     """
 
     shape: Shape
@@ -59,25 +59,25 @@ class Solid(NamedTuple):
 
     @property
     def volume_m3(self) -> float:
-        """Its volume [m³]."""
+        """Volume [m³]."""
         factor = {Shape.BOX: 8.0, Shape.CYLINDER: 2.0 * math.pi, Shape.ELLIPSOID: 4.0 / 3.0 * math.pi}
         return factor[self.shape] * math.prod(self.half_m)
 
 
 class Thing(NamedTuple):
-    """An object *(assumed)*.
+    """Object model: geometry, mass, compliance and friction *(assumed)*.
 
     Attributes:
-        size_m: Depth (x), width (y) and height (z) of all of it [m].
-        solids: What it is made of; together they carry the mass, each its share of the volume.
+        size_m: Overall depth (x), width (y) and height (z) [m].
+        solids: Primitive solids, which share the mass by volume.
         mass_kg: Mass.
-        stiffness_pa_per_m: Of its face, in series with the skin's foam: pressure by which it gives way.
-        friction: Of its face on the stand and on bare links; on skin it is that of the foam.
-        base: What it stands on, without mass; None if its first solid is a box that does.
-        hollow: The mass is in the walls.
-        nearer_m: It is presented so much nearer than `stand.near_x_m`: round things belong between the
-            forearms, narrow ones beyond the elbows [m].
-        tint: Colour in pictures.
+        stiffness_pa_per_m: Stiffness of the surface, in series with the skin's foam.
+        friction: Friction of the surface on the stand and on bare links; on skin, that of the foam applies.
+        base: Massless support; None if the first solid is a box that serves as one.
+        hollow: True if the mass is in the walls.
+        nearer_m: Shift towards the robot from `stand.near_x_m`: round objects belong between the forearms,
+            narrow ones beyond the elbows [m].
+        tint: RGB colour, each 0 to 1.
     """
 
     size_m: Vector
@@ -97,13 +97,13 @@ def _box(size_m: Vector) -> tuple[Solid, ...]:
 
 
 def _base(depth_m: float, width_m: float, height_m: float, thick_m: float) -> Solid:
-    """A box of `thick_m` under an object of `height_m`."""
+    """Build the base, a box of `thick_m` at the bottom of an object of `height_m`."""
     half_m = 0.5 * thick_m
     return Solid(Shape.BOX, (0.5 * depth_m, 0.5 * width_m, half_m), (0.0, 0.0, half_m - 0.5 * height_m))
 
 
 def _tapered(bottom_m: float, top_m: float, height_m: float, rings: int) -> tuple[Solid, ...]:
-    """A frustum of two diameters as a pile of rings, from the one to the other."""
+    """Build a frustum as a stack of cylinders, from the bottom to the top diameter."""
     half_m = 0.5 * (height_m - _BASE_M) / rings
     lowest_m = _BASE_M - 0.5 * height_m
     solids = []
@@ -190,4 +190,4 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
         ),
     }
 )
-"""Every object but `none`, by name."""
+"""Object models by name, without `none`."""

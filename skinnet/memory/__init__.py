@@ -1,1 +1,1 @@
-"""Long-term memory: what a robot has learnt about itself and was taught, in one SQLite file."""
+"""Long-term memory of a robot: its learnt structure and taught skills, in one SQLite file."""

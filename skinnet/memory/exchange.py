@@ -1,6 +1,6 @@
-"""A memory as JSON and back: complete and exact; cells are written "patch/cell", joints by name.
+"""JSON export and import of a memory: complete and exact, with cells as "patch/cell", joints by name.
 
-Of the joints of a cell, those that do not move it, or whose weight is zero, are left out; no cell is.
+Every cell is listed; joints that do not move a cell, or whose weight is zero, are omitted.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def to_json(memory: Memory) -> bytes:
-    """All that is remembered, as indented JSON."""
+    """Encode a memory as indented JSON."""
     robot = memory.robot
     names = [f"{patch}/{cell}" for patch, cell in robot.cells()]
     unmeasured = set(memory.unmeasured.tolist())
@@ -50,10 +50,10 @@ def to_json(memory: Memory) -> bytes:
 
 
 def from_json(text: bytes) -> Memory:
-    """What `to_json` wrote, or somebody else by its rules.
+    """Decode a memory from JSON in the format of `to_json`.
 
     Raises:
-        MemoryFileError: names the key, what is wrong and what is allowed.
+        MemoryFileError: invalid JSON; names the key, the error and what is allowed.
     """
     try:
         raw = msgspec.json.decode(text)
@@ -155,7 +155,7 @@ def _as(value: Any, kind: type[T] | Any, key: str) -> Any:
 
 
 def _table(raw: Any, key: str, names: Any) -> dict[str, Any]:
-    """A table with exactly these keys."""
+    """Convert to an object with exactly these keys."""
     table: dict[str, Any] = _as(raw, dict[str, Any], key)
     for name in names:
         if name not in table:

@@ -1,7 +1,7 @@
-"""What a robot keeps for good, as plain data: structure, key poses with their maps, touch areas, parameters.
+"""Memory contents as plain data: structure, key poses with sensory-motor maps, touch areas, parameters.
 
-S cells are numbered through all patches in the order of the robot, D joints in the order of its joints. Zeros
-have no sign: SQLite keeps none, and what is read is what was written, to the bit.
+S cells are numbered over all patches in the robot's order, D joints in the order of its joints. Zeros are
+unsigned: SQLite does not keep the sign, and what is read equals what was written, bit for bit.
 """
 
 import hashlib
@@ -22,19 +22,19 @@ _NAME = re.compile(r"[A-Za-z0-9_\-]{1,64}")
 _PARAMETER = re.compile(r"[A-Za-z0-9_\-.]{1,128}")
 _MOST_CELLS = 1_000_000
 _GIVE_RAD = 0.01
-"""So far beyond a limit a pose may lie: limits give a little, and postures are no more accurate (assumed)."""
+"""Tolerance [rad] of poses beyond a joint limit: limits are soft and postures no more accurate (assumed)."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """Whose memory it is: what maps, poses and areas are about.
+    """Robot identity of a memory: the joints and cells of its maps, poses and areas.
 
     Attributes:
-        name: Of the robot.
-        joints: D names, in the order of commands and feedback.
-        patches: Number of cells of each patch, in the order in which cells are numbered.
+        name: Name of the robot.
+        joints: D joint names, in the order of commands and feedback.
+        patches: Number of cells by patch, in the order in which cells are numbered.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Robot:
     patches: dict[str, int]
 
     def __post_init__(self) -> None:
-        """Refuses a robot without joints or skin, and names that cannot be told apart."""
+        """Validate joints, patches and names; raise `MemoryFileError` if invalid."""
         _require_name("robot.name", self.name)
         if not self.joints:
             raise MemoryFileError("robot.joints: there are none; a robot has at least one")
@@ -64,23 +64,23 @@ class Robot:
 
     @property
     def n_cells(self) -> int:
-        """S, over all patches."""
+        """Number of cells S, over all patches."""
         return sum(self.patches.values())
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(S, D) of the activity matrix and of every map."""
+        """Shape (S, D) of the activity matrix and of every map."""
         return self.n_cells, len(self.joints)
 
     def cells(self) -> list[tuple[str, int]]:
-        """Patch and number within it of every cell, in their order."""
+        """Return patch and cell number within it of every cell, in order."""
         return [(patch, cell) for patch, n in self.patches.items() for cell in range(n)]
 
     def require_same(self, robot: "Robot") -> None:
-        """Refuses to be another robot than `robot`.
+        """Require the same name, joints and patches as `robot`.
 
         Raises:
-            MemoryFileError: says in what they differ.
+            MemoryFileError: they differ; names the first difference.
         """
         for what, mine, due in (
             ("name", [self.name], [robot.name]),
@@ -98,18 +98,18 @@ class Robot:
 
 @dataclass(frozen=True, eq=False)
 class KeyPose:
-    """A pose that was taught, and the sensory-motor map that holds around it.
+    """Key pose that was taught, with the sensory-motor map explored at it.
 
     Attributes:
-        position_rad: (D,) positions of the joints [rad].
-        weights: (S, D) map explored there, in weights −1 to 1; None if none was.
+        position_rad: (D,) joint positions [rad].
+        weights: (S, D) weights of the sensory-motor map, −1 to 1; None if not explored.
     """
 
     position_rad: Floats
     weights: Floats | None = None
 
     def __post_init__(self) -> None:
-        """Takes copies that nobody changes."""
+        """Store read-only copies of the arrays."""
         object.__setattr__(self, "position_rad", _frozen(self.position_rad))
         if self.weights is not None:
             object.__setattr__(self, "weights", _frozen(self.weights))
@@ -117,15 +117,15 @@ class KeyPose:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """All that a robot remembers.
+    """Memory contents of a robot.
 
     Attributes:
-        robot: Whose memory it is.
-        activity: (S, D) DoF d moves cell s, from the structural exploration; None before.
+        robot: Identity of the robot.
+        activity: (S, D) activity matrix of the structural exploration: DoF d moves cell s; None before.
         poses: Key poses by name, the oldest first.
-        areas: Touch areas by label: (n,) numbers of their cells, ascending.
-        parameters: Tuned numbers by name.
-        unmeasured: (n,) numbers of the cells of which the exploration says nothing, ascending.
+        areas: Touch areas by label: (n,) cell numbers, ascending.
+        parameters: Tuned parameters by name.
+        unmeasured: (n,) numbers of cells without data from the exploration, ascending.
     """
 
     robot: Robot
@@ -136,10 +136,10 @@ class Memory:
     unmeasured: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
-        """Takes copies that nobody changes.
+        """Store read-only copies and validate them.
 
         Raises:
-            MemoryFileError: a part does not fit the robot, is not finite, or is empty; names it.
+            MemoryFileError: an entry does not match the robot, is not finite, or is empty; names it.
         """
         activity = None if self.activity is None else _frozen(self.activity, np.bool_)
         areas = {label: _frozen(cells, np.int64) for label, cells in self.areas.items()}
@@ -169,7 +169,7 @@ class Memory:
             _require_finite(f"parameters.{name}", np.array(number))
 
     def digest(self) -> str:
-        """SHA-256 of all of it, the same wherever it is computed."""
+        """Return the SHA-256 of all contents, independent of platform."""
         activity = None if self.activity is None else self.activity.tobytes()
         content: list[Any] = [
             [self.robot.name, self.robot.joints, list(self.robot.patches.items())],
@@ -207,14 +207,14 @@ class Memory:
 
 
 def check_limits(memory: Memory, range_rad: Floats) -> None:
-    """Compares all key poses with what the joints can do.
+    """Check all key poses against the joint limits.
 
     Args:
-        memory: What is remembered.
-        range_rad: (D, 2) least and largest position of every joint [rad].
+        memory: Memory contents.
+        range_rad: (D, 2) least and greatest position of every joint [rad].
 
     Raises:
-        MemoryFileError: names pose, joint, position and limits.
+        MemoryFileError: a pose is outside; names pose, joint, position and limits.
     """
     for name, pose in memory.poses.items():
         for joint, position, (lower, upper) in zip(
@@ -231,7 +231,7 @@ def _sizes(patches: dict[str, int]) -> list[str]:
 
 
 def _frozen(array: NDArray[Any], dtype: Any = np.float64) -> NDArray[Any]:
-    """A copy that cannot be written; zeros lose their sign."""
+    """Return a read-only copy; zeros lose their sign."""
     copy = np.array(array, dtype=dtype, order="C")
     if copy.dtype == np.float64:
         copy += 0.0

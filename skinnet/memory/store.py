@@ -1,7 +1,7 @@
-"""Memory files: opened by one writer at a time, changed by whole transactions, read with all checks.
+"""SQLite memory files: one writer at a time, atomic transactions, full validation on reading.
 
-A file is an SQLite database with a rollback journal. A kill at any moment leaves what was there before or
-after the transaction under way: who opens the file next, to write or to read, takes back what was begun.
+A file is an SQLite database with a rollback journal. A kill at any moment leaves the state before or after
+the current transaction: the next process that opens the file, to write or to read, rolls it back.
 """
 
 import contextlib
@@ -24,11 +24,11 @@ from skinnet.memory.record import KeyPose, Memory, Robot
 __all__ = ["APPLICATION_ID", "VERSION", "MemoryStore", "read_memory", "write_memory"]
 
 APPLICATION_ID = 0x736B696E
-"""'skin': tells memory files from the databases of other programs."""
+"""SQLite application id 'skin', which identifies memory files."""
 VERSION = 1
-"""Of the schema, `user_version` in the file."""
+"""Schema version, `user_version` in the file."""
 _PATIENCE_S = 0.5
-"""A reader holds the file for some milliseconds; whoever has it for longer is a writer."""
+"""Lock timeout [s]: readers hold the file for some milliseconds, writers for a run."""
 _SIBLINGS = ("-journal", "-wal", "-shm")
 _REASONS = {
     "SQLITE_NOTADB": "is no SQLite file; a memory is written by a run or by `skinnet memory import`",
@@ -39,35 +39,35 @@ _REASONS = {
 
 
 class MemoryStore:
-    """The memory of a running robot; nobody else reads or writes the file while it is open.
+    """Memory store of a running robot, with an exclusive lock on its file.
 
-    Each change is durable when the method returns, and either whole or not there. A change that is refused
-    leaves the file and `memory` as they were.
+    Each change is atomic, and durable when the method returns. A refused change leaves the file and `memory`
+    unchanged.
     """
 
     def __init__(self, path: Path, db: sqlite3.Connection, memory: Memory) -> None:
-        """Use `create` or `open`."""
+        """Initialise; use `create` or `open` instead."""
         self._path = path
         self._db = db
         self._memory = memory
 
     @classmethod
     def create(cls, path: Path, robot: Robot, known: Memory | None = None) -> Self:
-        """A new file, in the place of an older one, that holds what is `known` from the beginning.
+        """Create a memory file with the contents `known`, replacing an existing file.
 
         Raises:
-            MemoryFileError: another process uses the older file.
+            MemoryFileError: another process uses the existing file.
         """
         write_memory(path, Memory(robot) if known is None else known)
         return cls.open(path, robot)
 
     @classmethod
     def open(cls, path: Path, robot: Robot) -> Self:
-        """The file that `path` holds, for writing.
+        """Open an existing memory file for writing.
 
         Raises:
-            MemoryFileError: there is no such file, or it is no memory, of another version or robot, damaged,
-                or in use; one line says which.
+            MemoryFileError: the file is missing, not a memory, of another version or robot, damaged, or in
+                use; the message is one line.
         """
         with contextlib.ExitStack() as undo:
             db = undo.enter_context(contextlib.closing(_connect(path)))
@@ -84,44 +84,44 @@ class MemoryStore:
 
     @property
     def memory(self) -> Memory:
-        """What the file holds."""
+        """Memory contents of the file."""
         return self._memory
 
     def remember_structure(
         self, activity: NDArray[np.bool_], unmeasured: NDArray[np.int64] | None = None
     ) -> None:
-        """Keeps an activity matrix (S, D), and the cells (n,) of which it says nothing."""
+        """Store an activity matrix (S, D) and the cells (n,) that were not measured."""
         unmeasured = np.zeros(0, dtype=np.int64) if unmeasured is None else unmeasured
         memory = dataclasses.replace(self._memory, activity=activity, unmeasured=unmeasured)
         with self._transaction(memory):
             tables.put_activity(self._db, memory)
 
     def remember_pose(self, name: str, pose: KeyPose) -> None:
-        """Keeps a key pose, in the place of one of that name."""
+        """Store a key pose, replacing one of that name."""
         memory = dataclasses.replace(self._memory, poses=self._memory.poses | {name: pose})
         with self._transaction(memory):
             tables.put_pose(self._db, memory.robot, name, memory.poses[name])
 
     def remember_area(self, label: str, cells: NDArray[np.int64]) -> None:
-        """Keeps a touch area of cells (n,) in ascending order, in the place of one of that label."""
+        """Store a touch area of cells (n,), ascending, replacing one of that label."""
         memory = dataclasses.replace(self._memory, areas=self._memory.areas | {label: cells})
         with self._transaction(memory):
             tables.put_area(self._db, memory.robot, label, memory.areas[label])
 
     def remember_parameters(self, parameters: Mapping[str, float]) -> None:
-        """Keeps parameters, in the place of those of the same names; others stay."""
+        """Store parameters, replacing those of the same names."""
         memory = dataclasses.replace(self._memory, parameters=self._memory.parameters | dict(parameters))
         with self._transaction(memory):
             tables.put_parameters(self._db, memory.parameters)
 
     def replace(self, memory: Memory) -> None:
-        """Keeps `memory`, which is of the same robot, in the place of everything."""
+        """Replace all contents by `memory`, which must be of the same robot."""
         memory.robot.require_same(self._memory.robot)
         with self._transaction(memory):
             tables.put_content(self._db, memory)
 
     def close(self) -> None:
-        """Gives the file back."""
+        """Close the file and release its lock."""
         self._db.close()
 
     def __enter__(self) -> Self:
@@ -134,7 +134,7 @@ class MemoryStore:
 
     @contextlib.contextmanager
     def _transaction(self, memory: Memory) -> Iterator[None]:
-        """All that is done within, and the seal of `memory`, or nothing."""
+        """Commit the changes of the block with the digest of `memory`, or roll back on error."""
         with _explained(self._path):
             self._db.execute("BEGIN IMMEDIATE")
             try:
@@ -149,7 +149,7 @@ class MemoryStore:
 
 
 def read_memory(path: Path) -> Memory:
-    """What a file holds.
+    """Read the memory contents of a file.
 
     Raises:
         MemoryFileError: as for `MemoryStore.open`.
@@ -160,10 +160,10 @@ def read_memory(path: Path) -> Memory:
 
 
 def write_memory(path: Path, memory: Memory) -> None:
-    """Writes a file as a whole: a kill leaves the one before, if there was one, or the new one.
+    """Write a memory file atomically: a kill leaves either the previous file or the new one.
 
     Raises:
-        MemoryFileError: the file before is in use.
+        MemoryFileError: the previous file is in use.
     """
     with contextlib.closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
         db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
@@ -178,9 +178,9 @@ def write_memory(path: Path, memory: Memory) -> None:
 
 @contextlib.contextmanager
 def _retired(path: Path) -> Iterator[None]:
-    """Holds an older file, if it is a database, while another takes its place.
+    """Lock an existing database file while another replaces it.
 
-    What SQLite has put beside it belongs to it: the new file must not be taken back to the old one's state.
+    Its journal files are deleted, so that SQLite does not roll the new file back to the old state.
     """
     if not path.exists():
         yield
@@ -188,7 +188,7 @@ def _retired(path: Path) -> Iterator[None]:
     with contextlib.closing(_connect(path)) as db:
         try:
             db.execute("BEGIN EXCLUSIVE")
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # no database: nobody can have it open as one
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # not a database, so not open as one
             if _name(error) == "SQLITE_BUSY":
                 raise MemoryFileError(f"{path}: {_REASONS['SQLITE_BUSY']}") from None
         for suffix in _SIBLINGS:
@@ -205,7 +205,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _read(db: sqlite3.Connection) -> Memory:
-    """What a database holds, after all checks."""
+    """Read the memory contents of a database after all checks."""
     db.execute("PRAGMA trusted_schema = OFF")
     (application,) = db.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION_ID:
@@ -228,7 +228,7 @@ def _read(db: sqlite3.Connection) -> Memory:
             raise MemoryFileError("its tables are not those of this version")
         return tables.read(db)
     except (MemoryFileError, ValueError, TypeError, OverflowError) as error:
-        # rows that no version of this program writes
+        # rows that no version of this program would write
         raise MemoryFileError(f"is damaged: {_line(error)}") from None
 
 
@@ -240,21 +240,21 @@ def _own_statements() -> list[str]:
 
 @contextlib.contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Says of every failure which file, and what it means."""
+    """Convert SQLite errors to `MemoryFileError` with path and cause."""
     try:
         yield
     except MemoryFileError as error:
         raise MemoryFileError(f"{path}: {error}") from None
-    except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's own words may quote broken text
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's message may quote invalid text
         reason = _REASONS.get(_name(error), f"is damaged or cannot be used: {_line(error)}")
         raise MemoryFileError(f"{path}: {reason}") from None
 
 
 def _line(error: Exception) -> str:
-    """What an error says, in one line of bearable length; SQLite may quote whole tables."""
+    """Return an error message as one line of at most 200 characters; SQLite may quote whole tables."""
     return textwrap.shorten(str(error), 200, placeholder=" …")
 
 
 def _name(error: Exception) -> str:
-    """Of SQLite's error code, without what extends it."""
+    """Return the primary SQLite error code name, without its extension."""
     return "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])

@@ -1,6 +1,6 @@
-"""The tables of a memory file: how what is remembered becomes rows, and rows what is remembered.
+"""SQLite tables of a memory file: conversion of memory contents to rows and back.
 
-Names of patches and joints stand in the rows, so that any SQLite tool shows what they are about.
+Rows hold the names of patches and joints, so that they are readable in any SQLite tool.
 """
 
 import sqlite3
@@ -65,19 +65,19 @@ CREATE TABLE parameter (
 CREATE TABLE seal (sha256 TEXT NOT NULL); -- of the whole content, see Memory.digest
 """
 _CONTENT = ("activity", "map", "pose_joint", "pose", "area_cell", "parameter")
-"""Tables of what is remembered, those that refer to others first."""
+"""Content tables, referencing tables before referenced ones."""
 _UNKNOWN = -1
-"""Stands for an entry of the activity matrix that was not measured; NULL in the file."""
+"""Unmeasured entry of the activity matrix; NULL in the file."""
 
 
 def statements(db: sqlite3.Connection) -> list[str]:
-    """What makes the tables, indices and whatever else is in the file."""
+    """Return the SQL statements of the schema stored in the file."""
     rows = db.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL ORDER BY rowid")
     return [str(sql) for (sql,) in rows]
 
 
 def put_all(db: sqlite3.Connection, memory: Memory) -> None:
-    """Fills empty tables, and seals them."""
+    """Insert a memory into empty tables, with its digest."""
     robot = memory.robot
     db.execute("INSERT INTO robot VALUES (?)", (robot.name,))
     db.executemany("INSERT INTO joint VALUES (?, ?)", enumerate(robot.joints))
@@ -88,7 +88,7 @@ def put_all(db: sqlite3.Connection, memory: Memory) -> None:
 
 
 def put_content(db: sqlite3.Connection, memory: Memory) -> None:
-    """Everything but the robot, in the place of what is there."""
+    """Replace all contents except the robot."""
     for table in _CONTENT:
         db.execute(f"DELETE FROM {table}")
     put_activity(db, memory)
@@ -100,7 +100,7 @@ def put_content(db: sqlite3.Connection, memory: Memory) -> None:
 
 
 def put_activity(db: sqlite3.Connection, memory: Memory) -> None:
-    """The activity matrix in the place of the present one."""
+    """Replace the activity matrix."""
     db.execute("DELETE FROM activity")
     if memory.activity is not None:
         active = memory.activity.astype(np.int64)
@@ -110,7 +110,7 @@ def put_activity(db: sqlite3.Connection, memory: Memory) -> None:
 
 
 def put_pose(db: sqlite3.Connection, robot: Robot, name: str, pose: KeyPose) -> None:
-    """A key pose, in the place of one of that name."""
+    """Insert a key pose, replacing one of that name."""
     db.execute("INSERT INTO pose (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
     db.execute("DELETE FROM pose_joint WHERE pose = ?", (name,))
     db.execute("DELETE FROM map WHERE pose = ?", (name,))
@@ -122,7 +122,7 @@ def put_pose(db: sqlite3.Connection, robot: Robot, name: str, pose: KeyPose) -> 
 
 
 def put_area(db: sqlite3.Connection, robot: Robot, label: str, cells: NDArray[np.int64]) -> None:
-    """A touch area, in the place of one of that label."""
+    """Insert a touch area of cells (n,), replacing one of that label."""
     db.execute("DELETE FROM area_cell WHERE area = ?", (label,))
     place = robot.cells()
     rows = ((label, *place[cell]) for cell in cells.tolist())
@@ -130,21 +130,21 @@ def put_area(db: sqlite3.Connection, robot: Robot, label: str, cells: NDArray[np
 
 
 def put_parameters(db: sqlite3.Connection, parameters: Mapping[str, float]) -> None:
-    """Parameters, in the place of those of the same names."""
+    """Insert parameters, replacing those of the same names."""
     db.executemany("INSERT OR REPLACE INTO parameter VALUES (?, ?)", parameters.items())
 
 
 def seal(db: sqlite3.Connection, memory: Memory) -> None:
-    """The digest of what is now in the tables: SQLite itself does not notice a number that has changed."""
+    """Store the digest of the tables' contents; SQLite alone does not detect a changed number."""
     db.execute("DELETE FROM seal")
     db.execute("INSERT INTO seal VALUES (?)", (memory.digest(),))
 
 
 def read(db: sqlite3.Connection) -> Memory:
-    """All that the tables hold.
+    """Read the memory contents of the tables.
 
     Raises:
-        MemoryFileError: it does not fit together, or is not what was sealed.
+        MemoryFileError: the contents are inconsistent, or differ from the stored digest.
     """
     (name,) = _one(db, "SELECT name FROM robot")
     joints = tuple(str(joint) for (joint,) in db.execute("SELECT name FROM joint ORDER BY number"))
@@ -168,7 +168,7 @@ def read(db: sqlite3.Connection) -> Memory:
 
 
 def _entries(robot: Robot, matrix: NDArray[Any]) -> list[tuple[str, int, str, Any]]:
-    """Patch, cell, joint and value of every entry of an (S, D) matrix."""
+    """Return patch, cell, joint and value of every entry of an (S, D) matrix."""
     return [
         (patch, cell, joint, value)
         for (patch, cell), row in zip(robot.cells(), matrix.tolist(), strict=True)
@@ -188,7 +188,7 @@ def _pose(db: sqlite3.Connection, robot: Robot, name: str) -> KeyPose:
 def _matrix(
     db: sqlite3.Connection, robot: Robot, column: str, table: str, which: str = "", *of: str
 ) -> Floats | None:
-    """(S, D) of a column with an entry for every cell and joint; None if there are no entries."""
+    """Read the matrix (S, D) of a column with one entry per cell and joint; None without entries."""
     rows = db.execute(
         f"SELECT {column} FROM {table} JOIN patch ON patch.name = patch JOIN joint ON joint.name = joint "
         f"{which} ORDER BY patch.number, cell, joint.number",

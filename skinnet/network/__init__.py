@@ -1,1 +1,1 @@
-"""The cell-to-cell network: topology, routes and the compiled packet kernel."""
+"""Cell-to-cell packet network: topology, routes, faults, power and the compiled packet kernel."""

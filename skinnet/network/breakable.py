@@ -1,4 +1,4 @@
-"""What of a skin can break, by name: links, cells, gateways and hosts, and which of them a rule means."""
+"""Fault targets by name: links, cells, gateways and cell processes, and their match by fault rules."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +12,7 @@ from skinnet.deployment.faults import CellRule, FaultRule, GatewayLost, LinkRule
 from skinnet.deployment.schema import Deployment
 from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
-from skinnet.seeding import key_of
+from skinnet.seeding import StreamName, key_of
 
 __all__ = ["Breakable", "Inventory", "Place", "Placed", "chosen"]
 
@@ -20,7 +20,7 @@ _EXACT = re.compile(r"(?P<patch>[^/:]+)(/(?P<cell>\d+))?(:(?P<port>\d+))?")
 
 
 class Placed(Protocol):
-    """What is needed of a patch on its body (`skinnet.skin.placement.PlacedPatch`)."""
+    """Placed patch interface, implemented by `skinnet.skin.placement.PlacedPatch`."""
 
     @property
     def name(self) -> str:
@@ -32,19 +32,19 @@ class Placed(Protocol):
 
     @property
     def wires(self) -> NDArray[Any]:
-        """(m, 4) rows of (cell, port, cell, port)."""
+        """Wires (m, 4), rows of (cell, port, cell, port)."""
 
     @property
     def interfaces(self) -> NDArray[Any]:
-        """(g, 2) rows of (cell, port)."""
+        """Interfaces (g, 2), rows of (cell, port)."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where something is broken; what does not apply is None.
+    """Fault location; fields that do not apply are None.
 
-    With `port`, or with `gateway` for a fault of links, it is the directed link that leaves by that port of
-    the cell or of the interface.
+    With `port`, or with `gateway` for a link fault, it is the directed link that leaves by that port of the
+    cell or of the interface.
     """
 
     patch: str | None = None
@@ -55,7 +55,7 @@ class Place:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names under which a rule finds it, the widest first, its own last."""
+        """Target names that match this location, the widest first, its own last."""
         if self.host is not None:
             return (self.host,)
         patch = str(self.patch)
@@ -67,11 +67,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Breakable:
-    """Something that breaks as one: both directions of a wire, or one place.
+    """Fault target: one location, or both directions of a wire, which fail together.
 
     Attributes:
-        name: Its random draws belong to this name.
-        places: Where it breaks.
+        name: Name of its random stream.
+        places: Locations of the fault.
     """
 
     name: str
@@ -79,14 +79,14 @@ class Breakable:
 
 
 class Inventory:
-    """All that can break in a deployment."""
+    """Inventory of all fault targets of a deployment."""
 
     def __init__(self, deployment: Deployment, placed: Sequence[Placed]) -> None:
         self.hosts = tuple(deployment.host_patches())
         self.n_cells = {patch.name: patch.n_cells for patch in placed}
         self.n_gateways = {patch.name: len(patch.interfaces) for patch in placed}
         self.wires: list[tuple[Place, Place]] = []
-        """Both ends of every full-duplex wire."""
+        """Full-duplex wires, as both of their ends."""
         for patch in placed:
             for cell, port, other, other_port in patch.wires.tolist():
                 self.wires.append((Place(patch.name, cell, port), Place(patch.name, other, other_port)))
@@ -97,12 +97,12 @@ class Inventory:
         ]
 
     def wired_ports(self, patch: str, cell: int) -> list[int]:
-        """Ports of a cell at which there is a wire."""
+        """Return the wired ports of a cell, ascending."""
         ends = (end for wire in self.wires for end in wire if (end.patch, end.cell) == (patch, cell))
         return sorted(end.port for end in ends if end.port is not None)
 
     def matching(self, rule: FaultRule) -> list[Breakable]:
-        """What the target of `rule` means, in the order of the deployment."""
+        """Return the fault targets that match `rule`, in the order of the deployment."""
         matches = re.compile(translate(rule.target)).match
 
         def meant(place: Place) -> bool:
@@ -120,10 +120,10 @@ class Inventory:
 
 
 def chosen(inventory: Inventory, rule: FaultRule, index: int, seed: int) -> list[Breakable]:
-    """What rule number `index` breaks, in the order of the deployment.
+    """Select the fault targets of rule number `index`, in the order of the deployment.
 
     Raises:
-        DeploymentError: it names what does not exist, or picks more than there is.
+        DeploymentError: the target does not exist, or `pick` exceeds the number of matches.
     """
     found = inventory.matching(rule)
     if not found:
@@ -135,8 +135,14 @@ def chosen(inventory: Inventory, rule: FaultRule, index: int, seed: int) -> list
             f"faults[{index}].pick = {rule.pick}: only {len(found)} {_WORDS[_sort(rule)][0]} match "
             f"target = {rule.target!r}"
         )
-    # each has a lot of its own, so that one more cell does not shuffle the others
-    lots = sorted(found, key=lambda one: (int(key_of(seed, "fault", index, "pick", one.name)), one.name))
+    # one draw per name, so that an added cell does not reorder the others
+    lots = sorted(
+        found,
+        key=lambda one: (
+            int(key_of(seed, StreamName.FAULT, index, StreamName.FAULT_PICK, one.name)),
+            one.name,
+        ),
+    )
     picked = set(lots[: rule.pick])
     return [one for one in found if one in picked]
 
@@ -161,7 +167,7 @@ def _sort(rule: FaultRule) -> int:
 def _links(
     wires: list[tuple[Place, Place]], direction: str, meant: Callable[[Place], bool]
 ) -> Iterator[Breakable]:
-    """Wires with a port that is meant, or their directed links out of or into such ports."""
+    """Yield wires with a matching port, or their directed links out of or into such ports."""
     for a, b in wires:
         if direction == "both":
             if meant(a) or meant(b):
@@ -174,7 +180,7 @@ def _links(
 
 
 def _missing(inventory: Inventory, rule: FaultRule) -> str:
-    """Why nothing is meant by the target of `rule`, and what would be."""
+    """Explain why the target of `rule` matches nothing, and which targets exist."""
     sort = _sort(rule)
     things, form = _WORDS[sort]
     if "*" in rule.target:

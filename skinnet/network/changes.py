@@ -1,4 +1,4 @@
-"""What may be ordered to happen to a network at a time, and all of a network that changes with time."""
+"""Scheduled network events (link failure, repair, impairment, routes) and the network's snapshot."""
 
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -13,21 +13,21 @@ __all__ = ["Change", "Fail", "Impair", "Repair", "Snapshot"]
 
 @dataclass(frozen=True)
 class Fail:
-    """A link goes down."""
+    """Link failure."""
 
     rank: int
 
 
 @dataclass(frozen=True)
 class Repair:
-    """A link comes back."""
+    """Link repair."""
 
     rank: int
 
 
 @dataclass(frozen=True)
 class Impair:
-    """Fields of a link's record get these values.
+    """Link impairment: new values for fields of a link's record.
 
     Raises:
         ValueError: A value is outside its range.
@@ -44,12 +44,12 @@ class Impair:
 
 
 Change: TypeAlias = Fail | Repair | Impair | Routes
-"""Routes among them lead over ranks, not over numbers of links."""
+"""Scheduled change of a network; its routes hold link ranks, not link numbers."""
 
 
 @dataclass
 class Snapshot:
-    """All of a network that changes with time; opaque, and good for any network of the same topology."""
+    """Snapshot of a network's time-varying state; opaque, valid for any network of the same topology."""
 
     arrays: State
     now_ns: int = 0

@@ -1,4 +1,4 @@
-"""Tables of numbers in CSV files, plain or gzipped, read block by block; every fault with file and line."""
+"""CSV tables of numbers, plain or gzipped, read in blocks; errors name file and line."""
 
 import gzip
 import zlib
@@ -25,15 +25,15 @@ _SPACES = (ord(" "), ord("\t"), ord("\r"))
 
 @dataclass(frozen=True)
 class Column:
-    """What may stand in a column.
+    """Column specification: name, range and default.
 
     Attributes:
-        name: In the header.
-        least: Smallest value that is allowed.
-        greatest: Largest one.
-        whole: Whether only integers are allowed.
-        empty: What an empty field stands for; None if there must be a number.
-        required: Whether the column must be there; one that is missing has the value `empty` throughout.
+        name: Name in the header.
+        least: Smallest allowed value.
+        greatest: Largest allowed value.
+        whole: True if only integers are allowed.
+        empty: Value of an empty field; None if a number is required.
+        required: True if the column is required; a missing optional column has the value `empty` throughout.
     """
 
     name: str
@@ -46,12 +46,12 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Rows of a file; columns are int64, or float64 if they need not be whole, (n,).
+    """Table rows of a file; columns (n,) are int64, or float64 if not `whole`.
 
     Attributes:
-        file: Name for messages.
-        columns: Values by name of the column.
-        line: Line of each row in the file, the header being line 1.
+        file: File name for error messages.
+        columns: Values by column name.
+        line: Line number of each row in the file; the header is line 1.
     """
 
     file: Path
@@ -62,19 +62,19 @@ class Table:
         return self.line.size
 
     def whole(self, name: str) -> NDArray[np.int64]:
-        """A column of integers."""
+        """Return an integer column (n,)."""
         return self.columns[name].astype(np.int64, copy=False)
 
     def refuse(self, row: int, what: str) -> NoReturn:
-        """Raises the error that a row of the table is not as it must be."""
+        """Raise `DeploymentError` for a row, with file and line."""
         raise DeploymentError(f"{self.file}:{self.line[row]}: {what}")
 
 
 def read_whole(path: Path, columns: tuple[Column, ...]) -> Table:
-    """The whole file as one table.
+    """Read a whole file as one table.
 
     Raises:
-        DeploymentError: The file does not hold what is allowed; file, line and what is wrong.
+        DeploymentError: The file is invalid; names file, line and error.
     """
     tables = list(blocks(path, columns))
     merged = {column.name: np.concatenate([t.columns[column.name] for t in tables]) for column in columns}
@@ -82,17 +82,17 @@ def read_whole(path: Path, columns: tuple[Column, ...]) -> Table:
 
 
 def blocks(path: Path, columns: tuple[Column, ...], raw: IO[bytes] | None = None) -> Iterator[Table]:
-    """The file in tables of some hundred thousand rows; at least one, which may have no rows.
+    """Read a file in tables of some hundred thousand rows; yield at least one, which may be empty.
 
-    Columns may stand in any order. Blank lines are skipped.
+    Columns may be in any order. Blank lines are skipped.
 
     Args:
         path: File; its name ends in `.gz` if it is gzipped.
-        columns: What may stand in it.
-        raw: The opened file, if somebody wants to see how far reading is.
+        columns: Column specifications.
+        raw: The opened file, if the caller wants to follow its position.
 
     Raises:
-        DeploymentError: The file does not hold what is allowed; file, line and what is wrong.
+        DeploymentError: The file is invalid; names file, line and error.
     """
     try:
         with raw or path.open("rb") as file, _unpacked(path, file) as content:
@@ -123,7 +123,7 @@ def _unpacked(path: Path, file: IO[bytes]) -> IO[bytes]:
 
 
 def _header(path: Path, raw: bytes, columns: tuple[Column, ...]) -> list[str]:
-    """Names of the columns in the order in which they stand."""
+    """Parse the header; return column names in file order."""
     allowed = ",".join(c.name for c in columns if c.required)
     optional = ",".join(c.name for c in columns if not c.required)
     hint = f"the header must be {allowed}" + (f" and may have {optional}" if optional else "")
@@ -176,7 +176,7 @@ def _table(path: Path, body: bytes, line: int, order: list[str], columns: tuple[
 
 
 def _number(table: Table, row: int, column: Column, body: bytes, start: int) -> int | float:
-    """A field that is not a plain integer of up to 18 digits, from where it begins."""
+    """Parse a field that is not a plain integer of up to 18 digits, at byte offset `start`."""
     end = min(at for at in (body.find(b",", start), body.find(b"\n", start), len(body)) if at >= 0)
     text = body[start:end].decode("utf-8", errors="replace").strip()
     if not text and column.empty is not None:
@@ -209,10 +209,10 @@ def _scan(
     plain: NDArray[np.bool_],
     lines: NDArray[np.int64],
 ) -> tuple[int, int, int]:
-    """Reads integers; of a field that is not a plain one, the value is where it begins.
+    """Scan plain integers; for any other field, store its byte offset as the value.
 
     Returns:
-        Number of rows; line that has another number of fields, or 0; how many it has. Reading ends there.
+        Number of rows; line with a wrong number of fields, or 0; number of its fields. Scanning ends there.
     """
     n_columns = values.shape[1]
     i, row = 0, 0

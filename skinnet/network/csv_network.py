@@ -1,4 +1,4 @@
-"""A network in CSV files: links, and routes if they are given; all that does not hold, by file and line."""
+"""CSV topology: links and optional routes read from files; errors name file and line."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from skinnet.network.topology import ALLOWED, PROBABILITIES, UNBOUNDED, Topology
 __all__ = ["NODE", "Wired", "read_links", "read_routes"]
 
 NODE = INT64
-"""Nodes are any 64-bit integers."""
+"""Range of node numbers: any 64-bit integer."""
 
 _LINKS = (
     Column("src", *NODE),
@@ -34,12 +34,12 @@ _ROUTES = (Column("node", *NODE), Column("dest", *NODE), Column("src_port", *ALL
 
 @dataclass(frozen=True, eq=False)
 class Wired:
-    """The network of a file of links.
+    """Topology of a links file, with the file's node numbers.
 
     Attributes:
-        file: Where it was read.
-        topology: Its nodes are numbered by the order of `nodes`; link i is row i of the file.
-        nodes: The node numbers of the file, rising, (n_nodes,).
+        file: Source file.
+        topology: Topology with nodes numbered in the order of `nodes`; link i is row i of the file.
+        nodes: Node numbers of the file, ascending, (n_nodes,).
     """
 
     file: Path
@@ -47,10 +47,10 @@ class Wired:
     nodes: NDArray[np.int64]
 
     def index(self, table: Table, column: str) -> NDArray[np.int64]:
-        """Nodes of the topology for those in a column of another file.
+        """Map the node numbers in a column of another file to topology nodes, (n,).
 
         Raises:
-            DeploymentError: One is at no link.
+            DeploymentError: A node has no link.
         """
         wanted = table.whole(column)
         at = np.minimum(np.searchsorted(self.nodes, wanted), self.nodes.size - 1)
@@ -64,10 +64,10 @@ class Wired:
 
 
 def read_links(path: Path) -> Wired:
-    """The network of a file of links.
+    """Read the topology of a links file.
 
     Raises:
-        DeploymentError: The file does not hold what is allowed; file, line and what is wrong.
+        DeploymentError: The file is invalid; names file, line and error.
     """
     table = read_whole(path, _LINKS)
     if len(table) == 0:
@@ -82,11 +82,11 @@ def read_links(path: Path) -> Wired:
 
 
 def read_routes(path: Path, wired: Wired) -> Routes:
-    """The routes of a file: at `node`, a packet for `dest` leaves by `src_port`.
+    """Read the routes of a file: at `node`, a packet for `dest` leaves by `src_port`.
 
     Raises:
-        DeploymentError: The file does not hold what is allowed, an entry leads nowhere or is there twice, or
-            the routes to a destination go round; file, line and what is wrong.
+        DeploymentError: The file is invalid, an entry has no link or is duplicated, or the routes to a
+            destination form a loop; names file, line and error.
     """
     table = read_whole(path, _ROUTES)
     topology = wired.topology
@@ -134,7 +134,7 @@ def _require_own_ports(table: Table, verb: str, node: NDArray[np.int64], port: N
 
 
 def _leaving(topology: Topology, node: NDArray[np.int64], port: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The links that leave these ports of these nodes; `NO_LINK` where there is none."""
+    """Return the links (n,) that leave these ports of these nodes; `NO_LINK` where there is none."""
     order = np.lexsort((topology.src_port, topology.src))
     span = int(max(port.max(initial=0), topology.src_port.max())) + 1
     keys = topology.src[order] * span + topology.src_port[order]
@@ -151,7 +151,7 @@ def _require_no_round(
     link: NDArray[np.int64],
     row: NDArray[np.int64],
 ) -> None:
-    """Follows all routes at once, twice as far in every turn; the entries are in order of (dest, node)."""
+    """Refuse routing loops by pointer doubling over all routes; entries are in order of (dest, node)."""
     n_nodes, end = wired.topology.n_nodes, node.size
     keys = dest * n_nodes + node
     onward = wired.topology.dst[link]
@@ -165,7 +165,7 @@ def _require_no_round(
     endless = np.flatnonzero((far[:-1] != end) & (node != dest))
     if endless.size == 0:
         return
-    entry = int(far[endless[0]])  # far enough to be on the way round itself
+    entry = int(far[endless[0]])  # far enough to be on the loop itself
     around = [entry]
     while (entry := int(following[entry])) != around[0]:
         around.append(entry)

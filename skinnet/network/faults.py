@@ -1,7 +1,7 @@
-"""When what breaks: the rules of a deployment unrolled into spans of time at places.
+"""Fault schedule: the fault rules of a deployment expanded into time spans at fault locations.
 
-All of it follows from the deployment and its seed. Every draw belongs to a rule and to the name of what is
-hit, so neither the spread over hosts nor other rules shift it.
+The schedule depends only on the deployment and its seed. Every draw belongs to a rule and a target name, so
+that neither the distribution over cell processes nor other rules shift it.
 """
 
 import math
@@ -15,22 +15,22 @@ from skinnet.deployment.schema import Deployment
 from skinnet.deployment.table import ns_of_s
 from skinnet.messages import FOREVER_NS
 from skinnet.network.breakable import Inventory, Place, Placed, chosen
-from skinnet.seeding import key_of, uniform
+from skinnet.seeding import StreamName, key_of, uniform
 
 __all__ = ["FaultSpan", "Place", "burst_phases", "check_targets", "timeline"]
 
 
 @dataclass(frozen=True)
 class FaultSpan:
-    """One fault at one place, from `t_ns` until `until_ns`.
+    """Fault span: one fault at one location, from `t_ns` until `until_ns`.
 
     Attributes:
-        index: Number of its rule.
-        rule: The rule.
+        index: Index of its rule.
+        rule: Fault rule.
         t_ns: First instant of the fault [ns].
-        until_ns: First instant after it [ns]; `FOREVER_NS` if it stays.
-        place: The cell, gateway or host; for rules about links the directed link that leaves by a port, so a
-            cut in both directions is two spans of one time.
+        until_ns: First instant after it [ns]; `FOREVER_NS` if it is permanent.
+        place: Cell, gateway or cell process; for link rules the directed link that leaves by a port, so that
+            a cut in both directions is two spans of the same time.
     """
 
     index: int
@@ -46,20 +46,20 @@ class FaultSpan:
 
     @property
     def target(self) -> str:
-        """Name of the place."""
+        """Name of the fault location."""
         return self.place.names[-1]
 
     def key(self, seed: int, *names: str | int) -> np.uint64:
-        """Key of a random stream of this fault alone."""
-        return key_of(seed, "fault", self.index, self.target, self.t_ns, *names)
+        """Return the key of a random stream of this fault alone."""
+        return key_of(seed, StreamName.FAULT, self.index, self.target, self.t_ns, *names)
 
 
 def check_targets(deployment: Deployment, placed: Sequence[Placed]) -> None:
-    """Refuses rules that are about what the placed patches do not have.
+    """Refuse fault rules whose targets the placed patches do not have.
 
     Raises:
-        DeploymentError: an unknown patch, cell, port, gateway or host, a pattern that matches nothing, or
-            fewer matches than are to be picked.
+        DeploymentError: an unknown patch, cell, port, gateway or cell process, a pattern without matches, or
+            fewer matches than `pick`.
     """
     inventory = Inventory(deployment, placed)
     for index, rule in enumerate(deployment.faults):
@@ -67,9 +67,9 @@ def check_targets(deployment: Deployment, placed: Sequence[Placed]) -> None:
 
 
 def timeline(deployment: Deployment, placed: Sequence[Placed]) -> tuple[FaultSpan, ...]:
-    """All faults of a run in the order of time, then of rules, then of the deployment.
+    """Return all fault spans of a run in the order of time, then rule, then deployment.
 
-    Faults of one rule at one place do not overlap: what is broken does not break again before it is whole.
+    Faults of one rule at one location do not overlap: the next failure is drawn after the repair.
 
     Raises:
         DeploymentError: as `check_targets`.
@@ -82,7 +82,7 @@ def timeline(deployment: Deployment, placed: Sequence[Placed]) -> tuple[FaultSpa
         for index, rule in enumerate(deployment.faults)
         for one in chosen(inventory, rule, index, deployment.seed)
         for t_ns, until_ns in _times_ns(
-            rule, key_of(deployment.seed, "fault", index, one.name), deployment.max_ns
+            rule, key_of(deployment.seed, StreamName.FAULT, index, one.name), deployment.max_ns
         )
         for place in one.places
     ]
@@ -90,14 +90,14 @@ def timeline(deployment: Deployment, placed: Sequence[Placed]) -> tuple[FaultSpa
 
 
 def burst_phases(span: FaultSpan, seed: int) -> Iterator[tuple[int, float]]:
-    """Times [ns] from which a link in bursts of loss loses packets with a probability, until the span ends.
+    """Yield the phases of Gilbert-Elliott burst loss: start time [ns] and loss probability.
 
-    The first phase begins with the span, good or bad as often as the link is so on average; every directed
-    link has its own. Of a span that stays there is no last one.
+    The first phase begins with the span, and its state is drawn from the stationary distribution; every
+    directed link has its own sequence. The phases of a permanent span are endless.
     """
     rule = span.rule
     assert isinstance(rule, BurstLoss)
-    key = span.key(seed, "burst")
+    key = span.key(seed, StreamName.FAULT_BURST)
     bad = _draw(key, 0) < rule.mean_bad_s / (rule.mean_good_s + rule.mean_bad_s)
     t_ns, number = span.t_ns, 1
     while t_ns < span.until_ns:
@@ -107,7 +107,7 @@ def burst_phases(span: FaultSpan, seed: int) -> Iterator[tuple[int, float]]:
 
 
 def _times_ns(rule: FaultRule, key: np.uint64, end_ns: int) -> Iterator[tuple[int, int]]:
-    """When one target breaks and is whole again, before the run ends."""
+    """Yield failure and repair times [ns] of one target before the run ends."""
     duration_ns = None if rule.duration_s is None else max(ns_of_s(rule.duration_s), 1)
     if rule.mean_interval_s is None:
         t_ns = ns_of_s(rule.at_s or 0.0)
@@ -128,5 +128,5 @@ def _draw(key: np.uint64, number: int) -> float:
 
 
 def _dwell_ns(mean_s: float, draw: float) -> int:
-    """Exponentially distributed time from a uniform draw [ns], at least 1."""
+    """Return an exponentially distributed time [ns], at least 1, from a uniform draw."""
     return max(round(-math.log(draw) * mean_s * 1e9), 1)

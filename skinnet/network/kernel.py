@@ -1,10 +1,10 @@
-"""The compiled packet kernel: a windowed calendar of arrivals, exact to the nanosecond.
+"""Compiled discrete-event packet kernel: a windowed calendar queue of arrivals, exact to the nanosecond.
 
-A link is serial, so what is on it is a first-in-first-out chain of packets, and the calendar holds a link
-at most once, at the arrival of its first packet. A bucket is no wider than the smallest hop time of its
-component: what is handled in one can only cause arrivals in later ones. So the arrivals of a bucket are all
+A link is serial, so its packets form a first-in-first-out chain, and the calendar holds a link at most once,
+at the arrival of its first packet. A bucket is no wider than the smallest hop time of its component (the
+lookahead): events in one bucket only cause arrivals in later ones. All arrivals of a bucket are therefore
 known when it is opened; sorted by (time, rank of the link) they are handled in exact order. A component is
-worked off for the whole stretch of time before the next one, which keeps its records in the cache.
+advanced over the whole interval before the next component, which keeps its records in the cache.
 """
 
 import math
@@ -21,7 +21,7 @@ __all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "fail", "offer"]
 
 BUCKETS = 256
 MAX_SIZE_BYTES = 2**26
-"""size × 64 bits per byte × 10⁹ ns/s stays below 2⁶³."""
+"""Greatest packet size [bytes]: size × 64 bits per byte × 10⁹ ns/s stays below 2⁶³."""
 
 _UNDERWAY = -1
 _DELIVERED = int(Outcome.DELIVERED)
@@ -46,10 +46,10 @@ def offer(
     rank: NDArray[np.int64],
     state: State,
 ) -> None:
-    """Puts packets on the entries of their nodes, in order of time, equal times in order of offering.
+    """Enqueue packets on the entries of their nodes, in order of time, equal times in order of offering.
 
-    `rank` is that of the link for a link-local packet, else NONE. The caller has checked all values, and that
-    there are enough free records.
+    `rank` is the rank of the link for a link-local packet, else NONE. The caller has validated all values
+    and provided enough free records.
     """
     links, packets, heap = state.links, state.packets, state.heap
     for i in range(t_ns.size):
@@ -95,7 +95,7 @@ def offer(
 
 @compiled
 def fail(rank: int, t_ns: int, state: State, scratch: Scratch) -> None:
-    """Takes a link down and ends every packet that has not fully arrived over it before `t_ns`."""
+    """Fail a link at `t_ns` and drop every packet that has not fully arrived over it before."""
     link = state.links[rank]
     link.up = 0
     p = link.head
@@ -114,7 +114,7 @@ def fail(rank: int, t_ns: int, state: State, scratch: Scratch) -> None:
 
 @compiled
 def advance(until_ns: int, hop_limit: int, state: State, scratch: Scratch) -> int:
-    """Handles every arrival before `until_ns`; returns a time before which nothing more happens.
+    """Handle every arrival before `until_ns`; return a lower bound of the next event time [ns].
 
     A packet ends with `TTL` at the node that would send it over more than `hop_limit` links.
     """
@@ -131,7 +131,7 @@ def advance(until_ns: int, hop_limit: int, state: State, scratch: Scratch) -> in
 def _advance_window(
     until_ns: int, hop_limit: int, component: Records, state: State, scratch: Scratch
 ) -> None:
-    """Handles the arrivals of one component in the stretch that the buckets span from its next event on."""
+    """Handle the arrivals of one component in the window of all buckets from its next event on."""
     links, packets, nodes = state.links, state.packets, state.nodes
     buckets, keys = scratch.buckets, scratch.keys
     start_ns = component.next_ns
@@ -207,7 +207,7 @@ def _advance_window(
 
 @inlined
 def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
-    """Takes the first packet off its link; returns how it ended, or that it must go on."""
+    """Dequeue the first packet of a link at its arrival; return its outcome, or `_UNDERWAY`."""
     link.head = packet.next
     link.packets += 1
     link.bytes += packet.size
@@ -246,7 +246,7 @@ def _next_link(dest: int, node: int, nodes: Records, routes: NDArray[np.uint32])
 
 @inlined
 def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
-    """Puts a packet on a link at `t_ns`; returns the cause of its drop, or that it is under way."""
+    """Enqueue a packet on a link at `t_ns`; return the cause of its drop, or `_UNDERWAY`."""
     if link.up == 0:
         link.dropped += 1
         return _LINK_FAILED
@@ -308,7 +308,7 @@ def _schedule(
     component: Records,
     buckets: NDArray[np.uint32],
 ) -> int:
-    """Puts a link into the bucket of its next arrival; returns 1, or 0 if that lies outside the window."""
+    """Schedule a link in the bucket of its next arrival; return 1, or 0 if outside the window."""
     link = links[rank]
     link.scheduled = 1
     if t_ns < end_ns:
@@ -324,13 +324,13 @@ def _schedule(
 
 @compiled
 def _sort_many(keys: NDArray[np.int64], n: int) -> None:
-    """Sorts the first n keys."""
+    """Sort the first n keys."""
     keys[:n].sort()
 
 
 @inlined
 def _sort_few(keys: NDArray[np.int64], n: int) -> None:
-    """Sorts the first n keys by insertion, which for few beats everything else."""
+    """Sort the first n keys by insertion, the fastest method for few keys."""
     for i in range(1, n):
         key = keys[i]
         j = i

@@ -1,4 +1,4 @@
-"""Latencies of any number of packets in little memory."""
+"""Latency histogram of any number of packets in constant memory."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,14 @@ _OCTAVES = 63
 
 
 class Latencies:
-    """Mean and extremes exactly, percentiles to half a percent: a histogram of 128 bins an octave."""
+    """Latency histogram of 128 bins per octave: exact mean and extremes, percentiles to half a percent."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_OCTAVES * _PER_OCTAVE + 2, dtype=np.int64)
         self._sum_ns, self._least_ns, self._largest_ns = 0.0, 0, 0
 
     def add(self, latency_ns: NDArray[np.int64]) -> None:
-        """Takes latencies in, (n,) [ns]."""
+        """Add latencies (n,) [ns]."""
         if latency_ns.size == 0:
             return
         first = self._counts.sum() == 0
@@ -29,7 +29,7 @@ class Latencies:
         self._counts += np.bincount(bins, minlength=self._counts.size)
 
     def figures(self) -> dict[str, float | None]:
-        """Milliseconds under flat names; None if there was no packet."""
+        """Return the metrics in milliseconds by flat name; None without packets."""
         n = int(self._counts.sum())
         if n == 0:
             return dict.fromkeys(

@@ -1,4 +1,4 @@
-"""How the kernel's records are laid out from a topology, and how they grow."""
+"""Memory layout of the kernel's records: construction from a topology and growth."""
 
 from typing import TypeAlias
 
@@ -21,7 +21,7 @@ from skinnet.network.records import (
 )
 from skinnet.network.routes import NO_LINK
 from skinnet.network.topology import UNBOUNDED, Topology
-from skinnet.seeding import hash64, key_of
+from skinnet.seeding import StreamName, hash64, key_of
 
 __all__ = ["bucket_shifts", "lay_out", "with_room", "with_routes"]
 
@@ -31,7 +31,7 @@ _FIRST_CAPACITY = 1024
 
 
 def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tuple[State, NDArray[np.int64]]:
-    """State of an idle network, and the rank of every link, (n_links,)."""
+    """Build the state of an idle network; return it and the rank of every link, (n_links,)."""
     n_nodes = topology.n_nodes
     at_node = np.concatenate((np.arange(n_nodes), topology.dst))
     at_port = np.concatenate((np.full(n_nodes, -1), topology.dst_port))
@@ -40,7 +40,7 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
     entry, rank_of_link = rank[:n_nodes], rank[n_nodes:]
 
     nodes = np.zeros(n_nodes, dtype=NODE)
-    root = key_of(seed, "network")
+    root = key_of(seed, StreamName.NETWORK)
     nodes["key"] = [hash64(root, key) for key in node_keys]
     nodes["route_start"] = NONE
     nodes["local"][topology.members] = (
@@ -70,7 +70,7 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
         "jitter_ns",
     ):
         links[name][rank_of_link] = getattr(topology, name)
-    # By node key and port, not by number, so that it does not matter which networks share an object.
+    # By node key and port, not by number: independent of how components share `Network` objects.
     links["key"][rank_of_link] = [
         hash64(~nodes["key"][src], np.uint64(port))
         for src, port in zip(topology.src, topology.src_port, strict=True)
@@ -92,10 +92,10 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
 
 
 def bucket_shifts(topology: Topology, size_bytes: int) -> NDArray[np.int64]:
-    """Log2 of the bucket width of each component [ns], if no packet is smaller than `size_bytes`.
+    """Return log2 of each component's bucket width [ns] for packets of at least `size_bytes`.
 
-    The width is a quarter of the largest power of two not above the smallest hop time: up to this hop time is
-    correct, and with fewer arrivals in each bucket there is less to sort.
+    The width is a quarter of the largest power of two not above the smallest hop time. Any width up to the
+    hop time is correct; narrower buckets hold fewer arrivals to sort.
     """
     bits = np.int64(size_bytes) * topology.bits_per_byte * 1_000_000_000
     hop_ns = -(-bits // topology.bits_per_s) + topology.delay_ns
@@ -105,7 +105,7 @@ def bucket_shifts(topology: Topology, size_bytes: int) -> NDArray[np.int64]:
 
 
 def with_room(state: State, n: int) -> State:
-    """The same state with room for `n` more packets; the packet records double as often as they must."""
+    """Return the state with room for `n` more packets; capacity at least doubles when it grows."""
     size = state.packets.size
     needed = int(state.heap[IN_FLIGHT]) + n
     if needed <= size:
@@ -119,7 +119,7 @@ def with_room(state: State, n: int) -> State:
 
 
 def with_routes(state: State, topology: Topology, node: Ints, dest: Ints, rank: Ints) -> State:
-    """The same state with these route entries; a destination gets its column with its first route."""
+    """Return the state with these route entries; a destination gets its column with its first route."""
     start = state.nodes["route_start"]
     fresh = np.unique(dest[start[dest] == NONE])
     sizes = np.diff(topology.member_start)[topology.component[fresh]]

@@ -1,4 +1,4 @@
-"""What must be known of packets outside the network, in arrays that stay as small as what is on the way."""
+"""Packet ids and entry times of packets in flight, and the set of ids already used."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,13 +7,13 @@ __all__ = ["Ledger", "Seen"]
 
 
 class Ledger:
-    """Numbers for packets that are under way: a number is used again when its packet has left."""
+    """Packet slots of packets in flight; a slot is reused once its packet has ended."""
 
     def __init__(self) -> None:
         self._id = self._t_ns = self._free = np.empty(0, dtype=np.int64)
 
     def enter(self, ids: NDArray[np.int64], t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Numbers for packets with these ids that enter at these times, (n,)."""
+        """Allocate slots (n,) for packets with these ids (n,) and entry times (n,) [ns]."""
         if (missing := ids.size - self._free.size) > 0:
             size = self._id.size
             more = max(missing, size)
@@ -26,24 +26,24 @@ class Ledger:
         return numbers
 
     def leave(self, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Ids of packets that have ended, and when they entered [ns], each (n,)."""
+        """Free the slots of packets that have ended; return their ids and entry times [ns], each (n,)."""
         self._free = np.append(numbers, self._free)
         return self._id[numbers], self._t_ns[numbers]
 
 
 class Seen:
-    """Which ids were there, as runs of consecutive ones: ids without gaps take no room."""
+    """Set of ids as intervals of consecutive integers; ids without gaps need constant memory."""
 
     def __init__(self) -> None:
         self._start = self._stop = np.empty(0, dtype=np.int64)
 
     @property
     def n_runs(self) -> int:
-        """How many runs there are."""
+        """Number of intervals."""
         return self._start.size
 
     def add(self, ids: NDArray[np.int64]) -> int | None:
-        """Takes ids in, (n,); returns the first position of one that was there before, or None."""
+        """Add ids (n,); return the first position of a duplicate, or None."""
         order = np.argsort(ids, kind="stable")
         ordered = ids[order]
         again = np.concatenate(([False], ordered[1:] == ordered[:-1])) if ids.size else np.empty(0, np.bool_)

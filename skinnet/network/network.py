@@ -1,4 +1,4 @@
-"""The packet network: arrays of packets go in, arrays of deliveries and drops come out, exact in time."""
+"""Packet network simulator: arrays of packets in, arrays of deliveries and drops out, exact in time."""
 
 import copy
 import heapq
@@ -21,21 +21,21 @@ __all__ = ["Counters", "Finished", "LinkCounters", "Network", "Snapshot"]
 class Network:
     """Store-and-forward network of serial links with queues, routes, loss, jitter, bit errors and failures.
 
-    A packet that enters the queue of a link at `a` has left at
-    `max(a, busy) + ⌈size × bits_per_byte × 10⁹ / bits_per_s⌉` and arrives `delay_ns` and its jitter later,
-    never before the packet ahead of it. It is dropped if as many packets as the queue holds already wait
-    behind the one in transmission. At one instant, first what was scheduled takes effect (failures, repairs,
-    routes: in the order of the calls), then transmissions end, then a node's own packets enter in the order
-    of offering, then those of its input ports in the order of ports.
+    A packet enqueued on a link at `a` is fully sent at
+    `max(a, busy) + ⌈size × bits_per_byte × 10⁹ / bits_per_s⌉` and arrives after `delay_ns` and its jitter,
+    never before the packet ahead of it. It is dropped if the queue behind the packet in transmission is full.
+    Events at one instant are ordered: first scheduled events (failures, repairs, routes) in the order of the
+    calls, then ends of transmissions, then a node's own packets in the order of offering, then those of its
+    input ports in the order of ports.
 
-    Results do not depend on how time is cut into calls. With `node_keys`, they do not depend either on how
-    unconnected groups of nodes are spread over several networks with one seed.
+    Results do not depend on how time is divided into calls to `advance`, nor, with `node_keys`, on how
+    unconnected components are distributed over several networks with one seed.
 
     Args:
         topology: Nodes and links.
-        seed: Of loss, jitter and bit errors.
-        node_keys: Identity of every node for its random draws, (n_nodes,); its number by default.
-        hop_limit: A packet that is not at its destination after so many links is dropped (`TTL`).
+        seed: Seed of loss, jitter and bit errors.
+        node_keys: Key of every node for its random draws, (n_nodes,); its number by default.
+        hop_limit: Greatest number of links; a packet not at its destination after them is dropped (`TTL`).
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class Network:
 
     @property
     def next_ns(self) -> int:
-        """A time before which nothing will happen unless something is offered or scheduled [ns]."""
+        """Lower bound of the next event time, unless more is offered or scheduled [ns]."""
         changes = self._state.changes
         return min(self._state.next_ns, changes[0][0]) if changes else self._state.next_ns
 
     @property
     def counters(self) -> Counters:
-        """Packets so far."""
+        """Packet counters up to now."""
         state = self._state
         ended = {outcome: int(state.arrays.tally[outcome]) for outcome in Outcome}
         delivered = ended.pop(Outcome.DELIVERED)
@@ -82,21 +82,21 @@ class Network:
 
     @property
     def link_counters(self) -> LinkCounters:
-        """Traffic of every link so far."""
+        """Link counters up to now."""
         links = self._state.arrays.links[self._rank]
-        # A link works without a break until `busy_ns`, so what it has yet to do is known.
+        # A link transmits without a break until `busy_ns`, so its remaining work is known.
         busy_ns = links["committed_ns"] - np.maximum(links["busy_ns"] - self._state.now_ns, 0)
         high_water = links["queue_high_water"].astype(np.int64)
         return LinkCounters(links["packets"], links["bytes"], busy_ns, high_water, links["dropped"])
 
     @property
     def n_bytes(self) -> int:
-        """Memory of the arrays that the network works on, without its topology."""
+        """Memory of the state and scratch arrays, without the topology [bytes]."""
         return sum(array.nbytes for array in (*self._state.arrays, *self._scratch))
 
     @property
     def link_up(self) -> NDArray[np.bool_]:
-        """Whether each link is in order now, (n_links,)."""
+        """Link status (n_links,): True where the link is up."""
         return np.asarray(self._state.arrays.links["up"][self._rank], dtype=np.bool_)
 
     def offer(
@@ -108,18 +108,18 @@ class Network:
         packet_id: ArrayLike,
         link: ArrayLike | None = None,
     ) -> None:
-        """Lets packets enter at their nodes, each array (n,), in any order of time.
+        """Enqueue packets at their nodes, each array (n,), in any order of time.
 
         Args:
-            t_ns: When each enters, not before `now_ns` [ns]. Equal times keep the order of offering.
-            node: Where it enters.
-            dest: Node to which it is routed; where `link` is given, it does not matter.
-            size_bytes: Size, at least 1.
-            packet_id: Any number; it is only handed back, and may be used again when its packet has ended.
-            link: Link of `node` over which the packet goes to be delivered at the far end, or `NO_LINK`.
+            t_ns: Time of entry, not before `now_ns` [ns]. Equal times keep the order of offering.
+            node: Node of entry.
+            dest: Destination node; ignored where `link` is given.
+            size_bytes: Packet size [bytes], at least 1.
+            packet_id: Any number, returned with the packet; may be reused once its packet has ended.
+            link: Link of `node` for link-local packets, delivered at its far end, or `NO_LINK`.
 
         Raises:
-            ValueError: A value is outside its range; nothing was offered.
+            ValueError: A value is outside its range; no packet was enqueued.
         """
         state = self._state
         t_ns, node, dest, size_bytes, packet_id = (
@@ -160,7 +160,11 @@ class Network:
         state.next_ns = min(state.next_ns, int(t_ns[0]))
 
     def advance(self, until_ns: int) -> Finished:
-        """Lets time pass; returns the packets that ended before `until_ns`."""
+        """Advance to `until_ns`; return the packets that ended before.
+
+        Raises:
+            ValueError: `until_ns` is before `now_ns`.
+        """
         state = self._state
         if until_ns < state.now_ns:
             raise ValueError(f"until_ns is {until_ns}; the network is already at {state.now_ns}")
@@ -181,11 +185,11 @@ class Network:
         return _columns(ended, np.lexsort((ended["node"], ended["t_ns"])))
 
     def fail_link(self, t_ns: int, link: int) -> None:
-        """Takes a link down at `t_ns`: what has not fully arrived before, or is sent over it, is lost."""
+        """Schedule a link failure at `t_ns`: packets not fully arrived, and later ones, are dropped."""
         self._schedule(t_ns, Fail(self._rank_of(link)))
 
     def repair_link(self, t_ns: int, link: int) -> None:
-        """Takes a link into service again, empty, at `t_ns`."""
+        """Schedule a link repair at `t_ns`; the link is then empty."""
         self._schedule(t_ns, Repair(self._rank_of(link)))
 
     def impair_link(
@@ -197,9 +201,9 @@ class Network:
         jitter_ns: int | None = None,
         bit_error_rate: float | None = None,
     ) -> None:
-        """Sets what a link does to packets from `t_ns` on; None leaves it as it is then.
+        """Schedule a link impairment from `t_ns` on; None leaves a value unchanged.
 
-        Loss and bit errors concern packets that arrive from then on, jitter [ns] those that depart.
+        Loss and bit errors apply to packets that arrive from `t_ns` on, jitter [ns] to those that depart.
 
         Raises:
             ValueError: A value is outside its range.
@@ -213,7 +217,7 @@ class Network:
         self._schedule(t_ns, Impair(self._rank_of(link), values))
 
     def set_routes(self, t_ns: int, routes: Routes) -> None:
-        """Replaces the listed entries of the route tables at `t_ns`; packets in a queue stay in it.
+        """Schedule new route table entries at `t_ns`; queued packets stay in their queue.
 
         Raises:
             ValueError: An entry leads to another component, or over a link that does not leave its node.
@@ -228,16 +232,16 @@ class Network:
         rank[leads] = self._rank[routes.link[leads]]
         change = Routes(node.copy(), dest.copy(), rank)
         if t_ns == self.now_ns and not (self._state.changes and self._state.changes[0][0] <= t_ns):
-            self._apply(t_ns, change)  # nothing comes before it, so it need not be kept
+            self._apply(t_ns, change)  # no earlier event: apply at once
         else:
             self._schedule(t_ns, change)
 
     def snapshot(self) -> Snapshot:
-        """A copy of all that changes with time."""
+        """Return a copy of the time-varying state."""
         return copy.deepcopy(self._state)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Goes back, or forth, to the moment at which a network of the same topology gave `snapshot`."""
+        """Restore the state of `snapshot`, taken from a network of the same topology."""
         self._state = copy.deepcopy(snapshot)
 
     def _rank_of(self, link: int) -> int:
@@ -274,5 +278,5 @@ class Network:
 
 
 def _columns(ended: Records, order: NDArray[np.int64]) -> Finished:
-    """The columns of `ENDED` records in this order; one by one, which is faster than whole records."""
+    """Return the columns of `ENDED` records in this order; column-wise, faster than whole records."""
     return Finished(*(ended[name][order].astype(np.int64) for name in Finished._fields))

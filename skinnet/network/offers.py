@@ -1,4 +1,4 @@
-"""What may be offered to a network: one compiled look at all packets, and a clear error if one is off."""
+"""Validation of packets before injection: one compiled pass, and a clear error per column."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ def survey(
     now_ns: int,
     last_node: int,
 ) -> tuple[bool, bool, bool, int]:
-    """Whether all is in range, in order of time, whether anything is for one link only; the least size."""
+    """Survey packets: all in range, in order of time, any link-local; and the smallest size [bytes]."""
     sound, in_order, any_local = True, True, False
     least = size_bytes[0]
     for i in range(t_ns.size):
@@ -35,7 +35,7 @@ def survey(
 
 
 def require(name: str, values: NDArray[np.int64], lowest: int, highest: int) -> None:
-    """Raises ValueError if a value of the column `name` lies outside its range."""
+    """Raise ValueError if a value of the column `name` lies outside its range."""
     if values.min() < lowest or values.max() > highest:
         raise ValueError(
             f"{name} of offered packets goes from {values.min()} to {values.max()}; "

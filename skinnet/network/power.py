@@ -1,8 +1,8 @@
-"""The resistive network of the power wires: the voltage at every cell, and which cells brown out.
+"""Resistive power grid of the skin: the voltage at every cell, and brown-out of cells.
 
 Power is routed passively [T11]: a wire is a resistor, and a cell passes power on whether it runs or not.
-Plus and ground run side by side over the same wires and between the same cells, so both drop alike, and one
-network with the resistance of both conductors together gives what a cell has between its two.
+Supply and ground conductors connect the same cells in parallel, so their drops are equal, and one network
+with the resistance of both conductors in series gives the voltage across a cell.
 """
 
 from typing import NamedTuple
@@ -18,17 +18,17 @@ from skinnet.deployment.power import PowerSpec
 __all__ = ["PowerGrid", "PowerState"]
 
 _RESOLUTION_V = 1e-9
-"""Voltages closer than this are equal: which cell is the worst may not depend on rounding."""
+"""Voltage resolution [V]: closer voltages are equal, so that the worst cell does not depend on rounding."""
 
 
 class PowerState(NamedTuple):
-    """Voltages and currents of a skin at rest.
+    """Power state: steady-state voltages and currents of the grid.
 
     Attributes:
-        voltage_v: (n,) at every cell; 0 where no wire leads to a feed [V].
-        browned_out: (n,) cells that were on and have too low a voltage to stay on.
-        current_a: (m,) from the first to the second end of every wire; 0 if it is cut [A].
-        feed_current_a: (f,) out of every feed [A].
+        voltage_v: (n,) voltage at every cell; 0 without a path to a feed [V].
+        browned_out: (n,) cells that were on and whose voltage is too low to stay on.
+        current_a: (m,) current from the first to the second end of every wire; 0 if it is cut [A].
+        feed_current_a: (f,) current out of every feed [A].
     """
 
     voltage_v: NDArray[np.float64]
@@ -38,7 +38,7 @@ class PowerState(NamedTuple):
 
 
 class _Factored(NamedTuple):
-    """What depends on the wires only: the pieces of the skin, and its factored conductances."""
+    """Factorised conductance matrix and connected components, which depend on the wires only."""
 
     piece: NDArray[np.int64]
     powered: NDArray[np.bool_]
@@ -47,21 +47,22 @@ class _Factored(NamedTuple):
 
 
 class PowerGrid:
-    """The power wires of a skin, any number of patches and bridges between them.
+    """Power grid of a skin, with any number of patches and bridges between them.
 
-    Every cell that is on draws the same current, whatever its voltage (a linear regulator does). Where a
-    voltage is below the minimum, the worst cell of its piece of skin goes off first, for the others then
-    have more; this goes on until all that are left have enough. That is the order in which a sagging
-    supply takes them, and the most that can stay: whoever goes off would go off, too, if all that are too
-    low left at once, but not the other way round. A cell that went off stays off until the next `solve`,
-    else it would come back, be too low again, and flicker. Every `solve` starts with all of `cell_on`: the
-    result depends on the cells and wires that are in order now, not on how it came to that.
+    Every cell that is on draws the same current, whatever its voltage (a linear regulator). If voltages are
+    below the minimum, the cell with the lowest voltage of each connected component switches off first, which
+    raises the others; this repeats until all remaining cells have enough. That is the order in which a
+    sagging supply switches them off, and it keeps the most cells on: every cell that it switches off would
+    also go off if all cells below the minimum were switched off at once, but not conversely. A cell that is
+    off stays off until the next `solve`; otherwise it would return, be too low again, and oscillate. Every
+    `solve` starts with all of `cell_on`: the result depends only on the present cells and wires, not on
+    their history.
 
     Args:
         n_cells: Number of cells.
         wires: Rows of (cell, port, cell, port), or of (cell, cell).
-        feeds: (f,) cells that are fed; a cell may have several feeds.
-        spec: Supply, resistances, current of a cell.
+        feeds: (f,) cells with a feed; a cell may have several feeds.
+        spec: Supply voltage, resistances, current of a cell.
     """
 
     def __init__(self, n_cells: int, wires: ArrayLike, feeds: ArrayLike, spec: PowerSpec) -> None:
@@ -79,11 +80,14 @@ class PowerGrid:
         self._factored: _Factored | None = None
 
     def solve(self, cell_on: ArrayLike | None = None, wire_ok: ArrayLike | None = None) -> PowerState:
-        """The state in which every cell that still runs has enough.
+        """Solve for the power state in which every running cell has at least the minimum voltage.
 
         Args:
-            cell_on: (n,) cells that want to run; all by default.
-            wire_ok: (m,) wires that are in order; all by default.
+            cell_on: (n,) cells that are switched on; all by default.
+            wire_ok: (m,) wires that are intact; all by default.
+
+        Raises:
+            ValueError: A mask has the wrong shape.
         """
         on = self._mask("cell_on", cell_on, self._n)
         ok = self._mask("wire_ok", wire_ok, len(self._a))
@@ -107,7 +111,7 @@ class PowerGrid:
         return mask
 
     def _factor(self, ok: NDArray[np.bool_]) -> _Factored:
-        """Takes the last factors as long as no wire has changed."""
+        """Return the cached factors unless the wires have changed."""
         key = ok.tobytes()
         if self._factored is None or key != self._key:
             self._key, self._factored = key, self._factor_anew(ok)
@@ -119,7 +123,7 @@ class PowerGrid:
         piece = connected_components(coo_array((siemens, (a, b)), shape=(n, n)), directed=False)[1]
         fed = self._n_feeds > 0
         powered = np.isin(piece, piece[fed])
-        ideal = fed & (self._spec.feed_ohm == 0.0)  # such a cell is at the supply's voltage
+        ideal = fed & (self._spec.feed_ohm == 0.0)  # such a cell is at the supply voltage
         free = np.flatnonzero(powered & ~ideal)
         if not len(free):
             return _Factored(piece.astype(np.int64), powered, free, None)
@@ -132,7 +136,7 @@ class PowerGrid:
             ),
             shape=(n, n),
         ).tocsc()
-        # symmetric and diagonally dominant: no pivoting, and an ordering that keeps it sparse
+        # symmetric and diagonally dominant: no pivoting, fill-reducing ordering
         factors = splu(
             laplacian[free][:, free],
             permc_spec="MMD_AT_PLUS_A",
@@ -142,7 +146,7 @@ class PowerGrid:
         return _Factored(piece.astype(np.int64), powered, free, factors)
 
     def _drops(self, running: NDArray[np.bool_], factored: _Factored) -> NDArray[np.float64]:
-        """(n,) how far every cell is below the supply: with no load there is no drop anywhere [V]."""
+        """Return the voltage drop (n,) of every cell below the supply [V]; zero without load."""
         drop_v = np.zeros(self._n)
         if factored.factors is not None:
             drop_v[factored.free] = factored.factors.solve(self._drawn_a(running)[factored.free])
@@ -167,7 +171,7 @@ class PowerGrid:
 def _worst(
     drop_v: NDArray[np.float64], low: NDArray[np.bool_], piece: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Of every piece with cells that are too low, the cell with the lowest voltage, the first of equals."""
+    """Return the cell of lowest voltage in every component with cells in `low`, the first of equals."""
     cells = np.flatnonzero(low)
     order = cells[np.lexsort((cells, -np.round(drop_v[cells] / _RESOLUTION_V), piece[cells]))]
     return order[np.unique(piece[order], return_index=True)[1]]

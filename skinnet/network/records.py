@@ -1,9 +1,9 @@
-"""The flat records on which the packet kernel works.
+"""Flat records (structured arrays) of the packet kernel.
 
-Links stand in the order in which ties are broken: by component, node of arrival, port of arrival. A node
-injects its own packets over an *entry*, a link of port −1 without rate or delay; so an entry stands before
-the node's input ports, and everything that happens at a node is the arrival of a packet over a link.
-The position in this order is the *rank*; the number that the topology gave is kept in `number`.
+Links are stored in the order in which ties are broken: by component, node of arrival, port of arrival. A node
+injects its own packets over an *entry*, a link of port −1 without rate or delay; an entry thus precedes the
+node's input ports, and every event at a node is the arrival of a packet over a link. The position in this
+order is the *rank*; the link number of the topology is kept in `number`.
 """
 
 from enum import IntEnum
@@ -34,17 +34,17 @@ __all__ = [
 Records: TypeAlias = Any
 
 FREE, IN_FLIGHT, N_ROUTES = 0, 1, 2
-"""What stands where in `State.heap`."""
+"""Indices into `State.heap`."""
 NONE = 2**32 - 1
-"""No link, packet or route. Positions are unsigned, which spares every access a look at their sign."""
+"""Null index: no link, packet or route. Indices are unsigned, which avoids a sign check on access."""
 FAR_NS = 2**62
-"""Later than everything: no event."""
+"""Time after every event [ns]: no event."""
 MAX_BUCKET_SHIFT = 30
-"""Times within a bucket must fit into the upper half of a 64-bit sort key."""
+"""Greatest log2 of the bucket width [ns]; times within a bucket fit the upper half of a 64-bit sort key."""
 
 
 class Outcome(IntEnum):
-    """How a packet ended: delivered, or the cause of its drop."""
+    """Packet outcome: delivered, or the cause of its drop."""
 
     DELIVERED = 0
     QUEUE_FULL = 1
@@ -57,30 +57,30 @@ class Outcome(IntEnum):
 
 LINK = np.dtype(
     [
-        # touched at every hop
+        # accessed at every hop
         ("busy_ns", "i8"),  # end of the last accepted transmission
-        ("last_arrival_ns", "i8"),  # nothing arrives before this: a serial link keeps its order
+        ("last_arrival_ns", "i8"),  # lower bound of the next arrival: a serial link keeps order
         ("delay_ns", "i8"),
         ("tx_ns", "i8"),  # transmission time of a packet of tx_size bytes, the last size seen
         ("tx_size", "i4"),
         ("queue_packets", "i4"),
-        ("head", "u4"),  # packets on the link or waiting for it, in order; chained by `next`
+        ("head", "u4"),  # packets on the link or queued, in order; chained by `next`
         ("tail", "u4"),
-        ("unsent", "i4"),  # how many of them had not left at the last look
-        ("cursor", "u4"),  # the first of these; on an entry: where the last packet was inserted
-        ("chain", "u4"),  # next link in the same bucket, or of those that wait for a later window
+        ("unsent", "i4"),  # number of them not yet sent at the last update
+        ("cursor", "u4"),  # the first of these; on an entry: the last insertion point
+        ("chain", "u4"),  # next link in the same bucket, or in `waiting`
         ("dst", "u4"),
         ("jitter_ns", "i8"),
         ("loss_probability", "f8"),
         ("bit_error_rate", "f8"),
-        ("packets", "i8"),  # arrived, with those that were destroyed on the way
+        ("packets", "i8"),  # arrived, with those destroyed on the link
         ("bytes", "i8"),
         ("committed_ns", "i8"),  # transmission time of all accepted packets
-        ("number", "i4"),  # of the topology; NO_LINK on an entry
+        ("number", "i4"),  # link number of the topology; NO_LINK on an entry
         ("queue_high_water", "i4"),
         ("up", "u1"),
-        ("scheduled", "u1"),  # is in a bucket or waits for a later window
-        # touched now and then
+        ("scheduled", "u1"),  # in a bucket or in `waiting`
+        # accessed rarely
         ("bits_per_byte", "i4"),
         ("src", "i4"),
         ("bits_per_s", "i8"),
@@ -92,13 +92,13 @@ LINK = np.dtype(
 
 PACKET = np.dtype(
     [
-        ("t_ns", "i8"),  # full arrival at the end of the link that it is on
+        ("t_ns", "i8"),  # full arrival at the end of its present link
         ("sent_ns", "i8"),  # end of its transmission on that link
         ("packet_id", "i8"),
-        ("key", "u8"),  # of its random draws
-        ("dest", "i4"),  # node, or ~rank of the one link over which it goes
+        ("key", "u8"),  # key of its random draws
+        ("dest", "i4"),  # node, or ~rank of the link of a link-local packet
         ("size", "i4"),
-        ("next", "u4"),  # behind it on the link, or in the list of free records
+        ("next", "u4"),  # next packet on the link, or next free record
         ("hops", "i4"),
     ],
     align=True,
@@ -107,20 +107,20 @@ PACKET = np.dtype(
 NODE = np.dtype(
     [
         ("key", "u8"),
-        ("entered", "u8"),  # own packets so far
-        ("route_start", "i8"),  # where the routes to this node begin; NONE if there are none
-        ("local", "u4"),  # number within the component
+        ("entered", "u8"),  # number of own packets injected
+        ("route_start", "i8"),  # start of the routes to this node; NONE without routes
+        ("local", "u4"),  # index within the component
         ("component", "u4"),
-        ("entry", "u4"),  # rank
+        ("entry", "u4"),  # rank of its entry
     ],
     align=True,
 )
 
 COMPONENT = np.dtype(
     [
-        ("next_ns", "i8"),  # no event before this
-        ("waiting", "u4"),  # links whose next arrival lies outside the window, chained
-        ("bucket_shift", "i4"),  # log2 of the bucket width, which is at most the smallest hop time
+        ("next_ns", "i8"),  # lower bound of the next event
+        ("waiting", "u4"),  # links with their next arrival after the window, chained
+        ("bucket_shift", "i4"),  # log2 of the bucket width, at most the smallest hop time
     ],
     align=True,
 )
@@ -131,17 +131,17 @@ ENDED = np.dtype(
 
 
 class State(NamedTuple):
-    """The arrays of a network that change with time.
+    """State arrays of a network, which change with time.
 
     Attributes:
         links: `LINK` records by rank, with the entries.
-        packets: `PACKET` records, taken or free.
+        packets: `PACKET` records, in use or free.
         nodes: `NODE` records.
         components: `COMPONENT` records.
-        routes: Rank of the next link, for destination after destination over the nodes of its component.
-        tally: How many packets ended with each outcome so far.
-        heap: First free packet record (`FREE`), how many are taken (`IN_FLIGHT`), how many of `routes` are
-            taken (`N_ROUTES`).
+        routes: Rank of the next link, per destination, over the nodes of its component.
+        tally: Number of ended packets per outcome.
+        heap: First free packet record (`FREE`), number of packets in flight (`IN_FLIGHT`), number of used
+            `routes` (`N_ROUTES`).
     """
 
     links: Records
@@ -154,13 +154,13 @@ class State(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """The arrays that the kernel needs only while it runs.
+    """Scratch arrays that the kernel needs only while it runs.
 
     Attributes:
-        buckets: First link of each bucket, all NONE before and after, (BUCKETS,).
+        buckets: First link of each bucket, all NONE before and after a run, (BUCKETS,).
         keys: Sort keys; room for all packets in flight.
         ended: `ENDED` records; room for all packets in flight.
-        n_ended: How many of these are filled, (1,).
+        n_ended: Number of filled `ended` records, (1,).
     """
 
     buckets: NDArray[np.uint32]

@@ -1,4 +1,4 @@
-"""What a network hands back: how packets ended, and what was counted on the way."""
+"""Results of a packet network: ended packets and traffic counters."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,15 +12,15 @@ __all__ = ["Counters", "Finished", "LinkCounters"]
 
 
 class Finished(NamedTuple):
-    """Packets that ended, by time, then node, then the order in which the node handled them; each (n,).
+    """Ended packets, sorted by time, node, and order of handling at the node; each (n,).
 
     Attributes:
-        packet_id: As offered.
-        t_ns: When it ended [ns].
-        node: Where it ended: at its destination, where it was dropped, at the far end of a link that
-            destroyed it (`LOSS`, `CORRUPTED`), or at the near end of one that failed with it (`LINK_FAILED`).
-        link: The link that was full, dead, failed or lossy; else the one over which it came in, `NO_LINK`
-            for a packet of the node's own.
+        packet_id: Packet id as offered.
+        t_ns: Time of the end [ns].
+        node: Node of the end: the destination, the node of the drop, the far end of a link that destroyed
+            the packet (`LOSS`, `CORRUPTED`), or the near end of one that failed with it (`LINK_FAILED`).
+        link: Link that was full, down, failed or lossy; else the one of arrival, `NO_LINK` for a packet
+            injected at the node itself.
         outcome: `Outcome`; 0 is delivered.
     """
 
@@ -33,9 +33,9 @@ class Finished(NamedTuple):
 
 @dataclass(frozen=True)
 class Counters:
-    """Packets so far; offered = delivered + sum of dropped + in_flight at every moment.
+    """Packet counters; offered = delivered + sum of dropped + in_flight at all times.
 
-    A packet counts as offered, and as in flight, from the call that offers it.
+    A packet counts as offered and in flight from the call that offers it.
     """
 
     offered: int
@@ -45,14 +45,14 @@ class Counters:
 
 
 class LinkCounters(NamedTuple):
-    """Traffic of every link up to now, each (n_links,).
+    """Link counters up to now, each (n_links,).
 
     Attributes:
-        packets: Fully arrived, with those that the link destroyed (`LOSS`, `CORRUPTED`).
-        bytes: Of these packets.
+        packets: Packets fully arrived, with those that the link destroyed (`LOSS`, `CORRUPTED`).
+        bytes: Bytes of these packets.
         busy_ns: Time in transmission [ns].
-        queue_high_water: Most packets that ever waited behind the one in transmission.
-        dropped: Ended by this link: queue full, link failed or dead, loss, bit errors.
+        queue_high_water: Greatest number of packets queued behind the one in transmission.
+        dropped: Packets ended by this link: queue full, link failed or down, loss, bit errors.
     """
 
     packets: NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Which link leads to a destination: fewest hops, found by breadth-first search from the destination."""
+"""Route tables of fewest hops, computed by breadth-first search from each destination."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from skinnet.network.topology import Topology
 __all__ = ["NO_LINK", "Routes", "fewest_hops"]
 
 NO_LINK = -1
-"""In a route: there is no way. In a record of a packet: it came over no link."""
+"""No link: in a route, no path; in a packet record, injected at the node."""
 
 
 @dataclass(frozen=True, eq=False)
 class Routes:
-    """Entries of route tables: at `node[i]`, a packet for `dest[i]` leaves by `link[i]`, all (n,).
+    """Route table entries: at `node[i]`, a packet for `dest[i]` leaves by `link[i]`, all (n,).
 
-    `NO_LINK` says that there is no way. An entry that is not listed is not changed.
+    `NO_LINK` means no path. Entries that are not listed stay unchanged.
     """
 
     node: NDArray[np.int64]
@@ -27,9 +27,9 @@ class Routes:
 
 
 def fewest_hops(topology: Topology, dests: ArrayLike, *, dead_links: ArrayLike = ()) -> Routes:
-    """Routes of fewest hops to each of `dests`, from every other node of its component.
+    """Compute routes of fewest hops to each of `dests`, from every other node of its component.
 
-    Of several links that lie on a shortest way, a node takes that of its lowest port.
+    Among several links on shortest paths, a node takes the one of its lowest port.
 
     Args:
         topology: Nodes and links.
@@ -37,8 +37,8 @@ def fewest_hops(topology: Topology, dests: ArrayLike, *, dead_links: ArrayLike =
         dead_links: Links that no route may use.
 
     Returns:
-        One entry for every destination and other node of its component; `NO_LINK` where no way leads there,
-        so that these routes replace all earlier ones to the same destinations.
+        One entry for every destination and other node of its component, `NO_LINK` without a path, so that
+        these routes replace all earlier ones to the same destinations.
     """
     wanted = np.atleast_1d(np.asarray(dests, dtype=np.int64))
     alive = np.ones(topology.n_links, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""From files of links and packets to files of deliveries and drops, in memory for what is on the way."""
+"""CSV simulation: files of links and packets to files of deliveries and drops, in streaming memory."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -36,15 +36,15 @@ _CAUSES = np.array([outcome.name.lower() for outcome in Outcome])
 
 @dataclass(frozen=True)
 class Files:
-    """Where everything is read and written; names that end in `.gz` are gzipped.
+    """Input and output files; names that end in `.gz` are gzipped.
 
     Attributes:
-        links: `src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets`, and if wanted
+        links: Input `src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets`, optionally
             `loss_probability,jitter_ns,bit_error_rate`.
-        packets: `id,t_ns,node,dest,size_bytes`, in order of time.
-        delivered: Written: `id,t_delivered_ns`, by time, then node, then the order in which they came.
-        routes: `node,dest,src_port`; fewest hops if there is no such file.
-        drops: Written if given: `id,t_ns,node,cause`, in the same order.
+        packets: Input `id,t_ns,node,dest,size_bytes`, in order of time.
+        delivered: Output `id,t_delivered_ns`, by time, then node, then order of handling.
+        routes: Input `node,dest,src_port`; routes of fewest hops if None.
+        drops: Output `id,t_ns,node,cause` in the same order; not written if None.
     """
 
     links: Path
@@ -57,16 +57,16 @@ class Files:
 def simulate(
     files: Files, until_ns: int, *, seed: int = 0, progress: Callable[[float], None] = lambda _: None
 ) -> dict[str, Any]:
-    """Runs packets through a network up to, and without, `until_ns`; returns flat figures.
+    """Simulate packets of a file in a network until `until_ns`, exclusive; return flat metrics.
 
     Args:
-        files: What is read and written. The results appear when all is done, never half of them.
+        files: Input and output files; outputs are replaced atomically at the end.
         until_ns: End of the simulation [ns].
-        seed: Of loss, jitter and bit errors.
-        progress: Told now and then which share of the packets has been read.
+        seed: Seed of loss, jitter and bit errors.
+        progress: Called repeatedly with the fraction of the packets file read, 0 to 1.
 
     Raises:
-        DeploymentError: A file does not hold what is allowed; file, line and what is wrong.
+        DeploymentError: A file is invalid; names file, line and error.
     """
     _require_distinct(files)
     wired = read_links(files.links)
@@ -84,7 +84,7 @@ def simulate(
 
 
 class _Run:
-    """A network under way, and what must be known of the packets in it."""
+    """CSV simulation run: the network, the ids of its packets and their latencies."""
 
     def __init__(self, files: Files, wired: Wired, until_ns: int, seed: int) -> None:
         topology = wired.topology
@@ -100,7 +100,7 @@ class _Run:
         self._last_ns, self._n_later, self._total_bytes = 0, 0, 0
 
     def offer(self, table: Table) -> int:
-        """Lets the packets of a table enter, but for those from `until_ns` on; returns how far one may go."""
+        """Enqueue the packets of a table before `until_ns`; return the time to which to advance [ns]."""
         t_ns = table.whole("t_ns")
         backwards = np.diff(t_ns, prepend=self._last_ns) < 0
         if backwards.any():
@@ -121,11 +121,11 @@ class _Run:
         return min(self._last_ns, self._until_ns)
 
     def advance(self, until_ns: int) -> Finished:
-        """What ended before `until_ns`."""
+        """Advance the network; return the packets that ended before `until_ns`."""
         return self._network.advance(until_ns)
 
     def write(self, finished: Finished, out: IO[bytes], drops: IO[bytes] | None) -> None:
-        """Writes what was delivered, and what was dropped."""
+        """Write deliveries, and drops if wanted."""
         ids, entered_ns = self._ledger.leave(finished.packet_id)
         arrived = finished.outcome == Outcome.DELIVERED
         self._latencies.add(finished.t_ns[arrived] - entered_ns[arrived])
@@ -136,7 +136,7 @@ class _Run:
             drops.write(_lines("%d,%d,%d,%s\n", ids[lost], finished.t_ns[lost], nodes, causes))
 
     def figures(self) -> dict[str, Any]:
-        """All that was counted."""
+        """Return all metrics by flat name."""
         counters, links = self._network.counters, self._network.link_counters
         dropped = sum(counters.dropped.values())
         left = counters.delivered + dropped + counters.in_flight
@@ -158,7 +158,7 @@ class _Run:
         }
 
     def _find_routes(self, dest: NDArray[np.int64]) -> None:
-        """Routes to the destinations that are new, in portions that fit into memory."""
+        """Compute routes to new destinations, in portions of bounded memory."""
         fresh = np.unique(dest[~self._routed[dest]])
         self._routed[fresh] = True
         portion = max(1, _ROUTES_AT_ONCE // self._wired.topology.n_nodes)
@@ -167,7 +167,7 @@ class _Run:
             self._network.set_routes(self._network.now_ns, routes)
 
     def _require_time(self, table: Table, size_bytes: NDArray[np.int64]) -> None:
-        """Refuses what could still be under way when 64-bit time ends, 146 years from the start."""
+        """Refuse packets that could be in flight at the end of 64-bit time, 146 years from the start."""
         topology = self._wired.topology
         self._total_bytes += int(size_bytes.sum())
         bits = self._total_bytes * int(topology.bits_per_byte.max())
@@ -182,7 +182,7 @@ class _Run:
 
 
 def _read(path: Path) -> Iterator[tuple[Table, float]]:
-    """The packets, table by table, and which share of the file has been read."""
+    """Yield the packets table by table, and the fraction of the file read."""
     try:
         raw = path.open("rb")
         size = path.stat().st_size
@@ -199,7 +199,7 @@ def _lines(form: str, *columns: ArrayLike) -> bytes:
 
 @contextmanager
 def _written(path: Path, header: str) -> Iterator[IO[bytes]]:
-    """A file with this header that appears when the block has ended well."""
+    """Open an output file with this header; it replaces `path` when the block succeeds."""
     with replacing(path) as file:
         if path.suffix == ".gz":
             with GzipFile(filename="", mode="wb", fileobj=file, mtime=0, compresslevel=5) as packed:

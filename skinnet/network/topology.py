@@ -1,4 +1,4 @@
-"""What is wired to what: numbered nodes and directed links between their ports."""
+"""Network topology: numbered nodes and directed links between their ports."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 __all__ = ["ALLOWED", "PROBABILITIES", "UNBOUNDED", "Topology"]
 
 UNBOUNDED = -1
-"""`queue_packets` of a link on which any number of packets may wait."""
+"""Unbounded queue: value of `queue_packets` without a limit."""
 
 PROBABILITIES = ("loss_probability", "bit_error_rate")
 
@@ -26,29 +26,29 @@ ALLOWED = {
     "jitter_ns": (0, 2**50),
     **dict.fromkeys(PROBABILITIES, (0, 1)),
 }
-"""Least and greatest value of the columns of a topology."""
+"""Allowed range, least and greatest value, of every column of a topology."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Topology:
-    """Nodes `0 … n_nodes − 1` and directed links `0 … n_links − 1` in any arrangement, also unconnected.
+    """Topology of nodes `0 … n_nodes − 1` and directed links `0 … n_links − 1`, connected or not.
 
-    Every column has one entry a link; a scalar holds for all links. Of one node, no two links leave by
+    Every column has one entry per link; a scalar applies to all links. At one node, no two links leave by
     the same port and no two arrive at the same port; one port may serve both directions.
 
     Attributes:
         n_nodes: Number of nodes.
-        src: Node from which the link leaves, (n_links,).
+        src: Source node of the link, (n_links,).
         src_port: Port of `src`, ≥ 0.
-        dst: Node at which the link arrives.
+        dst: Destination node of the link.
         dst_port: Port of `dst`, ≥ 0; at one instant a node serves its ports in this order.
         bits_per_s: Rate of the link, ≥ 1 [bit/s].
         bits_per_byte: Bits on the wire per byte of a packet, 1 to 64; 10 for a UART with start and stop bit.
-        delay_ns: From the end of a transmission to the full arrival at `dst` [ns].
-        queue_packets: How many packets may wait behind the one in transmission; `UNBOUNDED` for any number.
-        loss_probability: Chance that a packet is destroyed on the link, 0 to 1.
+        delay_ns: Delay from the end of a transmission to the full arrival at `dst` [ns].
+        queue_packets: Queue capacity behind the packet in transmission; `UNBOUNDED` for any number.
+        loss_probability: Probability that a packet is destroyed on the link, 0 to 1.
         jitter_ns: Upper bound of an additional delay, uniform in 0 … jitter_ns [ns].
-        bit_error_rate: Chance that a bit of a packet arrives wrong, 0 to 1; the checksum finds it.
+        bit_error_rate: Probability of an error per bit, 0 to 1; the checksum detects it.
 
     Raises:
         ValueError: A column has the wrong length or a value outside its range, or a port is used twice.
@@ -120,18 +120,18 @@ class Topology:
         jitter_ns: int = 0,
         bit_error_rate: float = 0.0,
     ) -> Self:
-        """Topology of equal full-duplex wires: wire i is link 2i from end a to end b and link 2i + 1 back.
+        """Build a topology of equal full-duplex wires: wire i is link 2i from a to b and 2i + 1 back.
 
         Args:
             n_nodes: Number of nodes.
             wires: Columns (node a, port a, node b, port b), shape (n_wires, 4).
             bits_per_s: Rate in each direction [bit/s].
             bits_per_byte: Bits on the wire per byte of a packet.
-            delay_ns: From the end of a transmission to the full arrival [ns].
-            queue_packets: How many packets may wait for each direction; one number, or one for each link.
-            loss_probability: Chance that a packet is destroyed.
+            delay_ns: Delay from the end of a transmission to the full arrival [ns].
+            queue_packets: Queue capacity of each direction; one number, or one per link.
+            loss_probability: Probability that a packet is destroyed.
             jitter_ns: Upper bound of an additional delay [ns].
-            bit_error_rate: Chance that a bit arrives wrong.
+            bit_error_rate: Probability of an error per bit.
         """
         ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
         both = np.stack([ends, ends[:, [2, 3, 0, 1]]], axis=1).reshape(-1, 4)
@@ -157,19 +157,19 @@ class Topology:
 
     @cached_property
     def component(self) -> NDArray[np.int64]:
-        """Number of the connected component of every node, links taken as undirected, (n_nodes,)."""
+        """Connected component of every node, with links taken as undirected, (n_nodes,)."""
         ones = np.ones(self.n_links, dtype=np.int8)
         graph = coo_array((ones, (self.src, self.dst)), shape=(self.n_nodes, self.n_nodes))
         return connected_components(graph, directed=False)[1].astype(np.int64)
 
     @cached_property
     def members(self) -> NDArray[np.int64]:
-        """All nodes, component after component, by number within each, (n_nodes,)."""
+        """Nodes grouped by component, ascending within each, (n_nodes,)."""
         return np.argsort(self.component, kind="stable")
 
     @cached_property
     def member_start(self) -> NDArray[np.int64]:
-        """Component c is `members[member_start[c] : member_start[c + 1]]`, (n_components + 1,)."""
+        """Component offsets (n_components + 1,) into `members`: c spans `member_start[c : c + 2]`."""
         return np.concatenate(([0], np.cumsum(np.bincount(self.component)))).astype(np.int64)
 
 

@@ -1,1 +1,1 @@
-"""The link budget of a deployment, before it runs."""
+"""Link budget of a deployment, computed without running it."""

@@ -1,4 +1,4 @@
-"""The link budget of a skin with given gateways: load, latency, backlog and voltage, cell by cell."""
+"""Link budget of a skin with given gateways: utilisation, latency, backlog and voltage of each cell."""
 
 from dataclasses import dataclass
 
@@ -17,17 +17,17 @@ __all__ = ["Budget", "draw_up"]
 
 @dataclass(frozen=True)
 class Budget:
-    """What the links and cells of a skin have to bear; links are named by the cell that sends over them.
+    """Link budget of a skin; a link has the index of the cell that sends over it.
 
     Attributes:
-        forest: Every cell's way to its gateway.
-        utilisation: (n,) share of its time that a cell's link sends, as many touched cells behind it as can
-            be; above 1 it drops packets.
-        worst_ns: (n,) longest time from a sample to the gateway, whatever the phases [ns]; inf for none.
-        expected_ns: (n,) mean time, touched cells spread evenly and phases at random [ns]; inf for none.
-        backlog: (n,) most packets that can wait behind the one that a cell's link sends.
-        dropped_per_s: (n,) packets that a link cannot carry, on average [1/s].
-        power: Voltages and currents; None without power wires.
+        forest: Route of every cell to its gateway.
+        utilisation: (n,) fraction of time that a cell's link transmits, with as many touched cells behind it
+            as possible; above 1 it drops packets.
+        worst_ns: (n,) worst-case latency from the sample to the gateway, any phases [ns]; inf if unbounded.
+        expected_ns: (n,) mean latency, touched cells spread evenly, random phases [ns]; inf if unbounded.
+        backlog: (n,) most packets that can wait behind the one in transmission on a cell's link.
+        dropped_per_s: (n,) mean packet rate beyond the capacity of a link [1/s].
+        power: Voltages [V] and currents [A]; None without power wires.
     """
 
     forest: Forest
@@ -48,7 +48,7 @@ def draw_up(
     network: NetworkSpec,
     power: PowerSpec | None,
 ) -> Budget:
-    """The budget of cells that `wires` (m, 4) connect, with `gateways` (g, 2) and fed cells `feeds` (f,)."""
+    """Compute the link budget of cells with `wires` (m, 4), `gateways` (g, 2) and fed cells `feeds` (f,)."""
     forest = grow(n_cells, wires, gateways)
     below = forest.below
     load = np.array([traffic.load_of(n) for n in range(int(below.max(initial=0)) + 1)])
@@ -74,7 +74,7 @@ def _mean_send_ns(traffic: Traffic) -> float:
 
 
 def _worst_ns(forest: Forest, traffic: Traffic, network: NetworkSpec, spread_ns: int) -> NDArray[np.float64]:
-    """Way and longest busy time of the tree; or as full as the queues on the way can be, if that is less.
+    """Worst-case latency (n,) [ns]: hop delays and longest busy period, bounded by full queues.
 
     Behind a larger packet a small one waits again at every link: all but the last hop count as the largest.
     """
@@ -90,7 +90,7 @@ def _worst_ns(forest: Forest, traffic: Traffic, network: NetworkSpec, spread_ns:
 
 
 def _dropped(forest: Forest, traffic: Traffic) -> NDArray[np.float64]:
-    """What each link cannot carry of what its branches could, on average [1/s]."""
+    """Mean packet rate beyond the capacity of each link (n,) [1/s]."""
     if not traffic.load:
         return np.zeros(len(forest.parent))
     most = traffic.per_s / traffic.load

@@ -1,8 +1,8 @@
-"""The trees on which data runs to the gateways, as the cells will form them.
+"""Routing forest to the gateways, as the cells will form it.
 
-Tokens start at all gateways at once and take equally long over every link; a cell takes the first that
-arrives as its way to the computer, and of several at one instant that of its lowest port. So every cell has a
-way of fewest hops, which is found here without running the protocol.
+Tokens start at all gateways at once and take equally long over every link; a cell routes to the computer by
+the port of the first token, the lowest port if several arrive at one instant. So every cell has a route of
+fewest hops, which is computed here without running the protocol.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ NOWHERE = -2
 
 @dataclass(frozen=True)
 class Forest:
-    """Every cell's way to its gateway. Each cell has one link upwards, so links are named by their cells.
+    """Routing forest of the cells; each cell has one uplink, so a link has the index of its cell.
 
     Attributes:
-        parent: (n,) the next cell, `GATEWAY`, or `NOWHERE` for a cell without a way.
+        parent: (n,) next cell towards the gateway, `GATEWAY`, or `NOWHERE` for a cell without a route.
         port: (n,) port by which a cell sends; −1 for none.
-        gateway: (n,) which gateway; −1 for none.
-        depth: (n,) hops to the gateway, from 1; 0 for a cell without a way.
+        gateway: (n,) index of the gateway; −1 for none.
+        depth: (n,) hops to the gateway, from 1; 0 for a cell without a route.
     """
 
     parent: NDArray[np.int64]
@@ -38,29 +38,29 @@ class Forest:
 
     @cached_property
     def levels(self) -> list[NDArray[np.int64]]:
-        """The cells of depth 1, of depth 2, and so on."""
+        """Cells by depth: those of depth 1, of depth 2, and so on."""
         return [np.flatnonzero(self.depth == depth) for depth in range(1, int(self.depth.max(initial=0)) + 1)]
 
     @cached_property
     def below(self) -> NDArray[np.int64]:
-        """(n,) cells whose packets go over a cell's link, itself among them."""
+        """Subtree sizes (n,): cells whose packets go over a cell's link, the cell included."""
         return self.sum_up((self.depth > 0).astype(np.int64))
 
     @cached_property
     def tree(self) -> NDArray[np.int64]:
-        """(n,) cells that share the gateway of each cell."""
+        """Tree sizes (n,): cells that share the gateway of each cell."""
         size = np.bincount(self.gateway[self.gateway >= 0], minlength=1)
         return np.where(self.gateway >= 0, size[np.maximum(self.gateway, 0)], 0)
 
     def sum_up(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Sums of `values` (n,) over each cell and all that send through it."""
+        """Sum `values` (n,) over each cell and all cells that send through it."""
         total = values.copy()
         for level in self.levels[:0:-1]:
             np.add.at(total, self.parent[level], total[level])
         return total
 
     def sum_down(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sums of `values` (n,) over the links on each cell's way to the gateway."""
+        """Sum `values` (n,) over the links of each cell's route to the gateway."""
         total = values.copy()
         for level in self.levels[1:]:
             total[level] += total[self.parent[level]]
@@ -68,7 +68,7 @@ class Forest:
 
 
 def grow(n_cells: int, wires: ArrayLike, gateways: ArrayLike) -> Forest:
-    """The forest of cells that `wires` (m, 4) connect, from the free ports `gateways` (g, 2) of cells."""
+    """Compute the routing forest of cells with `wires` (m, 4) and gateway ports `gateways` (g, 2)."""
     ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
     roots = np.asarray(gateways, dtype=np.int64).reshape(-1, 2)
     computer = np.column_stack([np.full(len(roots), n_cells), np.arange(len(roots)), roots])

@@ -1,4 +1,4 @@
-"""A picture of the whole skin, unrolled: what every link carries, and what voltage every cell has."""
+"""Plot of a plan: the flattened skin with the load of every link and the voltage of every cell."""
 
 import math
 
@@ -20,7 +20,7 @@ __all__ = ["draw"]
 Floats = NDArray[np.float64]
 
 _WIDTH_IN, _PITCH_IN = 14.0, 0.44
-"""Width of the skin on paper, and the largest size of a cell."""
+"""Width of the flattened skin and largest pitch of its cells in the figure [in]."""
 _INK, _PALE, _GATEWAY, _BRIDGE, _BAD = "#1f2d3d", "#c3ccd5", "#0b6e4f", "#6a3d9a", "#3b0a45"
 _LOAD = LinearSegmentedColormap.from_list("load", ["#eef3f7", "#fbe3a2", "#f2a33c", "#d9481c", "#8e0b1d"])
 _VOLTAGE = LinearSegmentedColormap.from_list(
@@ -30,10 +30,10 @@ _TOPS = (0.05, 0.1, 0.25, 0.5, 1.0)
 
 
 def draw(plan: Plan) -> Figure:
-    """The skin coloured by load; and by voltage, if the deployment has power wires."""
+    """Draw the skin coloured by load and, if the deployment has power wires, by voltage."""
     paper = lay_out(plan.skin.patches)
     panels = 1 if plan.budget.power is None else 2
-    inch = min(_WIDTH_IN / paper.width, _PITCH_IN)  # of a pitch
+    inch = min(_WIDTH_IN / paper.width, _PITCH_IN)  # per pitch
     size = (paper.width * inch + 1.1, panels * (paper.height * inch + 0.6))
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
@@ -146,7 +146,7 @@ def _cells(axes: Axes, paper: Paper, values: Floats, colours: Colormap, norm: No
 
 
 def _wires(axes: Axes, plan: Plan, paper: Paper, inch: float) -> None:
-    """Bridges across the paper, and the ends of wires that lead across a cut."""
+    """Draw bridges between patches, and stubs of wires that cross a cut of the flattening."""
     bridges = paper.at[plan.skin.bridges[:, [0, 2]]]
     axes.add_collection(
         LineCollection(list(bridges), colors=_BRIDGE, linewidths=9 * inch, linestyles="dashed")
@@ -162,14 +162,14 @@ def _wires(axes: Axes, plan: Plan, paper: Paper, inch: float) -> None:
 
 
 def _outwards(paper: Paper, cell: int, port: int, reach: float) -> list[tuple[float, float]]:
-    """From the middle of a cell out of one of its ports."""
+    """Line segment from the centre of a cell through one of its ports."""
     angle = paper.turn[cell] + PORT_ANGLES_RAD[port]
     x, y = paper.at[cell]
     return [(x, y), (x + reach * math.cos(angle), y + reach * math.sin(angle))]
 
 
 def _thickness(load: Floats, top: float, points: float) -> Floats:
-    """Widths of lines: the more a link sends, the thicker."""
+    """Line widths [pt], increasing with link load."""
     widths: Floats = points * (0.05 + 0.2 * np.minimum(load / top, 1.0))
     return widths
 
@@ -183,7 +183,7 @@ def _gateways(axes: Axes, plan: Plan, paper: Paper, points: float, top: float) -
 
 
 def _labels(axes: Axes, plan: Plan, paper: Paper, texts: list[str], points: float) -> None:
-    """Name and text below every patch, all in one size that fits, and is no larger than need be."""
+    """Draw the patch names and texts below the patches, all in one font size that fits."""
     names = [patch.name for patch in plan.skin.patches]
     for lines, most, height, colour in ((names, 0.6, 1.75, _INK), (texts, 0.5, 1.05, "#5b6b7a")):
         fit = min(box.width / (0.58 * len(line)) for box, line in zip(paper.boxes, lines, strict=True))

@@ -1,4 +1,4 @@
-"""The plan of a deployment: its budget, and the fewest gateways that keep its limits."""
+"""Plan of a deployment: its link budget, and the fewest gateways that keep its limits."""
 
 import math
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ __all__ = ["Plan", "make"]
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a plan says.
+    """Plan of a deployment: link budget and gateway search.
 
     Attributes:
-        deployment: What is planned.
-        skin: Its cells, wires and gateways.
+        deployment: Deployment that is planned.
+        skin: Cells, wires and gateways of the whole skin.
         feeds: (f,) fed cells; empty without power wires.
-        traffic: What the cells send.
-        limits: What must be kept.
-        budget: With the gateways of the deployment.
-        groups: Patches that bridges join, each as one.
-        searches: The fewest gateways of each group.
+        traffic: Traffic of the cells.
+        limits: Limits to keep.
+        budget: Link budget with the gateways of the deployment.
+        groups: Groups of patches joined by bridges.
+        searches: Fewest gateways of each group.
     """
 
     deployment: Deployment
@@ -42,23 +42,23 @@ class Plan:
 
     @property
     def breaches(self) -> dict[str, float]:
-        """Limits that the deployment does not keep as it is, with the worst value of each."""
+        """Limits that the deployment breaches as it is, with the worst value of each."""
         return breaches(self.budget, self.limits)
 
     def link(self, cell: int) -> str:
-        """The link by which a cell sends, in words."""
+        """Name of a cell's uplink, as "patch/cell:port → patch/cell" or "… → gateway"."""
         parent = int(self.budget.forest.parent[cell])
         start = f"{self.skin.name_of(cell)}:{self.budget.forest.port[cell]}"
         return f"{start} → {self.skin.name_of(parent) if parent >= 0 else 'gateway'}"
 
     def places(self, index: int) -> list[str]:
-        """Where the search would put the gateways of a group, as "patch/cell:port"."""
+        """Gateway places that the search found for a group, as "patch/cell:port"."""
         cells, found = self.groups[index].cells, self.searches[index].gateways
         return [f"{self.skin.name_of(int(cells[cell]))}:{port}" for cell, port in found.tolist()]
 
 
 def make(deployment: Deployment) -> Plan:
-    """Plans a deployment that has been checked.
+    """Plan the gateways and link budget of a checked deployment.
 
     Raises:
         DeploymentError: cells, bridges or feeds do not fit together.
@@ -89,7 +89,7 @@ def _limits(deployment: Deployment) -> Limits:
 
 
 def _numbers(skin: WholeSkin) -> list[int]:
-    """Groups in the order of their first patches."""
+    """Group numbers in the order of their first patches."""
     return list(dict.fromkeys(skin.group_of_patch.tolist()))
 
 

@@ -1,4 +1,4 @@
-"""A plan as JSON: flat figures, what is wrong in words, and every patch, gateway and link."""
+"""JSON report of a plan: flat metrics, diagnostics, and every patch, gateway and link."""
 
 import math
 from typing import Any
@@ -13,7 +13,7 @@ __all__ = ["report"]
 
 
 def report(plan: Plan) -> dict[str, Any]:
-    """All that `plan` says; what has no bound is null."""
+    """JSON-ready report of `plan`; unbounded values are None."""
     return {
         "deployment": plan.deployment.name,
         "load": _load(plan),

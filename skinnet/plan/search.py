@@ -1,4 +1,4 @@
-"""The fewest gateways, and where, with which patches keep a latency, a utilisation and a voltage."""
+"""Gateway search: fewest gateways, and their places, that keep latency, utilisation and voltage limits."""
 
 import math
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ __all__ = ["Group", "Limits", "Search", "breaches", "fewest"]
 
 
 class Limits(NamedTuple):
-    """What a plan must keep.
+    """Limits that a plan must keep.
 
     Attributes:
-        latency_ns: Longest worst-case latency [ns]; inf for no limit.
-        utilisation: Largest share of its time that a link may send.
+        latency_ns: Largest worst-case latency [ns]; inf for no limit.
+        utilisation: Largest fraction of time that a link may transmit.
         voltage_v: Lowest voltage of a cell [V]; 0 for no limit.
     """
 
@@ -33,13 +33,13 @@ class Limits(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Patches that bridges join, on their own.
+    """Group of patches joined by bridges.
 
     Attributes:
-        cells: (n,) their cells in the whole skin; the other columns count from 0.
+        cells: (n,) indices of its cells in the whole skin; the other arrays number them from 0.
         wires: (m, 4) rows of (cell, port, cell, port).
         gateways: (g, 2) rows of (cell, port).
-        feeds: (f,) fed cells; None if the gateways are.
+        feeds: (f,) fed cells; None if the gateways' cells are fed.
     """
 
     cells: NDArray[np.int64]
@@ -50,13 +50,13 @@ class Group(NamedTuple):
 
 @dataclass(frozen=True)
 class Search:
-    """What a search has found.
+    """Result of a gateway search.
 
     Attributes:
-        gateways: (k, 2) rows of (cell, port) of the group; with the most that can be, if no number is enough.
-        at_least: No number below this can carry the load, wherever they are.
-        breaches: Limits that even these gateways do not keep, with the value reached; empty if all are kept.
-        budget: The budget with these gateways.
+        gateways: (k, 2) rows of (cell, port) of the group; as many as possible if no number suffices.
+        at_least: Lower bound on the number of gateways that can carry the load, at any places.
+        breaches: Limits that even these gateways breach, with the value reached; empty if all are kept.
+        budget: Link budget with these gateways.
     """
 
     gateways: NDArray[np.int64]
@@ -66,7 +66,7 @@ class Search:
 
 
 def breaches(budget: Budget, limits: Limits) -> dict[str, float]:
-    """The limits that `budget` does not keep, each with its worst value."""
+    """Limits that `budget` breaches, each with its worst value."""
     found = {}
     worst_ns, load = float(budget.worst_ns.max()), float(budget.utilisation.max())
     if worst_ns > limits.latency_ns:
@@ -83,9 +83,9 @@ def breaches(budget: Budget, limits: Limits) -> dict[str, float]:
 def fewest(
     group: Group, limits: Limits, traffic: Traffic, network: NetworkSpec, power: PowerSpec | None
 ) -> Search:
-    """The fewest gateways of `group` with which nothing breaches `limits`, as far as good places are found.
+    """Search for the fewest gateways of `group` that breach none of `limits`, at evenly spread places.
 
-    Tries one number after the other, from the least that could carry the load to all cells at the edge.
+    Tries one number after the other, from the lower bound to all cells at the edge; places are heuristic.
     """
     n_cells = len(group.cells)
     ports = free_ports(n_cells, group.wires)
@@ -103,7 +103,7 @@ def fewest(
     for k in range(at_least, most):
         tries = [spread_over(n_cells, group.wires, ports, k)]
         if k == len(group.gateways):
-            tries.append(group.gateways)  # somebody may have found better places
+            tries.append(group.gateways)  # the deployment's places may be better
         for gateways in tries:
             if not (found := judge(gateways)).breaches:
                 return found
@@ -117,7 +117,7 @@ def _pieces(n_cells: int, wires: NDArray[np.int64]) -> int:
 
 
 def _at_least(n_cells: int, limits: Limits, traffic: Traffic) -> int:
-    """Gateways without which, however the cells are shared out, some link has more than its limit."""
+    """Lower bound on gateways: with fewer, some link exceeds its limit for any assignment of cells."""
     per_gateway = n_cells
     while per_gateway > 1 and traffic.load_of(per_gateway) > limits.utilisation + 1e-9:
         per_gateway -= 1

@@ -1,4 +1,4 @@
-"""The plan on the terminal: what is wrong first, then every patch."""
+"""Terminal table of a plan: diagnostics first, then every patch."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ __all__ = ["print_plan"]
 
 
 def print_plan(console: Console, report: dict[str, Any]) -> None:
-    """Prints a plan's `report`."""
+    """Print a plan's `report`."""
     for problem in report["problems"]:
         console.print(f"! {problem}", style="bold red", highlight=False)
     if not report["problems"]:
@@ -21,7 +21,7 @@ def print_plan(console: Console, report: dict[str, Any]) -> None:
 
 
 def _changes(report: dict[str, Any]) -> dict[str, list[str]]:
-    """Where gateways should be that are not as many as needed now; patches with the same places together."""
+    """Gateway places of patches whose gateway count should change; patches with equal places together."""
     found: dict[str, list[str]] = {}
     for entry in report["fewest"]:
         if entry["possible"] and entry["gateways"] != entry["now"]:
@@ -108,7 +108,7 @@ def _patches(report: dict[str, Any]) -> Table:
 
 
 def _fewest_by_patch(report: dict[str, Any]) -> dict[str, str]:
-    """How many gateways each patch needs; of bridged patches, the first one tells for all."""
+    """Fewest gateways of each patch as text; bridged patches refer to the first of their group."""
     shown = {}
     for entry in report["fewest"]:
         first, *others = entry["patches"]

@@ -1,4 +1,4 @@
-"""What the cells of a deployment send: how much at once, how much in the long run."""
+"""Traffic of a deployment's cells: burst sizes and long-run rates."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from skinnet.messages import FORCE_CHANNELS, READING_NAMES
 __all__ = ["Source", "Traffic", "send_ns", "traffic_of"]
 
 _AT_ONCE = {"clock": 0, "levels": FORCE_CHANNELS + 1, "delta": len(READING_NAMES)}
-"""Events of one cell at one sample: all its channels may change at once; levels has force and proximity."""
+"""Burst size [events] of one cell at one sample: all its channels; levels has force and proximity only."""
 _EXPLORING = ("structure", "map")
 _FOREVER_NS = 10**12
 _FULL = 1.0 + 1e-9
@@ -18,13 +18,13 @@ _FULL = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class Source:
-    """One kind of packets of a cell, all at the instants of its samples.
+    """Packet source of a cell: packets of one kind, sent at its sampling instants.
 
     Attributes:
-        send_ns: Time on the wire of one packet [ns].
+        send_ns: Transmission time of one packet [ns].
         at_once: Most packets at one sample.
-        per_s: Packets a second in the long run [1/s].
-        periodic: One burst every sample, whatever happens; else bursts come at random.
+        per_s: Long-run packet rate [1/s].
+        periodic: True for one burst at every sample; else bursts come at random.
     """
 
     send_ns: int
@@ -33,7 +33,7 @@ class Source:
     periodic: bool
 
     def work_ns(self, within_ns: int, period_ns: int) -> float:
-        """Most time on the wire that packets of any stretch [0, `within_ns`) need [ns]."""
+        """Arrival curve: most transmission time of the packets of any window of `within_ns` [ns]."""
         by_samples = self.at_once * -(-within_ns // period_ns)
         if self.periodic:
             return float(by_samples * self.send_ns)
@@ -42,16 +42,16 @@ class Source:
 
 @dataclass(frozen=True)
 class Traffic:
-    """Load of a skin.
+    """Traffic of a skin: packet sources of touched and of idle cells.
 
     Attributes:
-        encoding: How cells send.
-        why: Why that, in words.
-        period_ns: Period of the samples [ns].
-        stimulated: Cells that are touched at once, anywhere on the skin.
-        share: The same as a share of all cells.
-        touched: What a touched cell sends.
-        idle: What any other sends.
+        encoding: Event encoding of the cells.
+        why: Reason for this encoding, in words.
+        period_ns: Sampling period [ns].
+        stimulated: Number of cells that are touched at once, anywhere on the skin.
+        share: Fraction of cells that are touched at once.
+        touched: Packet sources of a touched cell.
+        idle: Packet sources of any other cell.
     """
 
     encoding: str
@@ -64,50 +64,50 @@ class Traffic:
 
     @property
     def sources(self) -> tuple[tuple[Source, float], ...]:
-        """Every kind of packets with the share of the cells that send it."""
+        """Packet sources, each with the fraction of the cells that have it."""
         return (*((s, self.share) for s in self.touched), *((s, 1.0 - self.share) for s in self.idle))
 
     @property
     def per_s(self) -> float:
-        """Packets a second of a cell, on average [1/s]."""
+        """Mean packet rate of a cell [1/s]."""
         return sum(source.per_s * share for source, share in self.sources)
 
     @property
     def load(self) -> float:
-        """Share of its time that a link sends for one cell, on average."""
+        """Mean link utilisation by one cell."""
         return sum(source.per_s * share * source.send_ns * 1e-9 for source, share in self.sources)
 
     def load_of(self, n_cells: int) -> float:
-        """Share of its time that a link sends for `n_cells` cells, as many of them touched as can be."""
+        """Link utilisation by `n_cells` cells, as many of them touched as possible."""
         touched, idle = self.split(n_cells)
         return touched * _load(self.touched) + idle * _load(self.idle)
 
     @property
     def longest_ns(self) -> int:
-        """Time on the wire of the largest packet [ns]."""
+        """Transmission time of the largest packet [ns]."""
         return max((source.send_ns for source, _ in self.sources), default=0)
 
     @property
     def shortest_ns(self) -> int:
-        """Time on the wire of the smallest packet [ns]."""
+        """Transmission time of the smallest packet [ns]."""
         return min((source.send_ns for source, _ in self.sources), default=0)
 
     def at_once(self, n_cells: int) -> int:
-        """Most packets that `n_cells` cells send in one period."""
+        """Largest burst of `n_cells` cells in one period [packets]."""
         touched, idle = self.split(n_cells)
         return touched * sum(s.at_once for s in self.touched) + idle * sum(s.at_once for s in self.idle)
 
     def split(self, n_cells: int) -> tuple[int, int]:
-        """How many of `n_cells` cells are touched, at worst, and how many are not."""
+        """Split `n_cells` cells into touched, as many as possible, and idle ones."""
         touched = min(n_cells, self.stimulated)
         return touched, n_cells - touched
 
     def busy_ns(self, n_cells: int, spread_ns: int = 0) -> float:
-        """Longest time that a link may have to send for `n_cells` cells without a pause [ns]; inf for ever.
+        """Longest busy period of a link that serves `n_cells` cells [ns]; inf if unbounded.
 
         Args:
             n_cells: Cells whose packets go over the link.
-            spread_ns: By how much packets of one cell may come nearer to each other on their way [ns].
+            spread_ns: Accumulated jitter, by which packets of one cell may come closer on their route [ns].
         """
         touched, idle = self.split(n_cells)
 
@@ -133,12 +133,12 @@ def _load(sources: tuple[Source, ...]) -> float:
 
 
 def send_ns(network: NetworkSpec, size_bytes: int) -> int:
-    """Time on the wire of a packet [ns]; the packet kernel rounds alike."""
+    """Transmission time of a packet [ns], rounded as in the packet kernel."""
     return -(-size_bytes * network.bits_per_byte * 1_000_000_000 // network.bits_per_s)
 
 
 def traffic_of(deployment: Deployment) -> Traffic:
-    """The load that `[plan]` describes."""
+    """Traffic of a deployment as its `[plan]` describes it."""
     plan, network = deployment.plan, deployment.network
     encoding, why = plan.encoding, "as plan.encoding says"
     if encoding is None:

@@ -1,15 +1,15 @@
-"""How long packets wait on a tree of links: at most, and on average.
+"""Queueing delay on a routing tree: worst case and mean.
 
-All links send equally fast, first come, first served. A tree of such links hands the computer its packets at
-the very times at which one link alone would, if every packet came to it after its undisturbed way (Modiano,
-Wieselthier, Ephremides, 1996; for packets of one size). So what is known of one queue holds for the tree:
+All links have the same rate and serve first come, first served. A tree of such links delivers packets at the
+times at which a single link would, if every packet arrived at it after its undelayed route (Modiano,
+Wieselthier, Ephremides, 1996; for packets of one size). So results for one queue hold for the tree:
 
-- A packet leaves before the busy time ends in which it came. The longest busy time follows from how much can
-  be sent at once and in the long run; it bounds the waiting on the whole way, however phases fall. For
-  periodic packets this is the bound of Chlamtac, Farago, Zhang and Fumagalli (1998): each other cell delays
-  a packet at most once. It is reached when the undisturbed ways of all end at the same moment.
+- A packet leaves before the busy period ends in which it arrived. The longest busy period follows from burst
+  sizes and long-run rates; it bounds the waiting time on the whole route, for any phases. For periodic
+  packets this is the bound of Chlamtac, Farago, Zhang and Fumagalli (1998): each other cell delays a packet
+  at most once. It is reached when the undelayed routes of all end at the same moment.
 - The mean over all packets of a tree is that of one queue: nD/D/1 for cells that send periodically at random
-  phases, M/D/1 or M/G/1 for events at random (by Pollaczek and Khinchine).
+  phases, M/D/1 or M/G/1 for random events (Pollaczek-Khinchine).
 """
 
 import numpy as np
@@ -22,10 +22,10 @@ __all__ = ["mean_wait_ns", "waits_ns", "worst_backlog"]
 
 
 def mean_wait_ns(traffic: Traffic, n_cells: int) -> NDArray[np.float64]:
-    """Mean wait before one link behind 0, 1, …, `n_cells` cells, (n_cells + 1,) [ns]; inf where it overflows.
+    """Mean waiting time at a link behind 0, 1, …, `n_cells` cells, (n_cells + 1,) [ns]; inf on overload.
 
-    Of n periodic packets of D slots, at random phases: S(n) / 2 slots with S(1) = 0 and
-    S(n) = (n − 1) / D × (1 + S(n − 1)).
+    nD/D/1, for n packets of a period of D slots at random phases: S(n) / 2 slots with S(1) = 0 and
+    S(n) = (n − 1) / D × (1 + S(n − 1)). M/G/1, for random events: Pollaczek-Khinchine.
     """
     n = np.arange(n_cells + 1)
     load = n * traffic.load
@@ -43,9 +43,9 @@ def mean_wait_ns(traffic: Traffic, n_cells: int) -> NDArray[np.float64]:
 
 
 def waits_ns(forest: Forest, traffic: Traffic) -> NDArray[np.float64]:
-    """Mean wait before every cell's link, (n,) [ns]; inf for a link with more than it can send.
+    """Mean waiting time at every cell's link, (n,) [ns]; inf for an overloaded link.
 
-    What waits in a whole tree is known; what waits at its top link is that less what waits in its branches.
+    The total wait in a whole tree is known; that at its top link is the total less the wait in its branches.
     """
     n_cells = len(forest.parent)
     mean = mean_wait_ns(traffic, int(forest.below.max(initial=0)))
@@ -59,11 +59,11 @@ def waits_ns(forest: Forest, traffic: Traffic) -> NDArray[np.float64]:
 
 
 def worst_backlog(forest: Forest, traffic: Traffic, jitter_ns: int = 0) -> NDArray[np.float64]:
-    """Most packets that can wait behind the one that a cell's link sends, (n,); inf if there is no bound.
+    """Worst-case backlog behind the packet in transmission on each cell's link, (n,); inf if unbounded.
 
-    From every branch comes one packet at a time, so a queue grows only while several branches send at once:
-    for ℓ slots on end, branch c brings at most min(ℓ, its packets in that time), and ℓ are sent. Jitter, up
-    to `jitter_ns` a link, lets packets of a branch come closer together.
+    Each branch delivers one packet at a time, so a queue grows only while several branches send at once: in
+    ℓ consecutive slots, branch c delivers at most min(ℓ, its packets in that time), and ℓ are sent. Jitter,
+    up to `jitter_ns` a link, lets packets of a branch come closer together.
     """
     spread_ns = jitter_ns * int(forest.depth.max(initial=0))
     worst = np.zeros(len(forest.parent))
@@ -88,13 +88,13 @@ def _most_waiting(
     jitter_ns, spread_ns = jitters_ns
     if not np.isfinite(busy_ns[below]):
         return np.inf
-    most = int(busy_ns[below] // traffic.shortest_ns)  # sent without a pause, with all that waits
+    most = int(busy_ns[below] // traffic.shortest_ns)  # packets in one busy period
     slots = np.arange(1, 2 + most)
     arrived = 1.0 + (slots * traffic.longest_ns - 1 + jitter_ns) // traffic.shortest_ns
     window_ns = slots * traffic.longest_ns + spread_ns
     came = traffic.at_once(1) * (1.0 + window_ns // traffic.period_ns)
     for cells in branches:
-        # what has waited in the branch may come together with what follows it
+        # packets delayed in the branch may arrive together with later ones
         late_ns = busy_ns[cells] if cells in busy_ns else traffic.busy_ns(cells, spread_ns)
         samples = 1.0 + (window_ns + late_ns) // traffic.period_ns
         came += np.minimum(arrived, traffic.at_once(cells) * samples)

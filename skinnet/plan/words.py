@@ -1,4 +1,4 @@
-"""What is wrong with a deployment, in words, and which of its limits can be kept."""
+"""Diagnostics of a plan in words: overload, full queues, brown-outs, limits that are breached."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ _LIMITS = {
 
 
 def problems(plan: Plan) -> list[str]:
-    """One line for each thing that is wrong; none if all is well."""
+    """Diagnostics of a plan, one line for each problem; empty if there is none."""
     return [*_overload(plan), *_full_queues(plan), *_brown_out(plan), *_limits(plan), *_impossible(plan)]
 
 
@@ -59,7 +59,7 @@ def _brown_out(plan: Plan) -> list[str]:
 def _limits(plan: Plan) -> list[str]:
     found = plan.breaches
     if plan.limits.utilisation >= 1.0:
-        found.pop("utilisation", None)  # already said
+        found.pop("utilisation", None)  # reported by _overload
     asked = _asked(plan)
     return [
         f"{_LIMITS[key][0]} is {_shown(key, value)}; {_shown(key, asked[key])} are asked for"
@@ -69,7 +69,7 @@ def _limits(plan: Plan) -> list[str]:
 
 
 def _impossible(plan: Plan) -> list[str]:
-    """What no number of gateways keeps; patches of which the same is to be said share a line."""
+    """Limits that no number of gateways keeps; patches with equal messages share a line."""
     asked = _asked(plan)
     names: dict[str, list[str]] = {}
     for group, search in zip(plan.groups, plan.searches, strict=True):

@@ -1,1 +1,1 @@
-"""Recordings: what a run said, as one MCAP file, and what one can do with it afterwards."""
+"""Recordings of runs as MCAP files: recorder process, reader, playback and replay."""

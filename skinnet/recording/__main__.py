@@ -1,4 +1,4 @@
-"""`python -m skinnet.recording`: the recorder of a run."""
+"""Recorder process of a run: `python -m skinnet.recording`."""
 
 import sys
 

@@ -1,8 +1,8 @@
-"""The format of a recording: which message is on which topic, and what else is in the file.
+"""Recording format: topics, schemas, metadata and attachments of the MCAP file.
 
-A recording is an MCAP file of profile `skinnet`. Every message of a recorded channel is there as it was
-sent: its topic is its key, its encoding MessagePack, its log time its simulated time. The rest is in
-docs/recording.md.
+A recording is an MCAP file of profile `skinnet`. It holds every message of the recorded channels unchanged:
+the topic is the message's key, the encoding MessagePack, the log time its simulated time. docs/recording.md
+has the rest.
 """
 
 from functools import cache
@@ -29,37 +29,37 @@ __all__ = [
 ]
 
 FORMAT = 1
-"""Version of the format; a program reads those up to its own."""
+"""Format version; a reader accepts versions up to its own."""
 PROFILE = "skinnet"
 RECORDED = "run.mcap"
-"""Name of the file in the run folder."""
+"""Recording's file name in the run folder."""
 ENCODING, SCHEMA_ENCODING = "msgpack", "jsonschema"
 ABOUT = "skinnet"
-"""Name of the metadata record: format, version of skinnet, robot, deployment, seed, pace and base folder."""
+"""Metadata record's name; it holds format, version of skinnet, robot, deployment, seed, pace, base folder."""
 DEPLOYMENT = "deployment.json"
-"""Attachment: the whole deployment."""
+"""Attachment with the whole deployment."""
 MEMORY = "memory/"
-"""Attachments below this name: the file of long-term memory that the controller started with."""
+"""Attachment name prefix of the long-term memory file that the controller started with."""
 
 
 def recorded_channels() -> tuple[Channel, ...]:
-    """The rows of the channel table that a recording holds."""
+    """Recorded rows of the channel table."""
     return tuple(row for row in CHANNELS if row.recorded)
 
 
 def expression(keys: Keys, row: Channel) -> str:
-    """Key expression of all messages of a channel."""
+    """Key expression that matches all messages of a channel."""
     return keys.of(row.name, *["*"] * row.pattern.count("<"))
 
 
 def schema_name(kind: type[Message]) -> str:
-    """Name of the schema of a message."""
+    """Schema name of a message type."""
     return f"skinnet.{kind.__name__}"
 
 
 @cache
 def schema_of(kind: type[Message]) -> bytes:
-    """JSON Schema of a message; what it calls base64 text travels as MessagePack's own bytes."""
+    """JSON Schema of a message type; its base64 strings are MessagePack `bin` values on the wire."""
     schema = msgspec.json.schema(kind)
     definitions: dict[str, Any] = schema.pop("$defs")
     whole = {

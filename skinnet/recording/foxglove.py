@@ -1,7 +1,8 @@
-"""What Foxglove shows without being told how: frames, body, skin and a log, in its own schemas.
+"""Foxglove topics of a recording: frame transforms, body and skin scenes, and a log.
 
-Transforms and colours are written every 40 ms of simulated time, colours only when one has changed: that is
-as fast as one can see, and costs the recorder little.
+They use Foxglove's own schemas, so its default panels display them. Transforms are written every 40 ms of
+simulated time, as is the skin scene if a colour has changed: about the limit of perception, and cheap for
+the recorder.
 """
 
 from pathlib import Path
@@ -27,17 +28,17 @@ TOPICS = {
     SCENE: fox.SceneUpdate,
     LOG: fox.Log,
 }
-"""Topics and the types of their messages."""
+"""Message type of each Foxglove topic."""
 _EVERY_NS = 40 * NS_PER_MS
 
 
 class Conversion:
-    """Turns what is recorded into what Foxglove knows, as it goes along.
+    """Incremental conversion of recorded messages to Foxglove messages.
 
     Args:
-        deployment: What is run.
-        base: Folder that relative paths in it start from.
-        writer: Where to write it.
+        deployment: Deployment of the run.
+        base: Folder that relative paths in the deployment start from.
+        writer: Recording to which the Foxglove messages are added.
     """
 
     def __init__(self, deployment: Deployment, base: Path, writer: Writer) -> None:
@@ -53,12 +54,12 @@ class Conversion:
         self._world: bytes | None = None
 
     def begin(self) -> None:
-        """The file has begun: says which topics there will be."""
+        """Declare the Foxglove topics in the recording."""
         for topic, kind in TOPICS.items():
             self._numbers[topic] = self._writer.topic(topic, "protobuf", _schema(kind))
 
     def see(self, channel: str, key: str, t_ns: int, payload: bytes) -> None:
-        """A message of the record, in its order."""
+        """Convert one recorded message; messages come in the order of the recording."""
         if t_ns >= self._next_ns:
             self.go_to(t_ns)
         match channel:
@@ -72,13 +73,13 @@ class Conversion:
                 self._tell(channel, t_ns, payload)
 
     def go_to(self, t_ns: int) -> None:
-        """Writes what is due before `t_ns`."""
+        """Write transforms and scenes that are due before `t_ns`."""
         while self._next_ns < t_ns and self._joints is not None:
             self._show(self._next_ns, self._joints)
             self._next_ns += _EVERY_NS
 
     def _show(self, t_ns: int, joints: bytes) -> None:
-        """Frames and colours as they are at `t_ns`."""
+        """Write frame transforms and the skin scene at `t_ns`."""
         stamp = fox.Timestamp(sec=t_ns // NS_PER_S, nsec=t_ns % NS_PER_S)
         if t_ns == 0:
             self._write(ROBOT, t_ns, self._robot)
@@ -101,7 +102,7 @@ class Conversion:
             self._write(SCENE, t_ns, painted)
 
     def _tell(self, channel: str, t_ns: int, payload: bytes) -> None:
-        """A line of the log, if there is something to say."""
+        """Write a log line for a message that merits one."""
         level, text = fox.LogLevel.Info, ""
         match channel:
             case "state":

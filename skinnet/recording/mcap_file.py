@@ -1,7 +1,7 @@
-"""Writes MCAP: chunks of messages, each on disk as a whole before the next one begins.
+"""MCAP writer that flushes each chunk to disk before the next one begins.
 
-Messages come as bytes and are never touched. A kill leaves a file without its summary, which any reader that
-goes from front to back reads up to the last chunk.
+Messages are written as the bytes that they came as. A killed process leaves a file without its summary
+section, which a sequential reader can read up to the last whole chunk.
 """
 
 import struct
@@ -32,30 +32,30 @@ __all__ = ["MAGIC", "MESSAGE_HEAD", "McapFile"]
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
-"""Opcode and length of a message's record, then channel, sequence, log time and publish time."""
+"""Header of a Message record: opcode, length, channel, sequence, log time [ns], publish time [ns]."""
 _IN_RECORD = MESSAGE_HEAD.size - 9
 _INDEX_HEAD = struct.Struct("<BQHI")
 _LEVEL = 1
-"""Of zstd: higher ones take longer and win little on what is mostly counters and noise."""
+"""Compression level of zstd; higher levels gain little on counters and noise."""
 
 
 class McapFile:
-    """An MCAP file that is written from front to back.
+    """MCAP file written sequentially.
 
     Attributes:
-        n_bytes: Bytes written so far; those of the chunk in progress come later.
-        waiting_bytes: Bytes of the chunk in progress, before they are compressed.
+        n_bytes: Bytes written, without the chunk in progress.
+        waiting_bytes: Uncompressed bytes of the chunk in progress.
     """
 
     def __init__(self, file: IO[bytes], profile: str, library: str) -> None:
-        """Begins the file."""
+        """Write the magic bytes and the Header record."""
         self.n_bytes = self.waiting_bytes = 0
         self._file = file
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._counts: list[int] = []
         self._begun: set[int] = set()
-        """Channels whose record is in a chunk already."""
+        """Channels whose Channel record has been written."""
         self._chunk: list[bytes] = []
         self._index: dict[int, list[int]] = {}
         self._first_ns, self._last_ns = 2**63, 0
@@ -67,13 +67,13 @@ class McapFile:
         self._write(MAGIC + _bytes_of(Header(profile, library)))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Number of a new schema."""
+        """Register a schema; return its id."""
         number = len(self._schemas) + 1
         self._schemas.append(Schema(id=number, data=data, encoding=encoding, name=name))
         return number
 
     def add_channel(self, topic: str, encoding: str, schema: int) -> int:
-        """Number of a new channel."""
+        """Register a channel; return its id."""
         number = len(self._channels) + 1
         self._channels.append(
             Channel(id=number, topic=topic, message_encoding=encoding, metadata={}, schema_id=schema)
@@ -82,7 +82,7 @@ class McapFile:
         return number
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Adds a file, between two chunks."""
+        """Write an attachment, after flushing the chunk in progress."""
         self.flush()
         offset = self.n_bytes
         record = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
@@ -101,7 +101,7 @@ class McapFile:
         self._file.flush()
 
     def describe(self, name: str, texts: dict[str, str]) -> None:
-        """Adds metadata, between two chunks."""
+        """Write a metadata record, after flushing the chunk in progress."""
         self.flush()
         offset = self.n_bytes
         length = self._write(_bytes_of(Metadata(name=name, metadata=texts)))
@@ -109,7 +109,7 @@ class McapFile:
         self._file.flush()
 
     def add(self, channel: int, t_ns: int, payload: bytes) -> None:
-        """Adds a message to the chunk in progress."""
+        """Add a message to the chunk in progress."""
         if channel not in self._begun:
             self._begin(channel)
         entry = self._index.get(channel)
@@ -130,7 +130,7 @@ class McapFile:
             self._last_ns = t_ns
 
     def flush(self) -> None:
-        """Ends the chunk in progress and hands it to the system as a whole, so that a kill spares it."""
+        """Write the chunk in progress as a whole and flush the file, so that it survives a kill."""
         if not self._index:
             return
         content = b"".join(self._chunk)
@@ -170,7 +170,7 @@ class McapFile:
         self._file.flush()
 
     def finish(self) -> None:
-        """Ends the file with its summary."""
+        """Write the summary section, Footer and closing magic bytes."""
         self.flush()
         self._write(_bytes_of(DataEnd(data_section_crc=0)))
         begin = self.n_bytes
@@ -196,7 +196,7 @@ class McapFile:
 
     @property
     def _seen(self) -> list[Channel]:
-        """Channels that have messages."""
+        """Channels with at least one message."""
         return [channel for channel in self._channels if channel.id in self._begun]
 
     def _statistics(self) -> Statistics:
@@ -214,7 +214,7 @@ class McapFile:
         )
 
     def _begin(self, channel: int) -> None:
-        """The channel and its schema, before its first message."""
+        """Add the Schema and Channel records to the chunk, before the channel's first message."""
         self._begun.add(channel)
         of = self._channels[channel - 1]
         records = _bytes_of(self._schemas[of.schema_id - 1]) + _bytes_of(of)

@@ -1,7 +1,7 @@
-"""The skin as Foxglove draws it: one primitive for each cell and each element of a sheet, in its colour.
+"""Skin scene for Foxglove: one coloured primitive for each cell and each element of a sheet.
 
-The scene is encoded once. Afterwards only colours change, and they have places of their own in the bytes: so
-a scene of a thousand cells takes microseconds.
+The `SceneUpdate` is encoded once; afterwards only the colour bytes are patched in place at known offsets, so
+that a scene of a thousand cells takes microseconds.
 """
 
 import struct
@@ -24,11 +24,11 @@ __all__ = ["PaintedSkin"]
 
 _THICK_M = 0.004
 _GAP = 0.93
-"""Cells are drawn a little smaller than they are, so that their edges show."""
+"""Scale of drawn cells; gaps between them show their edges."""
 _MARK = 0.123456789
-"""Stands where a colour's red will be; green, blue and alpha follow, each a byte and eight bytes further."""
+"""Placeholder value of red in the encoded scene; green, blue and alpha follow, each after a 1-byte tag."""
 _COLUMN = np.array([0, 3, 4, 7])
-"""First column of a reading by modality."""
+"""First reading column of each modality."""
 _FORCES, _PROXIMITY = slice(0, 3), 3
 _IDLE = np.array([0.16, 0.17, 0.20])
 _NEAR, _TOUCHED, _PRESSED = (
@@ -37,21 +37,21 @@ _NEAR, _TOUCHED, _PRESSED = (
     np.array([0.90, 0.05, 0.05]),
 )
 _STRONG = 0.45
-"""A force reading of pain, by Table I [M14]."""
+"""Force reading at the pain threshold, Table I [M14]."""
 _STRONG_KPA = 20.0
-"""So a pressure has the colour of pain (assumed)."""
+"""Pressure [kPa] drawn in the colour of the pain threshold (assumed)."""
 _SHADES = 255
 _LAST = 2
-"""Every cell that streams is in these many periods, also one whose readings need a little more than one."""
+"""Stream messages kept per key; each streaming cell is in one of them, even if it sends a little slower."""
 
 Floats = NDArray[np.float64]
 
 
 class PaintedSkin:
-    """Knows the newest reading of each cell and element, as far as the skin told it.
+    """Skin scene coloured by the newest recorded reading of each cell and element.
 
     Args:
-        deployment: What is run.
+        deployment: Deployment of the run.
     """
 
     def __init__(self, deployment: Deployment) -> None:
@@ -73,7 +73,7 @@ class PaintedSkin:
         self._places = _places(self._scene, sizes[-1] + sum(sheet.n_elements for sheet in sheets))
 
     def feel(self, channel: str, key: str, payload: bytes) -> None:
-        """A message of the skin; it is opened when somebody looks, and of a stream only the last ones are."""
+        """Queue a skin message; `paint` decodes it, and of streams only the last ones."""
         if channel == "stream":
             streams = self._streams.get(key)
             if streams is None:
@@ -83,7 +83,7 @@ class PaintedSkin:
             self._felt.append((channel, payload))
 
     def paint(self) -> bytes | None:
-        """The scene as it is now, if it has changed since the last time."""
+        """Encoded `SceneUpdate`, or None if no colour has changed since the last call."""
         for channel, payload in self._felt:
             if channel == "regions":
                 self._take_regions(decode(payload, Regions))
@@ -124,7 +124,7 @@ class PaintedSkin:
         return _colours(np.sqrt(near), force)
 
     def _sheet_colours(self) -> list[Floats]:
-        """Elements in a circle of a region's area have the colour of its peak."""
+        """Colours of sheet elements; a region colours a disc of its area by its peak pressure."""
         colours = []
         for sheet, regions in zip(self._sheets, self._regions, strict=True):
             pressure = np.zeros(sheet.n_elements)
@@ -137,7 +137,7 @@ class PaintedSkin:
 
 
 def _colours(near: Floats, force: Floats) -> Floats:
-    """(n, 3) red, green, blue of skin that something is `near` to and presses with `force`, both 0 to 1."""
+    """Colours (n, 3), RGB, of skin with proximity `near` and contact `force`, both (n,), 0 to 1."""
     near, force = near[:, None], force[:, None]
     pressed = _TOUCHED + force * (_PRESSED - _TOUCHED)
     idle = _IDLE + near * (_NEAR - _IDLE)
@@ -173,7 +173,7 @@ _MARKED = fox.Color(r=_MARK, g=0.5, b=0.5, a=1.0)
 
 
 def _poses(position_m: Floats, rotation: Floats, height_m: float) -> list[fox.Pose]:
-    """On the face of the foam."""
+    """Poses of primitives on the outer face of the foam, in the frame of the link."""
     middle_m = position_m + (height_m - 0.5 * _THICK_M) * rotation[:, :, 2]
     quaternions = (
         Rotation.from_matrix(rotation).as_quat(scalar_first=True) if len(rotation) else np.zeros((0, 4))
@@ -182,7 +182,7 @@ def _poses(position_m: Floats, rotation: Floats, height_m: float) -> list[fox.Po
 
 
 def _places(scene: NDArray[np.uint8], count: int) -> NDArray[np.int64]:
-    """(count, 24) where the bytes of each colour's red, green and blue are."""
+    """Byte offsets (count, 24) of each colour's red, green and blue in the encoded scene."""
     content, mark = scene.tobytes(), struct.pack("<d", _MARK)
     found, at = [], content.find(mark)
     while at >= 0:

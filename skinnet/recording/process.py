@@ -1,9 +1,9 @@
-"""The recorder as a process of the run: it hears all that is recorded, and writes it in one order.
+"""Recorder process: subscribes to all recorded channels and writes one ordered MCAP file.
 
-Messages of several senders come as they come. They are written when everybody has said all about a time, and
-sorted: by simulated time, then users, body, skin, controller, recorder, then by channel, then as their sender
-sent them. So the file of a run does not depend on how it was spread over
-processes.
+Messages of different senders arrive in any order. They are written once the watermark of every sender has
+passed their time, sorted by simulated time, then by source (external clients, body, skin, controller,
+recorder), then by channel, then in the order in which their sender sent them. So the file does not depend
+on how the run was spread over processes.
 """
 
 import os
@@ -34,16 +34,16 @@ __all__ = ["RecorderNode", "build"]
 
 _CLOSING = ("joints", "stream", "frame", "regions", "command", "fault")
 _FRAMES = 5
-"""Control frames between two looks at what came: fewer wake-ups than with one."""
+"""Hyperperiods (`frame_ns`) per write; several of them need fewer wake-ups than one."""
 _OPEN = [row.name for row in recorded_channels() if row.name not in (*_CLOSING, "topology")]
 _ORDER = ("topology", *_OPEN, *_CLOSING)
-"""Of channels at one time: whoever closes a period with a message has said all else before."""
+"""Channel order at equal time and source; channels that end a period come last."""
 _RANK = {name: i for i, name in enumerate(_ORDER)}
 _SENDERS = {"world": "body", "state": "controller", "machine": "controller"}
 
 
 class _Head(msgspec.Struct):
-    """The fields of any message that matter here; the rest is skipped, not decoded."""
+    """Message fields that the recorder needs; all others are skipped in decoding."""
 
     t_ns: int = 0
     covered_ns: int = 0
@@ -53,23 +53,23 @@ class _Head(msgspec.Struct):
 
 
 class _Columns(msgspec.Struct):
-    """The column that tells how many events there are."""
+    """Column of an event message that gives the number of its events."""
 
     cell: list[int]
 
 
 _YIELD_EVERY = 20
-"""Messages after which the recorder lets others have the core, if they wait for it."""
+"""Messages after which the recorder yields the core to waiting processes."""
 _yield_core = getattr(os, "sched_yield", lambda: None)
 _Held = tuple[int, int, int, int, str, bytes]
-"""A message that waits: time, rank of its source, row of its channel, number of its arrival; key and payload.
+"""Pending message as (time [ns], source rank, channel rank, arrival number, key, payload).
 
-The order of these is that of the file.
+The sort order of these tuples is the order of the file.
 """
 
 
 class RecorderNode:
-    """Hears everybody; nobody waits for it, but for its start and for room in its queue."""
+    """Recorder as a logical process; others wait only for its start and for room in its queue."""
 
     role = Role.RECORDER.value
     paced = False
@@ -94,7 +94,7 @@ class RecorderNode:
         others = {"body", "controller", *deployment.hosts_of_skin()}
         self.senders = frozenset(others)
         self.peers: frozenset[str] = frozenset({name, *others})
-        # a witness: whoever cannot do without somebody ends the run, and the record says how far it came
+        # it tolerates every loss: a process that does not ends the run, and the file shows how far it came
         self.tolerated = frozenset(others)
         self.counters: Counter[str] = Counter()
         patches = [patch.name for patch in deployment.patches]
@@ -118,13 +118,13 @@ class RecorderNode:
             self._hold(fault.t_ns, name, "fault", keys.of("fault"), encode(fault))
 
     def start(self, put: Put) -> None:
-        """Begins the file, now that nobody waits for this process any more."""
+        """Create the file; at this point no other process waits for this one."""
         self._writer.begin()
         self._conversion.begin()
         self._whole = True
 
     def needs(self) -> dict[str, int] | None:
-        """All that was said about the next few frames."""
+        """Watermarks required of all upstreams for the next write."""
         if self._finished:
             return None
         until_ns = self._until_ns()
@@ -132,14 +132,18 @@ class RecorderNode:
         return dict.fromkeys(self.upstreams, until_ns) | {"body": until_ns + last}
 
     def due_ns(self) -> int:
-        """End of these frames."""
+        """End of the next span to be written [ns]."""
         return self._until_ns()
 
     def _until_ns(self) -> int:
         return min(self._t_ns + self._window_ns, self._end_ns)
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Takes in a message of any recorded channel."""
+        """Accept a message of any recorded channel.
+
+        Raises:
+            ProtocolError: it cannot be decoded, or its source is not in this run.
+        """
         self._give_way()
         key = self._key(channel, fields)
         if channel in ("events", "bundle"):
@@ -165,7 +169,7 @@ class RecorderNode:
                     self._end_ns = min(self._end_ns, head.end_ns)
                 self._controller.close(FOREVER_NS if over else head.t_ns + self._control_ns)
             case "config":
-                # what a stranger brings takes effect as soon as it comes
+                # a configuration of an external client takes effect on arrival
                 source_name = "controller" if head.t_ns else OUTSIDE
                 self._hold(head.t_ns or self._t_ns, source_name, channel, key, payload)
             case "request":
@@ -181,7 +185,7 @@ class RecorderNode:
                 self._hold(head.t_ns, _SENDERS[channel], channel, key, payload)
 
     def _accept_events(self, channel: str, patch: str, key: str, payload: bytes) -> None:
-        """Events wait for the frame that closes their period, and have its time; so do topologies."""
+        """Keep events until the period end of their patch, which gives them their time; so for topologies."""
         source = self._source(patch)
         try:
             count = len(self._columns(payload).cell)
@@ -218,10 +222,10 @@ class RecorderNode:
         self._held.append((t_ns, rank, _RANK[channel], self._arrivals, key, payload))
 
     def lose(self, upstream: Upstream) -> None:
-        """The record goes on with what the others say."""
+        """Continue to record the other processes."""
 
     def step(self, put: Put) -> None:
-        """Writes what belongs to the next few frames."""
+        """Write the messages of the next span."""
         until_ns = self._until_ns()
         self._finished = until_ns == self._end_ns
         if self._finished:
@@ -231,7 +235,7 @@ class RecorderNode:
             self._write(bisect_left(self._held, (until_ns,)), until_ns)
 
     def _write(self, count: int, until_ns: int) -> None:
-        """Writes the first messages of those that wait, and what Foxglove shows before `until_ns`."""
+        """Write the first `count` pending messages, and the Foxglove messages due before `until_ns`."""
         self._whole = False
         for t_ns, _, channel, _, key, payload in self._held[:count]:
             self._give_way()
@@ -244,7 +248,7 @@ class RecorderNode:
         self._whole = True
 
     def end(self) -> None:
-        """Ends the file with its summary, once; one that was being written to is left as after a kill."""
+        """Finish the file with its summary, once; leave a file whose write was interrupted without one."""
         if self._whole:
             end_ns = min(self._end_ns, max(self._body.covered_ns, self._t_ns))
             self._rest(end_ns)
@@ -253,13 +257,13 @@ class RecorderNode:
             self._writer.finish()
 
     def _give_way(self) -> None:
-        """Now and then, lets those go on whom the whole run waits for."""
+        """Yield the core every `_YIELD_EVERY` messages, to processes on which the whole run waits."""
         self._handled += 1
         if self._handled % _YIELD_EVERY == 0:
             _yield_core()
 
     def _rest(self, t_ns: int) -> None:
-        """What was never closed or answered is in the record as well; what would only happen later is not."""
+        """Add events without period end and requests without answer; drop messages later than `t_ns`."""
         self._held = [held for held in self._held if held[0] <= t_ns]
         for name, events in self._events.items():
             for event in events:
@@ -269,11 +273,11 @@ class RecorderNode:
         self._held.sort()
 
     def news(self) -> tuple[()]:
-        """A recorder is silent."""
+        """Publish nothing."""
         return ()
 
     def result(self) -> Part:
-        """How many messages of each channel there are, and how large the file is."""
+        """Message count of each recorded channel, and file size [bytes]."""
         facts: dict[str, Any] = {
             "logs": {},
             "end_ns": self._t_ns,
@@ -284,7 +288,7 @@ class RecorderNode:
 
 
 def _faults(deployment: Deployment) -> Iterator[Fault]:
-    """Begin and end of every fault of a run."""
+    """Fault events of a run: begin and end of every scheduled fault."""
     placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
     for span in timeline(deployment, placed):
         for t_ns, begins in ((span.t_ns, True), (span.until_ns, False)):
@@ -293,7 +297,7 @@ def _faults(deployment: Deployment) -> Iterator[Fault]:
 
 
 def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> RecorderNode:
-    """The recorder of a run, which writes into the run folder `out`."""
+    """Build the recorder process, which writes into the run folder `out`."""
     assert out is not None, "a recorder without a run folder"
     writer = Writer(out / RECORDED, deployment, base)
     return RecorderNode(deployment, name, writer, Conversion(deployment, base, writer))

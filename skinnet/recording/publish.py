@@ -1,4 +1,4 @@
-"""Plays a recording to watchers: the same messages on the same keys, at the pace that is asked for."""
+"""Playback of a recording to observers: the same messages on the same keys, at a chosen rate."""
 
 import threading
 import time
@@ -18,19 +18,19 @@ from skinnet.transport.zenoh import ZenohTransport
 __all__ = ["Playback", "Stretch", "publish"]
 
 _KEPT = ("topology", "state", "machine")
-"""Channels whose newest message answers queries, as in a run."""
+"""Channels whose newest message answers Zenoh queries, as in a run."""
 _AHEAD_S = 0.001
-"""So early a message may be: shorter waits are lost time."""
+"""Shortest wait [s] before a message; shorter ones are skipped."""
 
 
 class Stretch(NamedTuple):
-    """What to play.
+    """Playback range, rate and looping.
 
     Attributes:
         from_ns: Begin [ns].
-        until_ns: End, which belongs to it [ns]; None for that of the recording.
+        until_ns: End, inclusive [ns]; None for the end of the recording.
         rate: Simulated seconds per second of wall time.
-        loop: Begin again at the end.
+        loop: Restart at the end.
     """
 
     from_ns: int = 0
@@ -40,21 +40,21 @@ class Stretch(NamedTuple):
 
 
 class Playback:
-    """The messages of a stretch, each with the time at which it is due. No I/O but the file's."""
+    """Playback schedule: the messages of a stretch with their due times. No I/O but the file's."""
 
     def __init__(self, recording: Recording, stretch: Stretch) -> None:
         self._recording, self._stretch = recording, stretch
         self.newest: dict[str, bytes] = {}
-        """The newest message on each key that answers queries."""
+        """Newest payload by key, for keys that answer queries."""
 
     @property
     def length_s(self) -> float:
-        """How long a round takes [s]."""
+        """Duration of one round in wall time [s]."""
         until_ns = self._recording.end_ns if self._stretch.until_ns is None else self._stretch.until_ns
         return max(until_ns - self._stretch.from_ns, 0) / NS_PER_S / self._stretch.rate
 
     def rounds(self) -> Iterator[tuple[float, Recorded]]:
-        """Messages with their times since the beginning [s]; without an end if they loop."""
+        """Messages with their due times since the start [s]; endless if the stretch loops."""
         start_s = 0.0
         while True:
             yield from self._round(start_s)
@@ -71,7 +71,7 @@ class Playback:
                 if message.channel in _KEPT:
                     earlier[message.key] = message
                 continue
-            if before:  # whoever comes in the middle needs to know what holds there
+            if before:  # an observer that joins here needs the state channels' earlier messages
                 before = False
                 for kept in earlier.values():
                     self.newest[kept.key] = kept.payload
@@ -90,15 +90,15 @@ def publish(
     wait: bool,
     say: Callable[[str], None],
 ) -> int:
-    """Listens at an endpoint and tells whoever comes what was recorded; returns how many messages.
+    """Publish a recording to the observers of an endpoint; return the number of messages.
 
     Args:
-        recording: What to play.
-        stretch: Which part of it, and how fast.
+        recording: Recording to play.
+        stretch: Range and rate.
         listen: Endpoint to listen on.
-        base: Folder that relative paths in the deployment start from, for whoever asks.
-        wait: Begin when the first watcher is there.
-        say: Called with lines for the user.
+        base: Folder that relative paths in the deployment start from, as reported to observers.
+        wait: Start when the first observer has subscribed.
+        say: Called with each line for the user.
 
     Raises:
         PortInUseError: the endpoint is taken.

@@ -1,4 +1,4 @@
-"""Reads recordings: whole ones, and those that a kill has cut, up to their last chunk."""
+"""Recording reader; reads files without a summary up to their last whole chunk."""
 
 import struct
 import zlib
@@ -24,20 +24,20 @@ __all__ = ["Recorded", "Recording"]
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQ")
-"""First and last time of a chunk, and how many bytes it has unpacked."""
+"""Chunk header: first and last time [ns], uncompressed size [bytes]."""
 _TOP = (Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END, Opcode.FOOTER)
 _UNREADABLE = (struct.error, zstandard.ZstdError, ValueError, EOFError)
 
 
 class Recorded(NamedTuple):
-    """One message of the wire.
+    """Recorded message.
 
     Attributes:
         t_ns: Simulated time [ns].
-        key: Its key.
+        key: Key of the message.
         channel: Name of its channel in the channel table.
         fields: Values of the key's fields.
-        payload: The message as it was sent.
+        payload: Encoded message as it was sent.
     """
 
     t_ns: int
@@ -48,7 +48,7 @@ class Recorded(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """A chunk: where its content is, and the first and last time in it [ns]."""
+    """Chunk location in the file [bytes], and its first and last time [ns]."""
 
     offset: int
     length: int
@@ -57,21 +57,21 @@ class _Place(NamedTuple):
 
 
 class Recording:
-    """A recording on disk.
+    """Recording on disk.
 
     Attributes:
-        path: The file.
+        path: Path of the file.
         about: Format, version of skinnet, robot, deployment, seed, pace and base folder.
-        complete: Whether it was written to its end; if not, it ends with its last whole chunk.
-        raw: The deployment as it was run, with every default.
+        complete: Whether the file has its footer; if not, it ends with its last whole chunk.
+        raw: Resolved deployment of the run, with every default.
         end_ns: Time of the last message [ns]; 0 if there is none.
     """
 
     def __init__(self, path: Path) -> None:
-        """Opens a recording.
+        """Open a recording.
 
         Raises:
-            RecordingError: there is no such file, or it is none that this program can read.
+            RecordingError: there is no such file, or this program cannot read it.
         """
         self.path = path
         self.about: dict[str, str] = {}
@@ -91,29 +91,29 @@ class Recording:
 
     @property
     def robot(self) -> str:
-        """Name of the robot."""
+        """Robot's name."""
         return self.about["robot"]
 
     @property
     def base(self) -> Path:
-        """Folder that relative paths in the deployment start from, on the machine that recorded."""
+        """Base folder of relative paths in the deployment, on the computer that recorded."""
         return Path(self.about["base"])
 
     @property
     def memory(self) -> tuple[str, bytes] | None:
-        """Name and content of the memory that the controller started with; None if it started with none."""
+        """Long-term memory (name, content) that the controller started with; None if it had none."""
         return self._memory
 
     def deployment(self) -> Deployment:
-        """The deployment that was run.
+        """Deployment of the run.
 
         Raises:
-            DeploymentError: this program knows other keys than the one that recorded.
+            DeploymentError: this program has other deployment keys than the one that recorded.
         """
         return build(self.raw, str(self.path))
 
     def messages(self, from_ns: int = 0, until_ns: int | None = None) -> Iterator[Recorded]:
-        """All messages of the wire with `from_ns` ≤ t ≤ `until_ns`, in the order of the file.
+        """Recorded messages with `from_ns` ≤ t ≤ `until_ns`, in the order of the file.
 
         Raises:
             RecordingError: a chunk is damaged.
@@ -124,16 +124,16 @@ class Recording:
                 try:
                     row, fields = keys.parse(topic)
                 except ProtocolError:
-                    continue  # a channel that this program does not have
+                    continue  # a channel unknown to this program
                 yield Recorded(t_ns, topic, row.name, fields, payload)
 
     def every(self, from_ns: int = 0, until_ns: int | None = None) -> Iterator[tuple[int, str, bytes]]:
-        """Time, topic and payload of all messages, those for Foxglove too; else as `messages`."""
+        """All MCAP messages, Foxglove's included, as (time [ns], topic, payload); else as `messages`."""
         last_ns = self.end_ns if until_ns is None else until_ns
         with self.path.open("rb") as file:
             for place in self._chunks:
                 if self.complete and (place.last_ns < from_ns or place.first_ns > last_ns):
-                    continue  # the summary has told of its channels
+                    continue  # the summary has its channels
                 file.seek(place.offset)
                 try:
                     content = _unpacked(file.read(place.length))
@@ -155,7 +155,7 @@ class Recording:
             at = end
 
     def _survey(self) -> None:
-        """What is in the file, by the heads of its records; a record that is not whole ends it."""
+        """Scan the record headers of the file; stop at the first truncated record."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:

@@ -1,7 +1,7 @@
-"""Replays a recording into a controller, and finds the first command that is not the one that was recorded.
+"""Replay of a recording into a controller, up to the first command that differs from the recorded one.
 
-The controller gets what it had got: joints, skin and requests, in the order of the file, each request at the
-tick that handled it. It does not know that nobody obeys. Commands are compared bit by bit.
+The controller gets its recorded inputs: joints, skin and requests, in the order of the file, each request at
+the tick that handled it. Its commands move nothing; they are compared bit by bit with the recorded ones.
 """
 
 import contextlib
@@ -27,14 +27,14 @@ _CONTROLLER = "controller"
 
 
 class Difference(NamedTuple):
-    """The first command that differs, and the first thing in it.
+    """First difference between a recorded and a replayed command.
 
     Attributes:
-        t_ns: Time of the tick [ns].
+        t_ns: Simulated time of the tick [ns].
         stage: Stage of the recorded command.
-        what: A joint, or another part of a command.
-        recorded: What it was.
-        replayed: What it is now.
+        what: Joint velocity or other field that differs.
+        recorded: Recorded value.
+        replayed: Replayed value.
     """
 
     t_ns: int
@@ -45,13 +45,13 @@ class Difference(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What came of a replay.
+    """Replay result.
 
     Attributes:
-        ticks: Commands that were compared.
-        t_ns: Time of the last of them [ns].
-        difference: The first difference, if there is one.
-        note: Why not all commands of the recording were compared; empty if they were.
+        ticks: Number of compared commands.
+        t_ns: Time of the last compared command [ns].
+        difference: First difference, if there is one.
+        note: Reason why not all recorded commands were compared; empty if they were.
     """
 
     ticks: int
@@ -61,10 +61,10 @@ class Verdict(NamedTuple):
 
 
 def require_same_robot(recorded: Deployment, deployment: Deployment) -> None:
-    """Refuses a controller for another robot than the recorded one.
+    """Refuse a controller whose robot differs from the recorded one.
 
     Raises:
-        RecordingError: says what differs.
+        RecordingError: robot, joints, patches, sheets or control period differ.
     """
     for what, one, other in (
         ("robot", recorded.robot, deployment.robot),
@@ -83,7 +83,7 @@ def _sizes(deployment: Deployment) -> dict[str, int]:
 
 @contextlib.contextmanager
 def with_memory(recording: Recording, deployment: Deployment) -> Iterator[Deployment]:
-    """The deployment with the memory that the recorded controller started with, if it had one."""
+    """Deployment with the long-term memory that the recorded controller started with, if it had one."""
     if recording.memory is None or deployment.memory.read is None:
         yield deployment
         return
@@ -96,12 +96,12 @@ def with_memory(recording: Recording, deployment: Deployment) -> Iterator[Deploy
 
 
 def replay_into(recording: Recording, deployment: Deployment, base: Path) -> Verdict:
-    """Lets the controller of `deployment` live through a recording.
+    """Replay a recording into the controller of `deployment`.
 
     Args:
-        recording: What to live through.
-        deployment: Whose controller; it may have other parameters than the recorded one.
-        base: Folder that relative paths in it start from.
+        recording: Recording to replay.
+        deployment: Deployment of the controller; its parameters may differ from the recorded ones.
+        base: Folder that relative paths in the deployment start from.
 
     Raises:
         RecordingError: the recording is damaged.
@@ -112,7 +112,7 @@ def replay_into(recording: Recording, deployment: Deployment, base: Path) -> Ver
 
 
 class _Rehearsal:
-    """A node that is fed by hand."""
+    """Replay driver that feeds recorded messages to a logical process."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -142,14 +142,14 @@ class _Rehearsal:
         return Verdict(ticks, t_ns, None, "" if recording.complete else "the recording is cut there")
 
     def _tick(self) -> None:
-        """Lets the node compute what it can."""
+        """Step the process as long as its inputs are complete."""
         node = self._node
         while (needs := node.needs()) is not None:
             if any(node.upstreams[name].covered_ns < t_ns for name, t_ns in needs.items()):
                 return
             node.step(self._put)
             for _ in node.news():
-                pass  # there are no watchers
+                pass  # there are no observers
         self._over = True
 
     def _why_silent(self) -> str:
@@ -169,7 +169,7 @@ class _Rehearsal:
 
 
 def _first(recorded: Command, replayed: Command, recording: Recording) -> Difference:
-    """The first thing that differs in two commands that are not the same."""
+    """First difference of two unequal commands."""
 
     def difference(what: str, one: object, other: object) -> Difference:
         return Difference(recorded.t_ns, recorded.stage, what, repr(one), repr(other))
@@ -182,4 +182,4 @@ def _first(recorded: Command, replayed: Command, recording: Recording) -> Differ
     for name in Command.__struct_fields__:
         if getattr(recorded, name) != getattr(replayed, name):
             return difference(name, getattr(recorded, name), getattr(replayed, name))
-    return difference("bytes", "as recorded", "others")  # a zero of another sign
+    return difference("bytes", "as recorded", "others")  # such as −0.0 instead of 0.0

@@ -1,4 +1,4 @@
-"""The body as Foxglove draws it: shapes that go with their frames."""
+"""Body scene for Foxglove: one entity of geometric primitives for each link."""
 
 from collections.abc import Iterable, Mapping
 
@@ -12,15 +12,15 @@ __all__ = ["pose_of", "scene", "vector"]
 
 Floats = NDArray[np.float64]
 _ENDLESS_M, _THIN_M = 20.0, 0.002
-"""So wide a plane without an end is drawn, and so thin."""
+"""Width and thickness [m] at which an infinite plane is drawn."""
 
 
 def scene(shapes: Iterable[Shape], frame_of: Mapping[str, str]) -> bytes:
-    """The body as it is drawn: one entity for each link, which goes with its frame.
+    """Encoded `SceneUpdate` of the body, one entity for each link, locked to the link's frame.
 
     Args:
-        shapes: All that is drawn.
-        frame_of: Names of the frames of links that are not called as their links.
+        shapes: Shapes of all links.
+        frame_of: Frame name by link, for links whose frame has another name.
     """
     by_link: dict[str, list[Shape]] = {}
     for shape in shapes:
@@ -41,7 +41,7 @@ def _entity(frame: str, shapes: list[Shape]) -> fox.SceneEntity:
         match shape.kind:
             case "box":
                 cubes.append(fox.CubePrimitive(pose=pose, size=vector(2 * x, 2 * y, 2 * z), color=colour))
-            case "plane":  # of no size is endless
+            case "plane":  # infinite if its size is 0
                 wide = vector(2 * x or _ENDLESS_M, 2 * y or _ENDLESS_M, _THIN_M)
                 cubes.append(fox.CubePrimitive(pose=pose, size=wide, color=colour))
             case "sphere":
@@ -80,18 +80,18 @@ def _triangles(shape: Shape, pose: fox.Pose, colour: fox.Color) -> fox.TriangleL
 
 
 def _axis(quaternion: Floats) -> Floats:
-    """The z axis of a frame that is turned by `quaternion` (w, x, y, z)."""
+    """Unit z axis (3,) of a frame rotated by `quaternion` (w, x, y, z)."""
     w, x, y, z = quaternion.tolist()
     return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])
 
 
 def pose_of(position_m: Floats, quaternion: Floats) -> fox.Pose:
-    """Pose of a position [m] and a quaternion (w, x, y, z)."""
+    """Foxglove pose of a position (3,) [m] and a quaternion (w, x, y, z)."""
     x, y, z = position_m.tolist()
     qw, qx, qy, qz = quaternion.tolist()
     return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
 def vector(x: float, y: float, z: float) -> fox.Vector3:
-    """A vector."""
+    """Foxglove vector."""
     return fox.Vector3(x=x, y=y, z=z)

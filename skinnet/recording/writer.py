@@ -1,4 +1,4 @@
-"""The file of a recording while it grows: messages by key, and what a file needs for some to make sense."""
+"""Recording writer: messages by key, with schemas, metadata and attachments."""
 
 import time
 from collections import Counter
@@ -26,23 +26,23 @@ __all__ = ["Writer"]
 
 _CHUNK_BYTES = 1_000_000
 _CHUNK_S = 0.5
-"""No more than that, of either, is lost by a kill."""
+"""Chunk size and age at which a chunk is flushed; a kill loses no more than that."""
 
 
 class Writer:
-    """Writes one recording.
+    """Writer of one recording.
 
     Attributes:
-        counts: Messages by the name of their channel.
+        counts: Number of messages by channel name.
     """
 
     def __init__(self, path: Path, deployment: Deployment, base: Path) -> None:
-        """Writes nothing yet.
+        """Prepare the writer; `begin` creates the file.
 
         Args:
-            path: Where to write.
-            deployment: What is run.
-            base: Folder that relative paths in it start from.
+            path: Path of the file.
+            deployment: Deployment of the run.
+            base: Folder that relative paths in the deployment start from.
         """
         self.counts: Counter[str] = Counter()
         self._path, self._deployment, self._base = path, deployment, base
@@ -54,7 +54,7 @@ class Writer:
         self._mcap: McapFile
 
     def begin(self) -> None:
-        """Begins the file, in the place of one of an earlier run.
+        """Create the file, replacing one of an earlier run, with its metadata and attachments.
 
         Raises:
             RecorderError: the file cannot be written.
@@ -73,11 +73,11 @@ class Writer:
 
     @property
     def n_bytes(self) -> int:
-        """Bytes in the file so far."""
+        """File size so far [bytes]."""
         return self._mcap.n_bytes
 
     def add(self, key: str, t_ns: int, payload: bytes) -> None:
-        """Adds a message of the wire as it came."""
+        """Add an encoded message of the run."""
         known = self._numbers.get(key)
         if known is None:
             known = self._numbers[key] = self._begin(key)
@@ -86,17 +86,17 @@ class Writer:
         self._mcap.add(number, t_ns, payload)
 
     def topic(self, topic: str, encoding: str, schema: tuple[str, str, bytes]) -> int:
-        """Number of a new channel of another kind, with its schema: name, encoding, data."""
+        """Register a channel with its schema (name, encoding, data); return its id."""
         if schema[0] not in self._schemas:
             self._schemas[schema[0]] = self._mcap.add_schema(*schema)
         return self._mcap.add_channel(topic, encoding, self._schemas[schema[0]])
 
     def add_to(self, number: int, t_ns: int, payload: bytes) -> None:
-        """Adds a message of another kind."""
+        """Add a message to a registered channel."""
         self._mcap.add(number, t_ns, payload)
 
     def settle(self) -> None:
-        """Writes the chunk in progress if it is large enough or has waited long enough.
+        """Flush the chunk in progress if it exceeds the chunk size or age.
 
         Raises:
             RecorderError: the file cannot be written.
@@ -110,7 +110,7 @@ class Writer:
                 raise self._failed(error) from error
 
     def finish(self) -> None:
-        """Ends the file.
+        """Write the summary and close the file.
 
         Raises:
             RecorderError: the file cannot be written.

@@ -1,1 +1,1 @@
-"""One HTML file that tells a run: what it gave, what it looked like, and what the paper has beside it."""
+"""HTML report of a run in one file: metrics, plots, and comparison with published values."""

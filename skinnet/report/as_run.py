@@ -1,7 +1,7 @@
-"""The deployment as it was run, as TOML, line by line, each with what differs from the default.
+"""TOML listing of a deployment as it was run, with the default beside each key that differs.
 
-Tables have every key. Entries of lists and of tables by name (patches, stages, faults) have what
-differs from the defaults of their kind, as one would write them. All lines together are a deployment.
+Tables have every key. Entries of lists and of tables by name (patches, stages, faults) have only keys that
+differ from the defaults of their kind, as one would write them. All lines together are a deployment.
 """
 
 import re
@@ -26,9 +26,9 @@ class Line:
     """One line of TOML.
 
     Attributes:
-        text: The line.
-        differs: It says something else than the default.
-        default: The default as TOML, if it differs from one.
+        text: Text of the line.
+        differs: True if the value is not the default.
+        default: Default value as TOML, if there is one and the value differs from it.
     """
 
     text: str
@@ -38,7 +38,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Section:
-    """Lines that belong together, and how much of them was set, in words."""
+    """Section of a TOML listing: title, note on how many keys were set, and lines."""
 
     title: str
     note: str
@@ -46,7 +46,7 @@ class Section:
 
 
 def sections(deployment: Deployment) -> list[Section]:
-    """The whole deployment: first what are no tables, then the tables in their order."""
+    """List the deployment in sections: plain keys, then lists of tables, then tables, in their order."""
     head, lists, tables = [], [], []
     for field in fields(deployment):
         value, default = getattr(deployment, field.name), _default(field)
@@ -72,12 +72,12 @@ def _default(field: FieldInfo) -> Any:
 
 
 def _table(path: str, table: Struct, default: Any) -> Iterator[Line]:
-    """A table with all its keys, tables within it after them."""
+    """Lines of a table with all its keys, nested tables last."""
     yield Line(f"[{path}]", not isinstance(default, Struct))
     within = []
     for field in fields(table):
         value, usual = getattr(table, field.name), _default(field)
-        if isinstance(default, Struct):  # what the table above has instead of the defaults of this kind
+        if isinstance(default, Struct):  # the enclosing table's default overrides that of this kind
             usual = getattr(default, field.name)
         if isinstance(value, Struct) or (isinstance(value, dict) and value):
             within.append((field.name, value, usual))
@@ -94,7 +94,7 @@ def _table(path: str, table: Struct, default: Any) -> Iterator[Line]:
 
 
 def _pair(name: str, value: Any, default: Any) -> list[Line]:
-    """A key and its value; a list that is too long for a line has a line for each entry."""
+    """Lines of a key and its value; a list too long for one line spans several."""
     differs = default is _REQUIRED or value != default
     if value is None:
         return [Line(f"# {_key(name)}: none", differs)]
@@ -108,7 +108,7 @@ def _pair(name: str, value: Any, default: Any) -> list[Line]:
 
 
 def _rows(values: list[Any]) -> list[str]:
-    """Entries of a long list: tables one a line, others as many as fit."""
+    """Rows of a long list: tables one a line, other entries as many as fit."""
     texts = [_toml(value) for value in values]
     rows = [texts[0]]
     for value, text in zip(values[1:], texts[1:], strict=True):
@@ -121,7 +121,7 @@ def _rows(values: list[Any]) -> list[str]:
 
 
 def _written(value: Any) -> Any:
-    """Builtins of a value; of tables only what differs from their defaults."""
+    """Builtin form of a value; tables have only keys that differ from their defaults."""
     match value:
         case Struct():
             tag = value.__struct_config__.tag
@@ -161,7 +161,7 @@ def _key(name: str) -> str:
 
 
 def _text(value: str) -> str:
-    """A basic string; what TOML does not allow in one goes by its number."""
+    """TOML basic string; characters that TOML forbids are escaped by code point."""
     escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
     written = (escapes.get(c, c if c.isprintable() or c == " " else f"\\U{ord(c):08x}") for c in value)
     return f'"{"".join(written)}"'

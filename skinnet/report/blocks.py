@@ -1,4 +1,4 @@
-"""What the sections of a report are built of: tables of figures, pictures, the deployment."""
+"""HTML blocks of a report: metric tables, comparison with papers, pictures, the deployment."""
 
 import base64
 import re
@@ -27,12 +27,12 @@ _COLUMNS = {"": "value", "p50": "median", "p99": "99 %", "p999": "99.9 %"}
 
 
 def section(key: str, title: str, *children: Html | None) -> Html:
-    """A section that the contents lead to."""
+    """HTML section with a heading, linked from the contents."""
     return tag("section", tag("h2", title), *children, id=key, aria_label=title)
 
 
 def figure(picture: Picture, key: str, back: str) -> Html:
-    """A picture in the page; a click shows it in its own size, another leads to `back`."""
+    """Embedded picture with caption; a click shows it in full size, another leads to `back`."""
     data = base64.b64encode(picture.data).decode("ascii")
     image = tag(
         "img",
@@ -55,7 +55,7 @@ def _file(picture: Picture) -> Html:
 
 
 def gallery(pictures: Iterable[Picture], damaged: Sequence[str], prefix: str, back: str) -> Html:
-    """Pictures side by side, and what could not be shown."""
+    """Gallery of pictures side by side, with the names of unreadable files."""
     shown_ones = [figure(picture, f"{prefix}-{i}", back) for i, picture in enumerate(pictures)]
     lost = tag("p", f"No readable pictures: {', '.join(damaged)}.", class_="soft") if damaged else None
     if not shown_ones:
@@ -64,7 +64,7 @@ def gallery(pictures: Iterable[Picture], damaged: Sequence[str], prefix: str, ba
 
 
 def comparison(rows: Iterable[tuple[Compared, str, Html]]) -> Html:
-    """The papers' figures beside ours; each row with figures and verdict as they are to be shown."""
+    """Table of published and measured values, from rows of claim, measured values as text, and verdict."""
     body, used = [], []
     for compared, here, verdict in rows:
         claim = compared.claim
@@ -89,18 +89,18 @@ def comparison(rows: Iterable[tuple[Compared, str, Html]]) -> Html:
 
 
 def _together(text: str) -> str:
-    """Numbers and units do not part at the end of a line."""
+    """Replace spaces between numbers and units by no-break spaces."""
     return _APART.sub("\u00a0", text)
 
 
 def kept(compared: Compared) -> Html:
-    """The verdict of one run."""
+    """Verdict badge of one run."""
     kind, text = _BADGES[compared.verdict]
     return tag("span", text, class_=f"badge {kind}")
 
 
 def cards(groups: Iterable[Group]) -> Html:
-    """Each group of figures as a card."""
+    """Metric cards, one for each group."""
     return tag("div", *map(_card, groups), class_="cards")
 
 
@@ -145,13 +145,13 @@ def _head(names: Iterable[str], kind: str | None = None) -> Html:
 
 
 def pairs(rows: Iterable[tuple[str, Any]]) -> Html:
-    """Names and values in two columns."""
+    """Two-column table of names and values."""
     body = (tag("tr", tag("th", name, scope="row"), tag("td", shown(value))) for name, value in rows)
     return tag("div", tag("table", tag("tbody", *body)), class_="card block scroll")
 
 
 def flat(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
-    """Every value in nested tables by its dotted name."""
+    """Flatten nested tables into pairs of dotted name and value."""
     if isinstance(value, dict) and value:
         for key, item in value.items():
             yield from flat(item, f"{name}.{key}".lstrip("."))
@@ -163,7 +163,7 @@ def flat(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
 
 
 def deployment(made: Made) -> Html:
-    """The deployment as it was run, a fold for each of its tables."""
+    """TOML listing of the deployment as it was run, one collapsible block for each table."""
     if made.deployment is None:
         if not made.keys:
             return tag("p", "There is no deployment.json beside the summary.", class_="soft")

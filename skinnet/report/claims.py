@@ -1,8 +1,8 @@
-"""What a paper says of a figure, what is expected here, and whether a run keeps it.
+"""Claims of papers about metrics, expectations for a run, and verdicts.
 
-An expectation is a small rule with a verdict. It is written down before the run, and where nothing can be
-expected (the paper's number hangs on what the paper does not give) there is none, and the figures stand
-side by side.
+An expectation is a rule with a verdict, written down before the run. A claim has none where the published
+value depends on conditions that the paper does not give; then published and measured values stand side by
+side.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ _NO_BREAK = "\u00a0"
 
 
 class Verdict(Enum):
-    """What became of an expectation."""
+    """Verdict on an expectation."""
 
     WITHIN = "within"
     OUTSIDE = "outside"
@@ -42,45 +42,45 @@ class Verdict(Enum):
 
 
 class Expectation(Protocol):
-    """A rule over figures."""
+    """Expectation as a rule over metrics."""
 
     def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
-        """Whether the figures `names` keep it; None if another figure that it needs is not there."""
+        """Test the metrics `names` against the rule; None if another metric that it needs is missing."""
 
     def text(self, unit: str, scale: float) -> str:
-        """The rule in words."""
+        """Rule in words, values in `unit` after multiplication by `scale`."""
 
 
 @dataclass(frozen=True)
 class Equals:
-    """Every figure is just this."""
+    """Equality: every metric has this value."""
 
     value: bool | int | str
 
     def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
-        """See `Expectation`."""
+        """Test the rule; see `Expectation.holds`."""
         return all(figures[name] == self.value for name in names)
 
     def text(self, unit: str, scale: float) -> str:
-        """See `Expectation`."""
+        """Rule in words; see `Expectation.text`."""
         return _with(shown(self.value, scale), "" if isinstance(self.value, bool | str) else unit)
 
 
 @dataclass(frozen=True)
 class Between:
-    """Every figure lies within these, ends included; None is open."""
+    """Closed interval that contains every metric; None leaves an end open."""
 
     low: float | None = None
     high: float | None = None
 
     def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
-        """See `Expectation`."""
+        """Test the rule; see `Expectation.holds`."""
         values: list[float] = [figures[name] for name in names]
         above = self.low is None or min(values) >= self.low
         return above and (self.high is None or max(values) <= self.high)
 
     def text(self, unit: str, scale: float) -> str:
-        """See `Expectation`."""
+        """Rule in words; see `Expectation.text`."""
         if self.low is None or self.high is None:
             word, end = ("at most", self.high) if self.low is None else ("at least", self.low)
             return f"{word} {_with(shown(end, scale), unit)}"
@@ -89,51 +89,51 @@ class Between:
 
 @dataclass(frozen=True)
 class Below:
-    """Every figure is less than each of `others`, which are `called` so."""
+    """Order: every metric is less than each of `others`, named `called` in the text."""
 
     others: tuple[str, ...]
     called: str
 
     def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
-        """See `Expectation`."""
+        """Test the rule; see `Expectation.holds`."""
         if any(name not in figures for name in self.others):
             return None
         return bool(max(figures[name] for name in names) < min(figures[name] for name in self.others))
 
     def text(self, unit: str, scale: float) -> str:
-        """See `Expectation`."""
+        """Rule in words; see `Expectation.text`."""
         return f"less than {self.called}"
 
 
 @dataclass(frozen=True)
 class Against:
-    """Every figure is more, or less, than the value of its place, which are `called` so."""
+    """Order against values: every metric is more (or less) than its entry of `values`, named `called`."""
 
     values: tuple[float, ...]
     more: bool
     called: str
 
     def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
-        """See `Expectation`."""
+        """Test the rule; see `Expectation.holds`."""
         pairs = zip((figures[name] for name in names), self.values, strict=True)
         return all((here > value) if self.more else (here < value) for here, value in pairs)
 
     def text(self, unit: str, scale: float) -> str:
-        """See `Expectation`."""
+        """Rule in words; see `Expectation.text`."""
         values = ", ".join(shown(value, scale) for value in self.values)
         return f"{'more' if self.more else 'less'} than {self.called}: {_with(values, unit)}"
 
 
 @dataclass(frozen=True)
 class Near:
-    """Every figure is within `share` of the one of its place in `others`, which are `called` so."""
+    """Relative tolerance: every metric is within `share` of its counterpart in `others`, named `called`."""
 
     others: tuple[str, ...]
     share: float
     called: str
 
     def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
-        """See `Expectation`."""
+        """Test the rule; see `Expectation.holds`."""
         if any(name not in figures for name in self.others):
             return None
         return all(
@@ -142,23 +142,23 @@ class Near:
         )
 
     def text(self, unit: str, scale: float) -> str:
-        """See `Expectation`."""
+        """Rule in words; see `Expectation.text`."""
         return f"within {100 * self.share:g} % of {self.called}"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a source says, and which figures of a run stand beside it.
+    """Claim of a source, and the metrics of a run to compare with it.
 
     Attributes:
-        what: What it is about.
-        says: What the source says of it, in its words or numbers.
-        source: Key of the source, as in `paper.SOURCES`.
-        place: Where in the source.
-        figures: Names of the figures beside it.
-        expected: What they must keep; None where nothing can be expected.
-        note: Why the expectation is what it is, if it needs saying.
-        when: Settings of the deployment (dotted key, allowed values) without which it says nothing.
+        what: Subject of the claim.
+        says: Published value, in the source's words or numbers.
+        source: Key of the source, as in `papers.SOURCES`.
+        place: Section, table or figure of the source.
+        figures: Names of the metrics to compare.
+        expected: Rule that the metrics must keep; None where nothing can be expected.
+        note: Reason for the expectation, where needed.
+        when: Settings of the deployment (dotted key, allowed values) to which the claim applies.
     """
 
     what: str
@@ -173,7 +173,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Compared:
-    """A claim beside a run."""
+    """Claim compared with the metrics of a run."""
 
     claim: Claim
     values: tuple[Any, ...]
@@ -182,7 +182,7 @@ class Compared:
 
     @property
     def here(self) -> str:
-        """The run's figures as text."""
+        """Measured values as text."""
         meant = _meant(self.claim)
         if any(value is None for value in self.values):
             return "–"
@@ -191,7 +191,7 @@ class Compared:
 
 
 def judge(claim: Claim, figures: Figures, deployment: dict[str, Any]) -> Compared | None:
-    """Holds `claim` against the figures of a run of `deployment`; None if it says nothing of such a run."""
+    """Compare `claim` with the metrics of a run of `deployment`; None if it does not apply to that."""
     if any(setting(deployment, key) not in allowed for key, allowed in claim.when):
         return None
     meant = _meant(claim)
@@ -203,14 +203,14 @@ def judge(claim: Claim, figures: Figures, deployment: dict[str, Any]) -> Compare
         return Compared(claim, values, expected, Verdict.BESIDE)
     try:
         holds = claim.expected.holds(claim.figures, figures)
-    except TypeError:  # another version of the program, in which the figure was not a number
+    except TypeError:  # in the version that made this run, the metric was not a number
         holds = None
     verdict = Verdict.UNMEASURED if holds is None else Verdict.WITHIN if holds else Verdict.OUTSIDE
     return Compared(claim, values, expected, verdict)
 
 
 def together(runs: Sequence[Compared]) -> str:
-    """The figures of several runs beside one claim: from the least to the greatest, or how often each."""
+    """Metrics of several runs for one claim: range of numbers, or counts of other values."""
     meant = _meant(runs[0].claim)
     values = [value for run in runs for value in run.values if value is not None]
     if _are_numbers(values):
@@ -221,7 +221,7 @@ def together(runs: Sequence[Compared]) -> str:
 
 
 def setting(deployment: dict[str, Any], key: str) -> Any:
-    """The setting of a dotted key; None where there is none."""
+    """Setting of a deployment by its dotted key; None if absent."""
     value: Any = deployment
     for step in key.split("."):
         value = value.get(step) if isinstance(value, dict) else None

@@ -1,4 +1,4 @@
-"""Reads what `skinnet run` or `skinnet stress` left in a folder into one frozen structure."""
+"""Run folder of `skinnet run` or `skinnet stress`, read into one frozen structure."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """`summary.json` of one run; keys that are not known here are kept apart."""
+    """`summary.json` of one run; unknown keys are kept apart."""
 
     outcome: str
     deployment: str
@@ -42,7 +42,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """`stress.json`."""
+    """`stress.json` of a sweep."""
 
     deployment: str
     stress: dict[str, Any]
@@ -55,13 +55,13 @@ class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Made:
-    """What is beside a summary in its folder.
+    """Deployment and pictures beside a summary in its folder.
 
     Attributes:
-        deployment: As it was run; None if it is not there, or of a version with other keys.
-        keys: The same as plain data; empty if it is not there.
-        pictures: All that can be shown.
-        damaged: Files that are no pictures though their names say so.
+        deployment: Deployment as it was run; None if absent, or of a version with other keys.
+        keys: Deployment as plain data; empty if absent.
+        pictures: Readable pictures.
+        damaged: Names of PNG files that are not valid.
     """
 
     deployment: Deployment | None = None
@@ -72,7 +72,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Run:
-    """One run: its summary, what else its summary said, all its figures, and the papers' beside them."""
+    """Results of one run: summary, unknown summary keys, all metrics, files, and comparison with papers."""
 
     name: str
     summary: Summary
@@ -84,7 +84,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Seeds:
-    """Runs of one deployment with several seeds."""
+    """Results of several seeds of one deployment."""
 
     name: str
     runs: tuple[Run, ...]
@@ -92,7 +92,7 @@ class Seeds:
 
 @dataclass(frozen=True)
 class Stress:
-    """A sweep of `skinnet stress`."""
+    """Results of a sweep of `skinnet stress`."""
 
     name: str
     summary: StressSummary
@@ -105,10 +105,10 @@ Results: TypeAlias = Run | Seeds | Stress
 
 
 def collect(folder: Path) -> Results:
-    """What is in `folder`.
+    """Read the results in a run folder.
 
     Raises:
-        RunFolderError: no run left it behind, or none that is finished, or its summary is damaged.
+        RunFolderError: `folder` is no run folder, its run is not finished, or its summary is damaged.
     """
     if not folder.is_dir():
         raise RunFolderError(f"{folder}: there is no such folder; give one that skinnet run or stress wrote")
@@ -170,7 +170,7 @@ def _made(folder: Path) -> Made:
 
 
 def compare(name: str, figures: dict[str, Any], keys: dict[str, Any]) -> tuple[Compared, ...]:
-    """What the papers say of the deployment `name`, beside figures of a run of it as `keys` describe it."""
+    """Compare the papers' claims on deployment `name` with the metrics of a run with the settings `keys`."""
     found = (judge(claim, figures, keys) for claim in CLAIMS.get(name, ()))
     return tuple(compared for compared in found if compared is not None)
 

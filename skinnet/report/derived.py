@@ -1,4 +1,4 @@
-"""Figures that a deployment has by itself: how much skin, how many joints, how often."""
+"""Metrics of the deployment itself: size of the skin, number of joints, rates."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ from skinnet.deployment import Deployment
 __all__ = ["derived"]
 
 _RUNS = 2
-"""The structural exploration moves every DoF forth, then every DoF back [M14, III.A]."""
+"""Runs of the structural exploration: every DoF forth, then every DoF back [M14, III.A]."""
 
 
 def derived(deployment: Deployment | None) -> dict[str, Any]:
-    """Sizes and rates under the names of figures; nothing of no deployment."""
+    """Sizes and rates of a deployment under metric names; empty for None."""
     if deployment is None:
         return {}
     figures: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Figures in groups, as a reader wants them: by what they tell of, statistics of one quantity in one row."""
+"""Metric groups for display: metrics by subject, statistics of one quantity in one row."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from skinnet.report.units import quantity, shown
 __all__ = ["Group", "Row", "groups", "spread"]
 
 _STATISTICS = ("", "start", "p50", "p99", "p999", "min", "max", "peak", "end")
-"""Last segments that tell which value of a quantity a figure is; the empty one is the quantity itself."""
+"""Statistics, as the last segment of a metric's name; the empty one is the quantity itself."""
 _SPREAD = ("least", "median", "greatest")
 _TITLES = {
     "": "The sweep",
@@ -40,7 +40,7 @@ _TITLES = {
 
 @dataclass(frozen=True)
 class Row:
-    """A quantity: its name with the group's, its label, and its texts by statistic, with their unit."""
+    """Quantity of a group: dotted name with the group's, label, unit, and texts by statistic."""
 
     name: str
     label: str
@@ -50,7 +50,7 @@ class Row:
 
 @dataclass
 class Group:
-    """Quantities of one kind: those that are one value each, and those with several statistics."""
+    """Group of quantities: those with a single value, and those with several statistics."""
 
     key: str
     title: str
@@ -59,13 +59,13 @@ class Group:
 
     @property
     def columns(self) -> list[str]:
-        """Statistics that any of the rows has, in order."""
+        """Statistics present in any row, in order."""
         used = {name for row in self.statistics for name in row.texts}
         return [name for name in (*_STATISTICS, *_SPREAD) if name in used]
 
 
 def groups(figures: dict[str, Any], titles: dict[str, str] | None = None) -> list[Group]:
-    """Groups in the order of their first figures; `titles` names some that only this run has."""
+    """Group metrics, in the order of their first occurrence; `titles` by group key precede the usual ones."""
     stems: dict[tuple[str, str], dict[str, Any]] = {}
     for name, value in figures.items():
         key, rest = _parted(name)
@@ -85,7 +85,7 @@ def groups(figures: dict[str, Any], titles: dict[str, str] | None = None) -> lis
 
 
 def spread(runs: Sequence[dict[str, Any]], titles: dict[str, str] | None = None) -> list[Group]:
-    """The same of several runs: least, median and greatest of numbers, how often of all else."""
+    """Group the metrics of several runs: least, median and greatest of numbers, counts of other values."""
     found: dict[str, Group] = {}
     for name in dict.fromkeys(name for figures in runs for name in figures):
         values = [figures[name] for figures in runs if figures.get(name) is not None]
@@ -112,7 +112,7 @@ def _group(found: dict[str, Group], key: str, titles: dict[str, str] | None) -> 
 
 
 def _row(key: str, stem: str, name: str, values: dict[str, Any]) -> Row:
-    """One row; where a single statistic is all there is, it is part of the label."""
+    """Row of a quantity; a single statistic becomes part of the label."""
     meant = quantity(stem)
     label = meant.label if name == stem else f"{meant.label}, {name.rpartition('.')[2]}"
     measured = any(_is_number(item) for value in values.values() for item in _items(value))

@@ -1,4 +1,4 @@
-"""The report as one HTML file: no script, and nothing that is loaded from elsewhere."""
+"""HTML page of a report in one file, without scripts and external resources."""
 
 from collections.abc import Sequence
 from importlib.resources import files
@@ -15,11 +15,11 @@ from skinnet.report.sweep import is_of_a_point, is_threshold, of_each_point, poi
 __all__ = ["render"]
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""Forbids the browser to load anything or to run anything, whatever a file of the run folder says."""
+"""Content Security Policy: the browser loads and runs nothing, whatever a file of the run folder contains."""
 
 
 def render(results: Results) -> str:
-    """The whole page."""
+    """Render results as an HTML page."""
     match results:
         case Run():
             return _page(results.summary.deployment, f"seed {results.summary.seed}", _run(results))
@@ -31,7 +31,7 @@ def render(results: Results) -> str:
 
 
 def _page(name: str, what: str, sections: Sequence[tuple[str, str, Html]]) -> str:
-    """Sections by key, title and content, with contents that lead to them."""
+    """HTML page of sections (key, title, content), with linked contents."""
     style = (files("skinnet.report") / "style.css").read_text(encoding="utf-8")
     title = f"{name}, {what}"
     head = tag(
@@ -125,7 +125,7 @@ def _first_seed(run: Run) -> Html:
 
 
 def _over_seeds(runs: Sequence[Run]) -> list[tuple[Compared, str, Html]]:
-    """Each claim once: the figures of all runs, and how many of them keep it."""
+    """Claims over all seeds, each once: metrics of all runs, and how many of the runs keep it."""
     rows = []
     for claim in dict.fromkeys(compared.claim for run in runs for compared in run.compared):
         found = [one for run in runs for one in run.compared if one.claim == claim]
@@ -166,7 +166,7 @@ def _stress(stress: Stress) -> list[tuple[str, str, Html]]:
 
 
 def _titles(made: Made) -> dict[str, str]:
-    """Names of groups that only this deployment has."""
+    """Titles of metric groups that only this deployment has."""
     if made.deployment is None or made.deployment.nursing is None:
         return {}
     label = made.deployment.nursing.label

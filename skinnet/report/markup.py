@@ -1,4 +1,4 @@
-"""HTML from Python: whatever is not HTML already is escaped, so nobody can forget to."""
+"""HTML elements from Python; every string that is not `Html` is escaped."""
 
 import html
 import re
@@ -9,7 +9,7 @@ __all__ = ["Child", "Html", "join", "tag"]
 
 
 class Html(str):
-    """Text that is HTML; every other text becomes HTML by being escaped."""
+    """HTML text; every other string is escaped when it is inserted."""
 
     __slots__ = ()
 
@@ -19,18 +19,18 @@ _VOID = frozenset({"br", "hr", "img", "link", "meta"})
 _UNPRINTABLE = re.compile(
     r"[^\t\n\r\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]|[\u202a-\u202e\u2066-\u2069]"
 )
-"""No part of an HTML text, not even escaped; and what turns the direction of the text around it."""
+"""Characters invalid in HTML even when escaped, and bidirectional controls."""
 
 
 def join(*children: Child) -> Html:
-    """Children one after the other; None is nothing."""
+    """Concatenate children into HTML; None adds nothing."""
     return Html("".join(map(_html, children)))
 
 
 def tag(name: str, /, *children: Child, **attributes: str | int | None) -> Html:
-    """An element. Attributes go by Python names: `class_`, `data_label`; None leaves one out.
+    """HTML element; attributes go by Python names (`class_`, `data_label`), None leaves one out.
 
-    A void element has no children and no end.
+    A void element has no children and no end tag.
     """
     head = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{_escaped(str(value))}"'

@@ -1,4 +1,4 @@
-"""What comes first in a report: how it ended, how fast it was, who took part, what was lost."""
+"""Summary section of a report: outcome, speed, processes, failures, counters."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -17,30 +17,30 @@ _THIN = "\u2009"
 
 
 def outcome(kind: str) -> Html:
-    """An outcome as a badge."""
+    """Outcome badge of a run."""
     return tag("span", kind.replace("_", " "), class_=f"badge {_OUTCOMES.get(kind, 'bad')}")
 
 
 def tiles(items: Iterable[tuple[str, Child]]) -> Html:
-    """Short facts side by side."""
+    """Tiles of short facts, side by side."""
     return tag(
         "dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in items), class_="tiles"
     )
 
 
 def facts(items: Iterable[tuple[str, Child]]) -> Html:
-    """Longer facts below each other."""
+    """List of longer facts, below each other."""
     rows = (tag("div", tag("dt", name), tag("dd", value)) for name, value in items)
     return tag("dl", *rows, class_="facts")
 
 
 def with_unit(value: str, unit: str) -> Html:
-    """A value with its unit in small."""
+    """Value with its unit in small type."""
     return join(value, _THIN, tag("small", unit))
 
 
 def skin(figures: dict[str, Any]) -> Html | None:
-    """How much skin there is."""
+    """Size of the skin: cells and patches, tactile points and sheets."""
     parts = []
     if "size.cells" in figures:
         parts.append(with_unit(shown(figures["size.cells"]), f"cells in {figures['size.patches']} patches"))
@@ -51,7 +51,7 @@ def skin(figures: dict[str, Any]) -> Html | None:
 
 
 def verdicts(compared: Sequence[Compared]) -> Html | None:
-    """How many expectations were kept, of those that a run can keep."""
+    """Count of expectations kept, of those with a verdict."""
     judged = [one for one in compared if one.verdict in (Verdict.WITHIN, Verdict.OUTSIDE)]
     if not judged:
         return None
@@ -60,7 +60,7 @@ def verdicts(compared: Sequence[Compared]) -> Html | None:
 
 
 def of_run(run: Run) -> Html:
-    """The summary of one run, the picture of its body beside it."""
+    """Summary of one run, with the picture of its body beside it."""
     summary = run.summary
     items: list[tuple[str, Child]] = [
         ("outcome", outcome(summary.outcome)),
@@ -82,7 +82,7 @@ def of_run(run: Run) -> Html:
 
 
 def hero_of(made: Made) -> str | None:
-    """Name of the picture that stands beside the summary and not among the others."""
+    """Name of the picture shown beside the summary instead of in the gallery."""
     return "body" if any(picture.name == "body" for picture in made.pictures) else None
 
 
@@ -142,7 +142,7 @@ def _more(run: Run) -> Html | None:
 
 
 def runs_table(seeds: Seeds) -> Html:
-    """One row for each seed."""
+    """Table of runs, one row for each seed."""
     heads = ("seed", "outcome", "simulated", "speed", "the paper's figures", "log SHA-256")
     rows = (
         tag(
@@ -163,7 +163,7 @@ def runs_table(seeds: Seeds) -> Html:
 
 
 def environment(known: dict[str, Any], version: str) -> Html:
-    """Versions and machine."""
+    """Environment of a run: software versions and computer."""
     if known:
         return pairs(known.items())
     return tag("p", f"skinnet {version}; the summary says no more.", class_="soft")

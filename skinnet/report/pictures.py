@@ -1,4 +1,4 @@
-"""The pictures of a run folder: what each shows, and its size without a library of pictures."""
+"""PNG pictures of a run folder: captions, and sizes read without an image library."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,12 +34,12 @@ _CAPTIONS = {
     "latency": ("Latency", "From the sample to the gateway."),
     "plan": ("The skin unrolled", "Cells coloured by the load of their link to the gateway."),
 }
-"""Title and caption by name, in the order in which they are shown; others follow by name."""
+"""Title and caption by name, in the order of display; other pictures follow by name."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG file of a run folder; sizes in pixels."""
+    """PNG file of a run folder; sizes in pixels."""
 
     name: str
     title: str
@@ -50,7 +50,7 @@ class Picture:
 
 
 def pictures_of(folder: Path) -> tuple[list[Picture], list[str]]:
-    """The pictures in `folder`, and the names of files that should be some and are not."""
+    """Read the PNG pictures in `folder`; return also the names of files that are not valid PNG."""
     order = list(_CAPTIONS)
     names = sorted(
         (path.stem for path in folder.glob("*.png")),

@@ -1,4 +1,4 @@
-"""Tables of a stress test: a row for each point, the thresholds, and every figure of every point."""
+"""Tables of a stress test: points, send-on-delta thresholds, and every metric of every point."""
 
 from dataclasses import replace
 from typing import Any
@@ -29,18 +29,18 @@ _THRESHOLDS = (("delta", "delta"), ("noise", "noise and quantisation"), ("delta_
 
 
 def is_threshold(name: str) -> bool:
-    """Whether a figure is part of the table of thresholds."""
+    """Test whether a metric belongs to the table of thresholds."""
     key, _, rest = name.partition(".")
     return key in dict(_THRESHOLDS) and rest in dict(_MODALITIES)
 
 
 def is_of_a_point(name: str, stress: Stress) -> bool:
-    """Whether a figure is one of a single point; names of points have dots in them."""
+    """Test whether a metric belongs to a single point; names of points have dots in them."""
     return any(name.startswith(f"{point}.") for point in stress.summary.points)
 
 
 def points(stress: Stress) -> Html:
-    """What each point brought, in the order in which they ran."""
+    """Table of points, in the order in which they ran."""
     rows = []
     for name in stress.summary.points:
         own = _own(stress, name)
@@ -58,7 +58,7 @@ def points(stress: Stress) -> Html:
 
 
 def thresholds(stress: Stress) -> Html | None:
-    """Deltas of send-on-delta beside the noise of their sensors."""
+    """Table of send-on-delta thresholds beside the noise of their sensors."""
     rows = []
     for modality, unit in _MODALITIES:
         values = [stress.figures.get(f"{key}.{modality}") for key, _ in _THRESHOLDS]
@@ -73,7 +73,7 @@ def thresholds(stress: Stress) -> Html | None:
 
 
 def of_each_point(stress: Stress) -> Html:
-    """Every figure of every point, a fold for each."""
+    """Metrics of every point, one collapsible block for each."""
     folds = []
     for name in stress.summary.points:
         own = _own(stress, name)
@@ -91,7 +91,7 @@ def _own(stress: Stress, point: str) -> dict[str, Any]:
 
 
 def _grouped(point: str, own: dict[str, Any]) -> list[Group]:
-    """Figures of a point: those of the skin, and those of the machine."""
+    """Metric groups of a point: those of the skin, and those of the computer."""
     parted: dict[str, dict[str, Any]] = {"skin": {}, "machine": {}}
     for name, value in own.items():
         kind = "machine" if name.partition(".")[0] in _MACHINE else "skin"

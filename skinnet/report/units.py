@@ -1,7 +1,7 @@
-"""What a figure's name says: its unit, a label without it, and a text for its value.
+"""Units and labels parsed from metric names, and text of metric values.
 
-Figures carry their units in their names (`latency_ms.p50`, `peak_force_n`), so a figure that is added
-tomorrow is readable without a word here.
+Metrics carry their units in their names (`latency_ms.p50`, `peak_force_n`), so a new metric needs no entry
+here.
 """
 
 import math
@@ -29,7 +29,7 @@ _UNITS = {
     "v": "V",
 }
 _RATES = {"rad": "rad/s", "m": "m/s", "per": "1/s"}
-"""By the word before a last `s`."""
+"""Rate units by the word before a last `s`."""
 _WHOLE = {
     "cores": "cores",
     "cpu": "CPU s per s",
@@ -38,7 +38,7 @@ _WHOLE = {
     "share": "%",
     "sign_agreement": "%",
 }
-"""Segments that are a quantity by themselves, whatever follows."""
+"""Units of segments that are a quantity without a unit suffix."""
 _WORDS = {
     "cop": "centre of pressure",
     "cpu": "CPU",
@@ -47,14 +47,14 @@ _WORDS = {
     "rtf": "speed",
     "sim": "simulated time",
 }
-"""Short words of names in full."""
+"""Abbreviations in names, written out."""
 _SPACE = "\u202f"
 _MANY = 1e4
 _FEW = 1e-3
 
 
 class Quantity(NamedTuple):
-    """A label, the unit of its values, and what they are multiplied by to be in it."""
+    """Quantity of a metric: label, unit, and the scale factor that converts values to the unit."""
 
     label: str
     unit: str
@@ -62,7 +62,7 @@ class Quantity(NamedTuple):
 
 
 def quantity(name: str) -> Quantity:
-    """What a dotted name without its group and statistic means."""
+    """Quantity of a dotted metric name without its group and statistic."""
     words, unit = [], ""
     for segment in name.split("."):
         known = _WHOLE.get(segment)
@@ -73,7 +73,7 @@ def quantity(name: str) -> Quantity:
 
 
 def _split(segment: str) -> tuple[list[str], str]:
-    """Words of a segment, and the unit that its last ones are."""
+    """Words of a segment, and the unit of its suffix."""
     words = segment.split("_")
     if len(words) > 1 and words[-1] == "s" and words[-2] in _RATES:
         return words[:-2], _RATES[words[-2]]
@@ -83,7 +83,7 @@ def _split(segment: str) -> tuple[list[str], str]:
 
 
 def shown(value: Any, scale: float = 1.0) -> str:
-    """A value as one reads it: four digits of a measured one, thousands apart, words for words."""
+    """Text of a metric value: floats to four digits, thousands separated, yes or no, lists by comma."""
     match value:
         case bool():
             return "yes" if value else "no"
@@ -98,7 +98,7 @@ def shown(value: Any, scale: float = 1.0) -> str:
 
 
 def number(value: float) -> str:
-    """A number: whole ones as they are, others to four digits."""
+    """Text of a number: integers in full, others to four significant digits."""
     if isinstance(value, int) or abs(value) >= _MANY:
         if not math.isfinite(value):
             return str(value)

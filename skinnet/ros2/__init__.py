@@ -1,1 +1,1 @@
-"""The skin of a run as ordinary ROS 2 topics, spoken without ROS 2."""
+"""ROS 2 bridge: a run's skin as standard topics over rmw_zenoh's protocol, without a ROS 2 installation."""

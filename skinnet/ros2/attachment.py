@@ -1,4 +1,4 @@
-"""What travels beside each message of rmw_zenoh: sequence number, time, and who sends.
+"""Attachment of each rmw_zenoh message: sequence number, source time and sender's GID.
 
 33 bytes, little-endian: int64 sequence number from 1, int64 nanoseconds since the epoch, the length of the
 GID, its 16 bytes (docs/design.md, Publishers). The GID is XXH3-128 of the sender's liveliness token, the low
@@ -19,22 +19,22 @@ _LAYOUT = struct.Struct(f"<qqB{_GID_BYTES}s")
 
 
 class Attachment(NamedTuple):
-    """One attachment: sequence number, wall time [ns since the epoch], GID of the sender."""
+    """Attachment fields: sequence number, wall time [ns since the epoch], GID of the sender (16 bytes)."""
 
     sequence: int
     t_ns: int
     gid: bytes
 
     def pack(self) -> bytes:
-        """Its bytes."""
+        """Encode the attachment (33 bytes)."""
         return _LAYOUT.pack(self.sequence, self.t_ns, _GID_BYTES, self.gid)
 
     @classmethod
     def unpack(cls, payload: bytes | None) -> "Attachment":
-        """What `payload` tells.
+        """Decode an attachment.
 
         Raises:
-            ProtocolError: there is none, or it has another form.
+            ProtocolError: there is none, or its layout differs.
         """
         if payload is None:
             raise ProtocolError("no attachment; publishers of rmw_zenoh send one")

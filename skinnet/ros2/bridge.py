@@ -1,7 +1,7 @@
-"""The bridge: a client of a run's watch endpoint on one side, a node of ROS 2 on the other.
+"""ROS 2 bridge process: a client of a run's observer endpoint, and a node of the ROS graph.
 
-It follows by best effort: what the run tells is put aside as it comes, and at its own rate the bridge looks
-at the newest of everything and publishes what somebody subscribes to. The run never waits for it.
+It subscribes to the run's best-effort publications and queues them as they come. At its own rate it publishes
+the newest state on the topics that have subscribers. The run never waits for it.
 """
 
 import contextlib
@@ -29,13 +29,13 @@ from skinnet.transport.open_session import OpenSession
 __all__ = ["NODE", "Order", "bridge"]
 
 NODE = "skinnet_bridge"
-"""Name of the node, in the namespace of the robot."""
+"""Node name, in the namespace of the robot."""
 _ASK_S = 5.0
 _WAITING = 100_000
-"""Messages of the run that may wait for the bridge; older ones give way."""
+"""Queue capacity for messages of the run; the oldest are dropped."""
 _MARKERS_HZ, _DIAGNOSTICS_HZ = 10.0, 1.0
 _REASONS = 20
-"""So many different complaints are said aloud; the others are only counted."""
+"""Distinct refusal reasons that are printed; further ones are only counted."""
 
 _NEWEST = Qos(reliability=Reliability.BEST_EFFORT, depth=1)
 _SENSOR = Qos(reliability=Reliability.BEST_EFFORT, depth=5)
@@ -48,16 +48,16 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Order:
-    """What was asked for on the command line.
+    """Options of the bridge's command line.
 
     Attributes:
-        endpoint: Watch endpoint of the run.
+        endpoint: Observer endpoint of the run.
         domain: ROS_DOMAIN_ID.
-        router: Zenoh router of the ROS 2 system.
-        listen: Be that router, at this endpoint.
-        rate_hz: How often joints, transforms and skin are published at most.
-        base: Folder that the model's path starts from, if not the one that the run names.
-        control: Let ROS move the robot.
+        router: Endpoint of the Zenoh router of the ROS 2 system.
+        listen: Endpoint at which the bridge is that router itself, if given.
+        rate_hz: Highest publication rate of joints, transforms and skin [Hz].
+        base: Folder that the model's path starts from, if it differs from the run's.
+        control: Accept joint velocities from ROS.
     """
 
     endpoint: str
@@ -71,23 +71,23 @@ class Order:
 
 @dataclass
 class _Topic:
-    """What is published on a topic, and when."""
+    """Published topic with its period and message factory."""
 
     publisher: RosPublisher
     period_ns: int
     make: Callable[[], Any]
     always: bool
-    """Also while simulated time stands still."""
+    """Publish also while simulated time stands still."""
     due_ns: int = 0
     t_ns: int = -1
-    """Simulated time of the last message."""
+    """Simulated time of the last message [ns]."""
 
 
 def bridge(order: Order, say: Say) -> dict[str, int]:
-    """Bridges until the run is over; returns how many messages went out on each topic.
+    """Bridge a run to ROS 2 until it is over; return the number of messages sent on each topic.
 
     Raises:
-        SkinnetError: nobody answers at one of the ends, or what runs cannot be understood.
+        SkinnetError: the run or the ROS 2 router is unreachable, or the run is of an unknown format.
     """
     with contextlib.ExitStack() as stack:
         watch = OpenSession("client", order.endpoint)
@@ -173,7 +173,7 @@ class _Bridge:
         self._inbox.append((key, payload))
 
     def run(self) -> dict[str, int]:
-        """Goes on until the run is over."""
+        """Run the publication loop until the run is over."""
         tick_ns = round(NS_PER_S / self._order.rate_hz)
         while self._watch.connected:
             self._take_in()
@@ -196,7 +196,7 @@ class _Bridge:
             topic.publisher.publish(topic.make())
 
     def _on_velocity(self, _key: str, payload: bytes, attachment: bytes | None) -> None:
-        """In a thread of Zenoh's. What makes no sense stops the robot."""
+        """Forward a velocity command, in a Zenoh thread; on an invalid one, send zero velocities."""
         try:
             velocity = self._control.velocity(payload, attachment)
         except ProtocolError as error:
@@ -205,7 +205,7 @@ class _Bridge:
         self._watch.tell(self._velocity_key, encode(velocity))
 
     def _take_in(self) -> None:
-        """What the run has told since the last look."""
+        """Process the queued messages of the run."""
         before_ns = self._mirror.t_ns
         for _ in range(len(self._inbox)):
             key, payload = self._inbox.popleft()
@@ -219,7 +219,7 @@ class _Bridge:
             self._heard_ns = time.monotonic_ns()
 
     def _complain(self, reason: str) -> None:
-        """Says a reason when it is new; counts it ever after."""
+        """Print a refusal reason the first time; count every occurrence."""
         if reason not in self._complaints:
             if len(self._complaints) >= _REASONS:
                 reason = "for other reasons"

@@ -1,8 +1,8 @@
-"""Joint velocities from ROS 2: what a controller of ros2_control would take, checked before it goes anywhere.
+"""Joint velocity commands from ROS 2, in the message format of ros2_control, validated before use.
 
-`std_msgs/msg/Float64MultiArray`, one number a joint in the order of `joint_states`, is what
-`velocity_controllers/JointGroupVelocityController` and its like take on `~/commands`: whoever can move a
-robot of ROS in this way can move this one. Its layout says nothing there, nor here.
+The type is `std_msgs/msg/Float64MultiArray` with one velocity [rad/s] for each joint in the order of
+`joint_states`, as `velocity_controllers/JointGroupVelocityController` accepts it on `~/commands`. Its
+`layout` is ignored, as it is there.
 """
 
 import numpy as np
@@ -16,11 +16,11 @@ from skinnet.ros2.types import VELOCITIES, decode
 __all__ = ["Control"]
 
 _KNOWN = 1000
-"""Senders whose names are kept."""
+"""Maximum number of senders whose names are kept."""
 
 
 class Control:
-    """Turns messages into velocities for the run; knows senders by their tokens.
+    """Velocity command parser; names senders by their liveliness tokens.
 
     Args:
         n_dofs: D, number of joints.
@@ -28,14 +28,14 @@ class Control:
 
     def __init__(self, n_dofs: int) -> None:
         self.taken = 0
-        """Messages that were good."""
+        """Number of accepted messages."""
         self.refused = 0
-        """Messages that were not."""
+        """Number of refused messages."""
         self._n_dofs = n_dofs
         self._names: dict[bytes, str] = {}
 
     def see(self, token: str, there: bool) -> None:
-        """A publisher's token came or went."""
+        """Update the known senders when a publisher's liveliness token appears or disappears."""
         try:
             node = Entity.of_token(token).node
         except ProtocolError:
@@ -46,10 +46,10 @@ class Control:
             self._names[gid_of(token)] = f"{node.namespace.rstrip('/')}/{node.name}"
 
     def velocity(self, payload: bytes, attachment: bytes | None) -> Velocity:
-        """What a message wants.
+        """Decode and validate a velocity command.
 
         Raises:
-            ProtocolError: one line: who sent what is wrong.
+            ProtocolError: it is malformed, of the wrong size or not finite; names the sender.
         """
         sender = "somebody"
         try:

@@ -1,4 +1,4 @@
-"""From what the run tells to standard ROS 2 messages; stamps are simulated time, frames `world` and links."""
+"""Conversion to standard ROS 2 messages; stamps are simulated time, frames are `world` and the links."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 _FLOAT32, _UINT32 = 7, 6
-"""`sensor_msgs/msg/PointField`."""
+"""Datatypes of `sensor_msgs/msg/PointField`."""
 
 CELL_POINT = np.dtype(
     [
@@ -40,7 +40,7 @@ CELL_POINT = np.dtype(
         ("cell", "<u4"),
     ]
 )
-"""A cell: place [m], readings of force (the greatest, and each) and proximity (0 to 1), temperature [°C]."""
+"""Cell point: position [m], force readings (maximum, and each) and proximity (0 to 1), temperature [°C]."""
 REGION_POINT = np.dtype(
     [
         *((name, "<f4") for name in ("x", "y", "z", "force_n", "area_m2", "peak_kpa")),
@@ -48,11 +48,11 @@ REGION_POINT = np.dtype(
         ("region", "<u4"),
     ]
 )
-"""A region that a tactile sheet feels: its centre [m]."""
+"""Contact region of a tactile sheet: centre [m], force [N], area [m²], peak pressure [kPa], board, region."""
 
 
 class Level(IntEnum):
-    """`diagnostic_msgs/msg/DiagnosticStatus`."""
+    """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
 
     OK = 0
     WARN = 1
@@ -61,7 +61,7 @@ class Level(IntEnum):
 
 
 class Health(NamedTuple):
-    """How one part of the run does: a level, a line, figures by name."""
+    """Diagnostic status of one component: level, message, values by name."""
 
     name: str
     level: Level
@@ -70,7 +70,7 @@ class Health(NamedTuple):
 
 
 def frame_of(robot: str, link: str) -> str:
-    """Name of the frame of a link."""
+    """Frame name of a link."""
     return f"{robot}/{link}"
 
 
@@ -79,24 +79,24 @@ def _time(t_ns: int) -> Any:
 
 
 def header(t_ns: int, frame: str = WORLD) -> Any:
-    """A header with its stamp."""
+    """Header with a stamp of simulated time [ns]."""
     return make("std_msgs/msg/Header", _time(t_ns), frame)
 
 
 def clock(t_ns: int) -> Any:
-    """Simulated time for nodes that `use_sim_time`."""
+    """Clock message with simulated time, for nodes that `use_sim_time`."""
     return make(CLOCK, _time(t_ns))
 
 
 def joint_state(
     t_ns: int, names: Sequence[str], position_rad: NDArray[np.float64], velocity_rad_s: NDArray[np.float64]
 ) -> Any:
-    """Positions and velocities of the controlled joints; efforts are not measured."""
+    """JointState with positions and velocities of the controlled joints; efforts are not measured."""
     return make(JOINT_STATE, header(t_ns, ""), list(names), position_rad, velocity_rad_s, np.empty(0))
 
 
 def transforms(t_ns: int, robot: str, links: Links, poses: LinkPoses, which: NDArray[np.bool_]) -> Any:
-    """Poses of some of the links in the frames of their parents."""
+    """TFMessage with poses of the links `which` (n_links,) in the frames of their parents."""
     found = []
     for i in np.flatnonzero(which).tolist():
         parent = links.parent[i]
@@ -113,7 +113,7 @@ def transforms(t_ns: int, robot: str, links: Links, poses: LinkPoses, which: NDA
 
 
 def skin_points(places: Places, poses: LinkPoses, readings: Readings) -> NDArray[Any]:
-    """All cells as `CELL_POINT`, world."""
+    """Cell points (n_cells,) of type `CELL_POINT`, world frame."""
     cloud = np.empty(len(places.cell), dtype=CELL_POINT)
     cloud["x"], cloud["y"], cloud["z"] = places.cells_m(poses).T
     force = readings.values[:, :PROXIMITY]
@@ -127,7 +127,7 @@ def skin_points(places: Places, poses: LinkPoses, readings: Readings) -> NDArray
 
 
 def regions_of(places: Places, poses: LinkPoses, rows: NDArray[Any]) -> NDArray[Any]:
-    """Regions, rows of `REGION_ROW`, as `REGION_POINT`, world."""
+    """Region points (n,) of type `REGION_POINT`, world frame, from rows of `REGION_ROW`."""
     cloud = np.empty(len(rows), dtype=REGION_POINT)
     xi_m = np.column_stack([rows["xi1_m"], rows["xi2_m"]]).astype(np.float64)
     cloud["x"], cloud["y"], cloud["z"] = places.on_sheets_m(poses, rows["board"].astype(np.int64), xi_m).T
@@ -138,7 +138,7 @@ def regions_of(places: Places, poses: LinkPoses, rows: NDArray[Any]) -> NDArray[
 
 
 def points(t_ns: int, cloud: NDArray[Any]) -> Any:
-    """A cloud of structured points in `world`."""
+    """PointCloud2 of structured points (n,) in frame `world`."""
     dtype, n = cloud.dtype, len(cloud)
     layout = dtype.fields
     assert layout is not None
@@ -153,7 +153,7 @@ def points(t_ns: int, cloud: NDArray[Any]) -> Any:
 
 
 def diagnostics(t_ns: int, robot: str, parts: Iterable[Health]) -> Any:
-    """How the parts of a run do."""
+    """DiagnosticArray with the status of the run's components."""
     status = []
     for part in parts:
         pair = "diagnostic_msgs/msg/KeyValue"

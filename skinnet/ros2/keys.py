@@ -1,6 +1,6 @@
-"""Names on the wire of rmw_zenoh: key expressions of topics, and liveliness tokens of nodes and endpoints.
+"""Key expressions of rmw_zenoh: topics, and liveliness tokens of nodes and endpoints.
 
-After docs/design.md of ros2/rmw_zenoh: a topic is `<domain>/<name>/<type>/<type hash>`; an entity of the
+Source: docs/design.md of ros2/rmw_zenoh. A topic is `<domain>/<name>/<type>/<type hash>`; an entity of the
 graph declares a token under `@ros2_lv`, with every "/" inside a part mangled to "%".
 """
 
@@ -24,13 +24,13 @@ __all__ = [
 
 _SPACE = "@ros2_lv"
 _PARTS = 9
-"""Of a node's token: space, domain, session, node, entity, kind, enclave, namespace, name."""
+"""Parts of a node's token: space, domain, session, node, entity, kind, enclave, namespace, name."""
 _TOPIC_PARTS = 4
-"""Of the token of an endpoint besides: topic, type, type hash, quality of service."""
+"""Further parts of an endpoint's token: topic, type, type hash, quality of service."""
 
 
 class Kind(Enum):
-    """What an entity of the ROS graph is."""
+    """Entity kinds of the ROS graph."""
 
     NODE = "NN"
     PUBLISHER = "MP"
@@ -38,15 +38,15 @@ class Kind(Enum):
 
 
 class Node(NamedTuple):
-    """A node of the ROS graph.
+    """ROS graph node.
 
     Attributes:
         domain: ROS_DOMAIN_ID.
-        session: Id of its Zenoh session, in hexadecimal digits.
-        number: Its number in the session.
-        namespace: From "/" on.
-        name: Name in its namespace.
-        enclave: Of its security settings; "/" for none.
+        session: Zenoh session id, in hexadecimal digits.
+        number: Node id within the session.
+        namespace: Namespace, beginning with "/".
+        name: Name in the namespace.
+        enclave: Security enclave; "/" for none.
     """
 
     domain: int
@@ -58,15 +58,15 @@ class Node(NamedTuple):
 
 
 class Entity(NamedTuple):
-    """A node, or an endpoint of one: what a token tells.
+    """ROS graph entity described by a liveliness token: a node, or an endpoint of one.
 
     Attributes:
         node: The node.
-        kind: What it is.
-        number: Its number in the session; a node's own for a node.
-        topic: Name from "/" on; the rest is empty for a node, too.
-        type_name: As on the wire.
-        type_hash: RIHS01 of the type.
+        kind: Node, publisher or subscription.
+        number: Entity id within the session; the node id for a node.
+        topic: Topic name, beginning with "/"; empty for a node, as are the following.
+        type_name: Type name as on the wire (DDS).
+        type_hash: RIHS01 hash of the type.
         qos: Quality of service in the compact form.
     """
 
@@ -80,7 +80,7 @@ class Entity(NamedTuple):
 
     @property
     def token(self) -> str:
-        """Key of its liveliness token."""
+        """Liveliness token's key."""
         node = self.node
         parts = [_SPACE, str(node.domain), node.session, str(node.number), str(self.number), self.kind.value]
         parts += map(mangled, (node.enclave, node.namespace, node.name))
@@ -90,15 +90,15 @@ class Entity(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Key of the topic of an endpoint."""
+        """Topic key of an endpoint."""
         return topic_key(self.node.domain, self.topic, self.type_name, self.type_hash)
 
     @classmethod
     def of_token(cls, token: str) -> "Entity":
-        """What a token tells.
+        """Parse a liveliness token.
 
         Raises:
-            ProtocolError: it is no token of a node, a publisher or a subscription.
+            ProtocolError: it is not a token of a node, a publisher or a subscription.
         """
         parts = token.split("/")
         kinds = {kind.value: kind for kind in Kind}
@@ -117,33 +117,33 @@ class Entity(NamedTuple):
 
 
 def mangled(name: str) -> str:
-    """A name as one part of a key; the inverse of `demangled` for names without "%", which ROS has not."""
+    """Mangle a name to one part of a key; inverse of `demangled` for names without "%", as all ROS names."""
     return name.replace("/", "%")
 
 
 def demangled(part: str) -> str:
-    """The name that `mangled` made one part of a key."""
+    """Demangle a part of a key to a name."""
     return part.replace("%", "/")
 
 
 def topic_key(domain: int, topic: str, type_name: str, type_hash: str) -> str:
-    """Key on which the messages of a topic travel."""
+    """Topic key on which messages are published."""
     return f"{domain}/{topic.removeprefix('/').removesuffix('/')}/{type_name}/{type_hash}"
 
 
 def publishers_of(domain: int, topic: str) -> str:
-    """Key expression of the tokens of whoever publishes on a topic, messages of any type."""
+    """Key expression of the tokens of all publishers on a topic, of any type."""
     anyone = "*/*/*", Kind.PUBLISHER.value, "*/*/*", mangled(topic), "*/*/*"
     return "/".join((_SPACE, str(domain), *anyone))
 
 
 def wire_type(name: str) -> str:
-    """A type's name as DDS has it: sensor_msgs/msg/JointState is sensor_msgs::msg::dds_::JointState_."""
+    """DDS type name: sensor_msgs/msg/JointState becomes sensor_msgs::msg::dds_::JointState_."""
     package, space, message = name.split("/")
     return f"{package}::{space}::dds_::{message}_"
 
 
 def ros_name(name: str) -> str:
-    """`name` as a part of a ROS name: letters, digits and single underscores, no digit first."""
+    """ROS name part made from `name`: letters, digits and single underscores, no digit first."""
     plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
     return plain if plain[:1].isalpha() else f"robot_{plain}".rstrip("_")

@@ -1,4 +1,4 @@
-"""The skin for RViz: one marker of triangles for each patch, coloured by touch and nearness."""
+"""Skin markers for RViz: one triangle list for each patch, coloured by force and proximity."""
 
 from typing import Any
 
@@ -15,26 +15,26 @@ __all__ = ["Markers", "colour"]
 
 _TRIANGLE_LIST, _ADD = 11, 0
 _GAP = 0.93
-"""Cells are drawn a little smaller than they are, so that their edges show."""
+"""Scale of drawn cells; gaps between them show their edges."""
 _CORNERS = np.array([0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5])
-"""Four triangles of a hexagon, seen from outside counter-clockwise."""
+"""Corner indices of the four triangles of a hexagon, counterclockwise from outside."""
 _SHADES = 16
 _AT_REST, _NEAR = (0.62, 0.66, 0.70), (0.15, 0.45, 0.95)
 _TOUCHED, _PAINED = (1.00, 0.80, 0.10), (0.85, 0.05, 0.05)
 _LOST = (0.12, 0.12, 0.14)
 _SEEN = 0.02
-"""Readings of force above this one, well above the noise, are touch."""
+"""Force reading above which a cell counts as touched; well above the noise."""
 
 
 def colour(near: float, force: float) -> tuple[float, float, float]:
-    """Red, green, blue (0 to 1): grey at rest, blue by nearness, from yellow to red by force, from 0 to 1."""
+    """Colour (red, green, blue; 0 to 1): grey at rest, blue by proximity, from yellow to red by force."""
     if force > 0.0:
         return _between(_TOUCHED, _PAINED, force)
     return _between(_AT_REST, _NEAR, near)
 
 
 class Markers:
-    """Draws the cells of a robot: their shapes, in the frames of links, are fixed; their colours change."""
+    """Skin markers of a robot: fixed triangles in the frames of the links, variable colours."""
 
     def __init__(self, robot: str, places: Places, links: list[str]) -> None:
         self._robot, self._places = robot, places
@@ -51,7 +51,7 @@ class Markers:
             self._frames.append(frame_of(robot, links[int(places.link[mine][0])]))
 
     def draw(self, t_ns: int, readings: Readings) -> Any:
-        """Markers of all patches at the present readings."""
+        """MarkerArray of all patches at the given readings."""
         force = readings.values[:, :PROXIMITY].max(axis=1, initial=0.0)
         index = _shade(readings.values[:, PROXIMITY])
         touched = force > _SEEN
@@ -68,7 +68,7 @@ class Markers:
 
 
 def _shade(value: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Shades, small readings spread: most touches are light."""
+    """Shade index (n,) by the square root of a reading, which spreads small values."""
     spread = np.sqrt(np.clip(np.nan_to_num(value), 0.0, 1.0))
     shade: NDArray[np.int64] = np.rint((_SHADES - 1) * spread).astype(np.int64)
     return shade
@@ -88,7 +88,7 @@ def _points(corners_m: NDArray[np.float64]) -> list[Any]:
 
 
 def _marker(head: Any, namespace: str, number: int) -> Any:
-    """A marker of triangles at the origin of its frame, which it follows."""
+    """Triangle-list marker at the origin of its frame, locked to it."""
     nothing = np.empty(0, dtype=np.uint8)
     return make(
         "visualization_msgs/msg/Marker",

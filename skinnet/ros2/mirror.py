@@ -1,4 +1,4 @@
-"""The bridge without its wires: takes in what the run tells its watchers, gives ROS messages of it."""
+"""State of the ROS 2 bridge without I/O: takes messages of the run and makes ROS messages."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -23,21 +23,21 @@ from skinnet.sheet_messages import BOARD_FRAME, REGION_ROW, Regions
 __all__ = ["CHANNELS", "Mirror"]
 
 CHANNELS = ("joints", "events", "bundle", "stream", "topology", "regions", "state")
-"""What the bridge hears, by the names of the channel table."""
+"""Channels to which the bridge subscribes."""
 _SILENT_S = 2.0
 
 
 class Mirror:
-    """The newest of everything that a run tells.
+    """Newest published state of a run, as ROS messages.
 
     Args:
-        deployment: What runs.
-        links: Its body.
+        deployment: Deployment of the run.
+        links: Kinematic tree of the body.
 
     Attributes:
-        robot: Name of the robot in ROS.
-        t_ns: Simulated time of the newest joint feedback; −1 before the first.
-        counters: What came and could not be used.
+        robot: ROS name of the robot.
+        t_ns: Simulated time of the newest joint feedback [ns]; −1 before the first.
+        counters: Counts of refused messages.
     """
 
     def __init__(self, deployment: Deployment, links: Links) -> None:
@@ -73,19 +73,19 @@ class Mirror:
 
     @property
     def has_cells(self) -> bool:
-        """Whether there are patches of cells."""
+        """Presence of patches of cells."""
         return bool(self._places.sizes)
 
     @property
     def has_sheets(self) -> bool:
-        """Whether there are tactile sheets."""
+        """Presence of tactile sheets."""
         return self._places.n_sheets > 0
 
     def take(self, key: str, payload: bytes) -> None:
-        """Takes in a message of the run's; one that does not fit is counted as refused.
+        """Process a message of the run; count it as refused if it does not fit.
 
         Raises:
-            ProtocolError: it does not fit; nothing has changed.
+            ProtocolError: it does not fit; the state is unchanged.
         """
         try:
             channel, fields = self._keys.parse(key)
@@ -98,40 +98,40 @@ class Mirror:
             raise
 
     def clock(self) -> Any:
-        """Simulated time."""
+        """Clock message with simulated time."""
         return convert.clock(self.t_ns)
 
     def joint_state(self) -> Any:
-        """Positions of the controlled joints; velocities by the last two feedbacks."""
+        """JointState of the controlled joints; velocities by difference of the last two feedbacks."""
         return convert.joint_state(self.t_ns, self._joints, self._position_rad, self._velocity_rad_s)
 
     def moving_links(self) -> Any:
-        """Transforms of the links that controlled joints move."""
+        """Transforms of the links moved by controlled joints."""
         return convert.transforms(self.t_ns, self.robot, self._links, self._now(), self._links.moves)
 
     def fixed_links(self) -> Any:
-        """Transforms of the other links; they never change."""
+        """Transforms of the other links, which are constant."""
         return convert.transforms(0, self.robot, self._links, self._now(), ~self._links.moves)
 
     def skin(self) -> Any:
-        """Cells as points."""
+        """PointCloud2 of all cells."""
         return convert.points(self.t_ns, convert.skin_points(self._places, self._now(), self._readings))
 
     def regions(self) -> Any:
-        """Regions that tactile sheets feel, as points."""
+        """PointCloud2 of the contact regions of tactile sheets."""
         rows = np.concatenate(self._regions)
         return convert.points(self.t_ns, convert.regions_of(self._places, self._now(), rows))
 
     def markers(self) -> Any:
-        """Cells for RViz."""
+        """MarkerArray of all cells, for RViz."""
         return self._markers.draw(self.t_ns, self._readings)
 
     def diagnostics(self, silent_s: float, bridge: dict[str, object]) -> Any:
-        """How the run does.
+        """DiagnosticArray of the run.
 
         Args:
-            silent_s: Wall time since the run last told of its joints [s].
-            bridge: Figures of the bridge itself.
+            silent_s: Wall time since the last newer joint feedback [s].
+            bridge: Diagnostic values of the bridge itself, by name.
         """
         parts = [self._run_health(silent_s), *self._patch_health(), *self._board_health()]
         refused = sum(self.counters.values())
@@ -171,7 +171,7 @@ class Mirror:
             yield Health(f"board {board}", level, f"{len(rows)} regions", figures)
 
     def _now(self) -> LinkPoses:
-        """Poses at the newest joint feedback."""
+        """Link poses at the newest joint feedback."""
         if self._poses_ns != self.t_ns:
             self._poses_ns, self._poses = self.t_ns, self._links.poses(self._position_rad)
         return self._poses
@@ -182,7 +182,7 @@ class Mirror:
         if position.shape != self._position_rad.shape or not np.isfinite(position).all():
             raise ProtocolError(f"{len(position)} joints; this run has {len(self._joints)}, all finite")
         if joints.t_ns <= self.t_ns:
-            return  # overtaken by a newer one
+            return  # older than the newest feedback
         if self.t_ns >= 0:
             step_s = (joints.t_ns - self.t_ns) / NS_PER_S
             self._velocity_rad_s = (position - self._position_rad) / step_s

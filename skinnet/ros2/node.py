@@ -1,4 +1,4 @@
-"""A node of the ROS graph on a Zenoh session: its publishers, its subscriptions, and their tokens."""
+"""ROS graph node on a Zenoh session, with publishers, subscriptions and their liveliness tokens."""
 
 import time
 from collections.abc import Callable
@@ -17,11 +17,11 @@ _ASK_S = 5.0
 
 
 class RosPublisher:
-    """Publishes messages of one type on one topic.
+    """Publisher of one message type on one topic.
 
     Attributes:
-        entity: What its token tells.
-        sent: Messages that were published.
+        entity: Graph entity of the publisher.
+        sent: Number of published messages.
     """
 
     def __init__(self, entity: Entity, publisher: Publisher, clock_ns: Callable[[], int]) -> None:
@@ -32,26 +32,26 @@ class RosPublisher:
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody subscribes."""
+        """Matching status: whether there is a subscription."""
         return self._publisher.wanted
 
     def publish(self, message: Any) -> None:
-        """Sends `message` to whoever keeps up."""
+        """Publish `message`; subscribers that do not keep up may miss it."""
         self.sent += 1
         self._publisher.put(encode(message), Attachment(self.sent, self._clock_ns(), self._gid).pack())
 
 
 class RosNode:
-    """A node: all alone under its name in its domain.
+    """ROS graph node with a unique name in its domain.
 
     Args:
-        session: How it gets at the others.
+        session: Zenoh session to the ROS 2 system.
         domain: ROS_DOMAIN_ID.
-        namespace: From "/" on.
-        name: Name in its namespace.
+        namespace: Namespace, beginning with "/".
+        name: Name in the namespace.
 
     Raises:
-        SkinnetError: there is already a node of this name.
+        SkinnetError: the domain already has a node of this name.
     """
 
     def __init__(self, session: OpenSession, domain: int, namespace: str, name: str) -> None:
@@ -65,7 +65,7 @@ class RosNode:
         session.announce(own.token)
 
     def publisher(self, topic: str, type_name: str, qos: Qos) -> RosPublisher:
-        """Announces a publisher on `topic`."""
+        """Declare a publisher on `topic`."""
         entity = self._endpoint(Kind.PUBLISHER, topic, type_name, qos)
         reliable = qos.reliability is Reliability.RELIABLE
         if qos.durability is Durability.TRANSIENT_LOCAL:
@@ -76,13 +76,13 @@ class RosNode:
         return RosPublisher(entity, sender, time.time_ns)
 
     def subscribe(self, topic: str, type_name: str, qos: Qos, on_sample: OnSample) -> None:
-        """Announces a subscription to `topic`; `on_sample` gets what is published there, as bytes."""
+        """Declare a subscription to `topic`; `on_sample` gets the encoded messages."""
         entity = self._endpoint(Kind.SUBSCRIPTION, topic, type_name, qos)
         self._session.subscribe(entity.key, on_sample)
         self._session.announce(entity.token)
 
     def watch_publishers(self, topic: str, on_change: Callable[[str, bool], None]) -> None:
-        """Calls `on_change` with the token of each publisher on `topic`, and whether it is there."""
+        """Call `on_change` with the token of each publisher on `topic`, and whether it is alive."""
         self._session.on_alive(publishers_of(self._node.domain, topic), on_change)
 
     def _endpoint(self, kind: Kind, topic: str, type_name: str, qos: Qos) -> Entity:

@@ -1,4 +1,4 @@
-"""Where the skin is on the links of the body: cells at fixed places, regions of sheets where they are now."""
+"""Cell poses on the links of the body, and world positions of cells and sheet regions."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,16 @@ Indices = NDArray[np.int64]
 
 
 class Places:
-    """Cells of all patches, in the order of the deployment, on the face of the foam.
+    """Cell poses of all patches, in the order of the deployment, on the outer face of the foam.
 
     Attributes:
         sizes: Number of cells of each patch, by name.
-        patch: (S,) number of each cell's patch.
-        cell: (S,) its number in the patch.
-        link: (S,) number of the link that carries it.
-        at_m: (S, 3) its middle, frame of the link [m].
+        patch: (S,) patch index of each cell.
+        cell: (S,) cell index within the patch.
+        link: (S,) index of the link that carries the cell.
+        at_m: (S, 3) cell centre, frame of the link [m].
         R_link_cell: (S, 3, 3) rotations; columns are the cell's x, y and z (outward normal).
-        side_m: Side of a cell [m].
+        side_m: Side length of a cell [m].
         n_sheets: Number of tactile sheets.
     """
 
@@ -46,11 +46,11 @@ class Places:
         self.n_sheets = len(self._sheets)
 
     def cells_m(self, poses: LinkPoses) -> Floats:
-        """(S, 3) middles of all cells, world [m]."""
+        """Cell centres (S, 3), world frame [m]."""
         return _world(poses, self.link, self.at_m)
 
     def on_sheets_m(self, poses: LinkPoses, board: Indices, xi_m: Floats) -> Floats:
-        """(n, 3) points at tactile coordinates (n, 2) [m] on the faces of the sheets `board` (n,), world."""
+        """Points (n, 3) [m], world frame, at tactile coordinates `xi_m` (n, 2) [m] of sheets `board` (n,)."""
         at_m = np.empty((len(board), 3))
         for number in np.unique(board).tolist():
             mine = board == number

@@ -1,7 +1,7 @@
-"""Quality of service in the compact form of liveliness tokens.
+"""QoS profiles of ROS 2, in the compact form of liveliness tokens.
 
-`reliability:durability:history,depth:deadline s,ns:lifespan s,ns:liveliness,lease s,ns`, with numbers of
-rmw's enumerations; a part that is as rmw_zenoh has it by default stays empty (`qos_to_keyexpr` there).
+`reliability:durability:history,depth:deadline s,ns:lifespan s,ns:liveliness,lease s,ns`, with the values of
+rmw's enumerations; a part with rmw_zenoh's default value stays empty (`qos_to_keyexpr` there).
 """
 
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ _DEFAULT_DEPTH = 42
 
 
 class Reliability(IntEnum):
-    """`rmw_qos_reliability_policy_e`."""
+    """Reliability policy, `rmw_qos_reliability_policy_e`."""
 
     RELIABLE = 1
     BEST_EFFORT = 2
 
 
 class Durability(IntEnum):
-    """`rmw_qos_durability_policy_e`."""
+    """Durability policy, `rmw_qos_durability_policy_e`."""
 
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
 
 
 class History(IntEnum):
-    """`rmw_qos_history_policy_e`."""
+    """History policy, `rmw_qos_history_policy_e`."""
 
     KEEP_LAST = 1
     KEEP_ALL = 2
@@ -35,13 +35,13 @@ class History(IntEnum):
 
 @dataclass(frozen=True)
 class Qos:
-    """What a publisher offers or a subscription asks for; no deadlines, lifespans or leases.
+    """QoS profile of a publisher or subscription; without deadline, lifespan and lease.
 
     Attributes:
-        reliability: Over a reliable link, or the fastest there is.
-        durability: Whether subscriptions that come later get the last messages.
-        history: Which messages are kept.
-        depth: How many.
+        reliability: Reliable or best-effort delivery.
+        durability: Whether late subscriptions get the last messages.
+        history: Keep the last messages or all.
+        depth: Number of kept messages.
     """
 
     reliability: Reliability = Reliability.RELIABLE
@@ -51,7 +51,7 @@ class Qos:
 
     @property
     def compact(self) -> str:
-        """The form in tokens."""
+        """Compact form, as in tokens."""
         reliability = "" if self.reliability is Reliability.RELIABLE else f"{self.reliability:d}"
         durability = "" if self.durability is Durability.VOLATILE else f"{self.durability:d}"
         history = "" if self.history is History.KEEP_LAST else f"{self.history:d}"

@@ -1,7 +1,7 @@
-"""The newest reading of every cell, from events and streams that come in any order, with gaps.
+"""Newest cell readings, from events and streams that arrive in any order and with gaps.
 
-Cells send by levels: while one is silent, its force and proximity lie below the lowest level and count as 0.
-What is sent rarely, acceleration and temperature, is not a number until it was heard.
+Under level-crossing encoding, a silent cell's force and proximity lie below the lowest level and count as 0.
+Acceleration and temperature, which are rarely sent, are NaN until the first reading.
 """
 
 from collections.abc import Mapping
@@ -17,12 +17,12 @@ __all__ = ["PROXIMITY", "TEMPERATURE", "Readings", "Tally"]
 PROXIMITY = FORCE_CHANNELS
 TEMPERATURE = READING_NAMES.index("temperature_c")
 _FIRST = np.array([0, PROXIMITY, PROXIMITY + 1, TEMPERATURE])
-"""First column of each modality in a reading."""
+"""First reading column of each modality."""
 _WIDTH = np.diff([*_FIRST, len(READING_NAMES)])
 
 
 class Tally:
-    """What came of one patch: deliveries that were heard, and by their numbers how many were lost."""
+    """Delivery counts of one patch: received events and rows, and losses by sequence number."""
 
     def __init__(self) -> None:
         self.events = 0
@@ -31,11 +31,11 @@ class Tally:
 
     @property
     def lost(self) -> int:
-        """Deliveries between the first and the last that was heard, and did not come."""
+        """Lost deliveries between the first and the last received one."""
         return max(0, self._last + 1 - self._first - self.events - self.rows)
 
     def count(self, seq: NDArray[np.int64], *, events: int = 0, rows: int = 0) -> None:
-        """Adds deliveries with the numbers `seq`."""
+        """Count deliveries with sequence numbers `seq`."""
         if len(seq):
             self._first = min(self._first, int(seq.min()))
             self._last = max(self._last, int(seq.max()))
@@ -44,15 +44,15 @@ class Tally:
 
 
 class Readings:
-    """Readings of all cells, patches in the order of `sizes`, the cells of each in turn.
+    """Newest readings of all cells, by patch in the order of `sizes`.
 
     Args:
         sizes: Number of cells of each patch, by name.
 
     Attributes:
-        values: (S, 8) newest readings in `READING_NAMES` order.
-        reached: (S,) whether a cell is in the network.
-        tally: What came of each patch.
+        values: (S, 8) newest readings in `READING_NAMES` order, NaN if unknown.
+        reached: (S,) whether a cell is connected to the network.
+        tally: Delivery counts of each patch.
     """
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
@@ -66,7 +66,7 @@ class Readings:
         self._rows = {patch: slice(*ends[i : i + 2]) for i, patch in enumerate(sizes)}
 
     def add_events(self, patch: str, events: Events) -> None:
-        """Takes in events.
+        """Apply events.
 
         Raises:
             ProtocolError: they do not fit the patch.
@@ -84,14 +84,14 @@ class Readings:
         if channel.min() < 0 or (channel >= _WIDTH[modality]).any():
             raise ProtocolError(f"events of {patch} of a channel that no cell has")
         self.tally[patch].count(np.array(events.seq), events=len(cell))
-        order = np.argsort(t_ns, kind="stable")  # of several of one channel, the last to be written stays
+        order = np.argsort(t_ns, kind="stable")  # of several events of one channel, the newest is last
         row, column = rows.start + cell[order], (_FIRST[modality] + channel)[order]
         newer = t_ns[order] >= self._t_ns[row, column]
         at = row[newer], column[newer]
         self.values[at], self._t_ns[at] = value[order][newer], t_ns[order][newer]
 
     def add_stream(self, patch: str, stream: Stream) -> None:
-        """Takes in full readings.
+        """Apply full readings.
 
         Raises:
             ProtocolError: they do not fit the patch.
@@ -108,7 +108,7 @@ class Readings:
         self._t_ns[cell] = np.where(newer, t_ns, self._t_ns[cell])
 
     def see(self, patch: str, topology: Topology) -> None:
-        """Takes in which cells the network reaches; the others feel nothing.
+        """Apply a topology; force and proximity of unreachable cells become 0.
 
         Raises:
             ProtocolError: it does not fit the patch.
@@ -121,7 +121,7 @@ class Readings:
         self.values[rows][~reached, : PROXIMITY + 1] = 0.0
 
     def cells(self, patch: str) -> slice:
-        """Rows of the cells of a patch."""
+        """Row slice of a patch's cells."""
         return self._rows[patch]
 
     def _of(self, patch: str) -> slice:

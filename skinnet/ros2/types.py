@@ -1,4 +1,4 @@
-"""The standard ROS 2 messages that the bridge speaks: their types, RIHS01 hashes and CDR.
+"""ROS 2 message types of the bridge: construction, CDR encoding and RIHS01 hashes.
 
 Definitions are those of Jazzy; Iron, Kilted and Lyrical have the same hashes.
 """
@@ -33,26 +33,26 @@ MARKERS = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 VELOCITIES = "std_msgs/msg/Float64MultiArray"
 TYPES = (CLOCK, JOINT_STATE, TRANSFORMS, POINT_CLOUD, MARKERS, DIAGNOSTICS, VELOCITIES)
-"""All of them, by name."""
+"""Names of all message types of the bridge."""
 
 _store = get_typestore(Stores.ROS2_JAZZY)
 
 
 def make(name: str, *fields: Any, **more: Any) -> Any:
-    """A message of type `name` with all its fields: the first ones in their order, or all by their names."""
+    """Make a message of type `name` from its fields, positional or by name."""
     return _store.types[name](*fields, **more)
 
 
 def encode(message: Any) -> bytes:
-    """CDR of a message, little-endian, with its encapsulation."""
+    """Encode a message as little-endian CDR with its encapsulation header."""
     return bytes(_store.serialize_cdr(message, message.__msgtype__))
 
 
 def decode(payload: bytes, name: str) -> Any:
-    """The message of type `name` in `payload`.
+    """Decode a CDR message of type `name`.
 
     Raises:
-        ProtocolError: it has none.
+        ProtocolError: `payload` is not such a message.
     """
     try:
         return _store.deserialize_cdr(payload, name)

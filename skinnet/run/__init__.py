@@ -1,1 +1,1 @@
-"""Runs: launch and supervise processes, summary, plots."""
+"""Run management: launching and supervision of processes, observer endpoint, summary."""

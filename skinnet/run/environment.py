@@ -1,4 +1,4 @@
-"""What a run ran with: versions of the program and of what it stands on, and the machine's kind."""
+"""Software environment of a run: package versions, platform, cores."""
 
 import os
 import platform
@@ -13,7 +13,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "mujoco", "eclipse-zenoh", "msgspec", "m
 
 
 def environment() -> dict[str, Any]:
-    """Versions by name, the platform, and how many cores there were to run on."""
+    """Return package versions by name, the platform, and the number of usable cores."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "skinnet": __version__,

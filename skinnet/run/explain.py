@@ -1,4 +1,4 @@
-"""What `skinnet check` prints of a deployment that holds."""
+"""Deployment listing that `skinnet check` prints: processes, cells, channels, periods."""
 
 from rich.console import Console
 from rich.table import Table
@@ -12,7 +12,7 @@ __all__ = ["explain"]
 
 
 def explain(console: Console, deployment: Deployment) -> None:
-    """Prints processes, channels, cells and periods."""
+    """Print the processes, cells, channels, periods and program of a deployment."""
     console.print(f"{deployment.name}: robot {deployment.robot}, seed {deployment.seed}", highlight=False)
     for table in (_processes(deployment), _patches(deployment), _channels(deployment), _periods(deployment)):
         console.print(table)

@@ -1,4 +1,4 @@
-"""All processes of a run as tasks of one event loop, over the in-memory transport."""
+"""Single-process run: all logical processes as tasks of one event loop, over the in-memory transport."""
 
 import asyncio
 import os
@@ -27,18 +27,18 @@ async def run_in_process(
     watch: Watch | None = None,
     record: bool = False,
 ) -> Outcome:
-    """Runs `deployment` in this process.
+    """Run `deployment` in this process.
 
     Args:
-        deployment: What to run.
-        base: Folder that relative paths in it start from.
+        deployment: Deployment to run.
+        base: Base folder of its relative paths.
         out: Run folder.
-        progress: Where to show how it goes.
-        watch: Window for outsiders.
-        record: Whether to write a recording.
+        progress: Progress display.
+        watch: Observer endpoint.
+        record: Write a recording.
 
     Raises:
-        SkinnetError: what a node could not go on with.
+        SkinnetError: a logical process failed.
     """
     keys = Keys(deployment.robot)
     hub = MemoryHub()
@@ -63,7 +63,7 @@ async def run_in_process(
         except SkinnetError as error:
             if node.name != RECORDER or RECORDER not in deployment.run.may_be_lost:
                 raise
-            faults.append(Fault(node.name, str(error)))  # nobody waits for it
+            faults.append(Fault(node.name, str(error)))  # no process depends on it
             progress.say(f"{node.name}: {error}; the run goes on without it")
 
     try:

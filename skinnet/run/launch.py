@@ -1,4 +1,4 @@
-"""One run from a deployment to its summary: check, run, judge, write."""
+"""Run launcher: check a deployment, run it, write its summary and plots."""
 
 import asyncio
 import contextlib
@@ -32,16 +32,16 @@ __all__ = ["Order", "prepare", "run_once"]
 
 @dataclass(frozen=True)
 class Order:
-    """What was asked for on the command line.
+    """Run options of the command line.
 
     Attributes:
-        file: The deployment.
+        file: Deployment file.
         overrides: `key=value` settings.
-        in_process: Run everything in one process.
-        listen: Endpoint for watchers; a free port unless given.
+        in_process: Run all processes in one.
+        listen: Observer endpoint; a free port on loopback unless given.
         plots: Draw plots and a picture.
-        record: Write all that is said into a file of the run folder.
-        on_watch: Told the endpoint for watchers as soon as it is there.
+        record: Write all recorded channels into a file of the run folder.
+        on_watch: Called with the observer endpoint once it is open.
     """
 
     file: Path
@@ -54,7 +54,7 @@ class Order:
 
 
 def prepare(order: Order, seed: int | None = None) -> Deployment:
-    """Loads a deployment and checks it against itself, its model and what its robot remembers.
+    """Load a deployment and check its consistency, also with its MJCF model and its long-term memory.
 
     Raises:
         DeploymentError: names file, key, value, what is allowed.
@@ -77,10 +77,10 @@ def prepare(order: Order, seed: int | None = None) -> Deployment:
 
 
 def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress) -> dict[str, Any]:
-    """Runs `deployment` and writes its run folder; returns the summary.
+    """Run `deployment`, write its run folder and return the summary.
 
     Raises:
-        SkinnetError: the run failed; one clear line.
+        SkinnetError: the run failed; the text is one line.
     """
     out.mkdir(parents=True, exist_ok=True)
     (out / "summary.json").unlink(missing_ok=True)  # of an earlier run in this folder

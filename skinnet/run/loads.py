@@ -1,4 +1,4 @@
-"""What the processes of a run use of the machine, told to watchers while it goes on."""
+"""Process monitor: CPU and memory use of the processes of a run, published to observers."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,7 @@ _EVERY_S = 0.5
 
 
 class _Meter:
-    """Processor time since it was last read, and memory."""
+    """Resource meter of one process: CPU time since the last reading, and memory."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
@@ -24,7 +24,7 @@ class _Meter:
         self._cpu_s: float | None = None
 
     def read(self, passed_s: float) -> tuple[float, float]:
-        """Cores since the last call, `passed_s` ago, and memory [MB]; none of both for what is gone."""
+        """Read mean cores since the last call, `passed_s` ago, and memory [MB]; zeros for a lost process."""
         try:
             if self._process is None:
                 self._process = psutil.Process(self.pid)
@@ -39,7 +39,7 @@ class _Meter:
 
 
 class _Meters:
-    """The meters of all processes."""
+    """Resource meters of all processes of a run."""
 
     def __init__(self, pids: Mapping[str, int], now_s: float) -> None:
         self._meters = {name: _Meter(pid) for name, pid in pids.items()}
@@ -61,7 +61,7 @@ class _Meters:
 async def telling_loads(
     pids: Mapping[str, int], watch: Watch | None, progress: Progress
 ) -> AsyncIterator[None]:
-    """While the block runs, tells what processes use, by name, twice a second if somebody wants to know."""
+    """Publish the process load twice a second, while the block runs and an observer subscribes."""
     if watch is None:
         yield
         return

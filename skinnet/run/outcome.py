@@ -1,4 +1,4 @@
-"""How a run ended, whichever way it was run."""
+"""Outcome of a run: results, resource use and failures of its processes."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ __all__ = ["Fault", "Outcome", "ProcessReport"]
 
 @dataclass(frozen=True)
 class ProcessReport:
-    """What the summary says of a process."""
+    """Process entry of the summary: CPU time, peak memory, exit code."""
 
     role: str
     name: str
@@ -21,7 +21,7 @@ class ProcessReport:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that was lost on the way: which process, how, and its last lines."""
+    """Process failure: name, cause, last log lines."""
 
     process: str
     what: str
@@ -30,7 +30,7 @@ class Fault:
 
 @dataclass
 class Outcome:
-    """Parts of the processes that finished, and what happened to the others.
+    """Run outcome: results of the processes that finished, failures of the others.
 
     `kind` is "completed", "completed_with_losses", "failed" or "interrupted".
     """

@@ -1,4 +1,4 @@
-"""The flat list of the processes of a run; packages are named as strings: the core imports none."""
+"""Process list of a run; packages are named by string, so that the core imports none of them."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ __all__ = ["ProcessSpec", "processes"]
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """One process: `python -m <module>` with its name."""
+    """Process specification: `python -m <module>` with a process name."""
 
     name: str
     role: Role
@@ -19,7 +19,7 @@ class ProcessSpec:
 
 
 def processes(deployment: Deployment, record: bool = False) -> tuple[ProcessSpec, ...]:
-    """All processes of a deployment, with one that records if asked; the body first, since it is the hub."""
+    """List the processes of a deployment, with a recorder if `record`; the body, the hub, comes first."""
     spared = set(deployment.run.may_be_lost)
     hosts = [
         ProcessSpec(host, Role.CELLS, "cells", bool({host, "cells"} & spared))

@@ -1,4 +1,4 @@
-"""A line that moves: what the controller does, how far simulated time is, how fast it goes."""
+"""Progress display of a run: controller stage, simulated time, real-time factor."""
 
 import time
 
@@ -18,7 +18,7 @@ _PLAIN_EVERY_S = 10.0
 
 
 class Progress:
-    """Follows the controller's state; on a terminal as one line that moves, else as a line now and then."""
+    """Progress display of the controller state: a live line on a terminal, otherwise a line every 10 s."""
 
     def __init__(self, console: Console, quiet: bool = False) -> None:
         self._console = console
@@ -41,11 +41,11 @@ class Progress:
             self._live.stop()
 
     def follow(self, transport: Transport, keys: Keys) -> None:
-        """Shows every state that goes through `transport`."""
+        """Subscribe to the controller state and show each one."""
         transport.tap(keys.of("state"), self._on_state)
 
     def say(self, text: str) -> None:
-        """Prints a line above the moving one."""
+        """Print a line above the live one."""
         if not self._quiet:
             self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
@@ -55,7 +55,7 @@ class Progress:
         except ProtocolError:
             return
         if self.t_ns == 0:
-            self._start_s = time.monotonic()  # the clock starts with the simulation, not with the imports
+            self._start_s = time.monotonic()  # measure from the start of the simulation, without the imports
         self.t_ns = max(state.t_ns, 1)
         wall_s = time.monotonic() - self._start_s
         pace = self.t_ns * 1e-9 / wall_s if wall_s > 0.5 else 0.0

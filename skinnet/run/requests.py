@@ -1,7 +1,7 @@
-"""The desk where users ask the controller: a query comes in, a request goes into the loop, an answer returns.
+"""Request server: turns queries of external clients into controller requests, and answers into replies.
 
-Whoever asks is answered once, and soon: with the controller's `Answer`, or with an error in words if there is
-no controller, the question makes no sense, too many wait, or nothing comes of it.
+Every query gets one reply within the timeout: the controller's `Answer`, or an error text if there is no
+controller, the query is invalid, too many are pending, or no answer arrives.
 """
 
 import contextlib
@@ -22,11 +22,11 @@ from skinnet.transport.base import OnMessage, Query
 __all__ = ["MOST_OPEN", "PATIENCE_S", "Clerk", "RequestDesk"]
 
 MOST_OPEN = 32
-"""Queries that may wait at a time; an assumption: people ask one thing after the other."""
+"""Maximum number of pending queries; an assumption: users send one request after the other."""
 PATIENCE_S = 5.0
-"""So long a query waits; an assumption, below the ten seconds after which a Zenoh client gives up."""
+"""Timeout [s] of a pending query; an assumption, below the default query timeout of Zenoh, 10 s."""
 _GRACE_S = 0.2
-"""The last answers of a controller may come after the news that it is gone, through another thread."""
+"""Grace period [s]: the loss of the controller's token may overtake its last answers."""
 _MOST_BYTES = 256
 _WHAT = re.compile(r"[A-Za-z0-9_\-]{1,64}")
 
@@ -41,15 +41,15 @@ class _Open:
 
 
 class _RefusedError(Exception):
-    """Why a query is not passed on."""
+    """Refusal of a query, with the reason."""
 
 
 class RequestDesk:
-    """Decides what becomes of each query; all calls come from one thread, with the wall clock's time [s].
+    """Request server logic without I/O; all calls come from one thread, with the wall-clock time [s].
 
     Args:
         keys: Keys of the robot.
-        hand_in: Sends a request into the loop.
+        hand_in: Callback that puts a request into the loop.
     """
 
     def __init__(self, keys: Keys, hand_in: OnMessage) -> None:
@@ -60,10 +60,10 @@ class RequestDesk:
         self._closed = "the controller is not running yet; ask again when the run has begun"
         self._over = False
         self.counters: Counter[str] = Counter()
-        """Requests that were passed on, queries that were refused here, and those that nothing came of."""
+        """Counts of forwarded requests, refused queries and unanswered queries."""
 
     def ask(self, query: Query, now_s: float) -> None:
-        """Passes a query on, or refuses it; one for whatever there is, as `skinnet/**`, asks for nothing."""
+        """Forward a query as a request, or refuse it; drop one with a wildcard, as `skinnet/**`."""
         what = query.key.rpartition("/")[2]
         if "*" in what:
             query.drop()
@@ -85,7 +85,7 @@ class RequestDesk:
         self._hand_in(key, encode(Request(id=self._serial, argument=argument)))
 
     def answer(self, payload: bytes) -> None:
-        """The controller said what became of a request; if it said so in time, whoever asked hears it."""
+        """Reply to the pending query with the controller's answer; ignore one after the timeout."""
         try:
             asked = self._open.pop(decode(payload, Answer).id, None)
         except ProtocolError as error:
@@ -95,23 +95,23 @@ class RequestDesk:
                 asked.query.reply(asked.key, payload)
 
     def begin(self) -> None:
-        """The controller ticks: requests have somebody to go to."""
+        """Accept requests from now on: the controller is running."""
         if not self._over:
             self._closed = ""
 
     def end(self, why: str, now_s: float, grace_s: float = _GRACE_S) -> None:
-        """There is no controller any more, and there will be none."""
+        """Refuse requests from now on for reason `why`: the controller is gone."""
         self._over, self._closed = True, why
         for asked in self._open.values():
             asked.deadline_s = min(asked.deadline_s, now_s + grace_s)
         self.expire(now_s)
 
     def due_s(self) -> float | None:
-        """When the query that waits longest is to be given up."""
+        """Return the timeout [s] of the oldest pending query, or None."""
         return next((asked.deadline_s for asked in self._open.values()), None)
 
     def expire(self, now_s: float) -> None:
-        """Gives up the queries whose time is over; the oldest come first."""
+        """Refuse the pending queries that have timed out, oldest first."""
         while (due_s := self.due_s()) is not None and due_s <= now_s:
             asked = self._open.pop(next(iter(self._open)))
             self.counters["unanswered_requests"] += 1
@@ -120,11 +120,11 @@ class RequestDesk:
 
 
 def _argument(what: str, query: Query) -> str:
-    """The argument of a query for `what`, if that makes sense."""
+    """Validate a query for request `what` and return its argument."""
     if not _WHAT.fullmatch(what):
         raise _RefusedError(f"{what[:64]!r} is no name; names have up to 64 letters, digits, - and _")
     for name in query.parameters:
-        if name != "argument" and not name.startswith("_"):  # those are Zenoh's
+        if name != "argument" and not name.startswith("_"):  # reserved by Zenoh
             raise _RefusedError(
                 f"unknown parameter {name!r}; there is only argument, as in {what}?argument=…"
             )
@@ -141,7 +141,7 @@ def _argument(what: str, query: Query) -> str:
 
 
 class Clerk:
-    """The thread that sits at the desk, so that neither the loop nor Zenoh waits for a slow client."""
+    """Request worker: the thread of a `RequestDesk`, so that no slow client blocks the loop or Zenoh."""
 
     def __init__(self, desk: RequestDesk) -> None:
         self.desk = desk
@@ -166,7 +166,7 @@ class Clerk:
         self._jobs.put(lambda: self.desk.end(why, time.monotonic()))
 
     def close(self) -> None:
-        """Sends away whoever still waits."""
+        """Refuse all pending queries and join the thread."""
         self._jobs.put(lambda: self.desk.end("the run is over", time.monotonic(), grace_s=0.0))
         self._jobs.put(None)
         self._thread.join()

@@ -1,4 +1,4 @@
-"""The summary of a run: what happened, and every figure that can be computed from it."""
+"""Summary of a run: outcome, timing, resource use and metrics."""
 
 import hashlib
 from dataclasses import asdict
@@ -17,18 +17,18 @@ __all__ = ["log_sha256", "summarise"]
 
 
 def log_sha256(parts: list[Part]) -> str:
-    """Hash of the logs of all sources, by name: the same however they were spread over processes."""
+    """Return the SHA-256 over the logs of all sources, independent of their distribution over processes."""
     logs = {name: digest for part in parts for name, digest in part.facts["logs"].items()}
     return hashlib.sha256(repr(sorted(logs.items())).encode()).hexdigest()
 
 
 def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
-    """What `summary.json` holds.
+    """Build the content of `summary.json`.
 
     Args:
-        deployment: What was run.
-        base: Folder that relative paths in it start from.
-        outcome: How it ended.
+        deployment: Deployment of the run.
+        base: Base folder of its relative paths.
+        outcome: Run outcome.
         wall_s: Wall time from the first process to the last [s].
     """
     parts = {part.name: part for part in outcome.parts}
@@ -55,7 +55,7 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
 
 
 def _recording(part: Part | None) -> dict[str, int | float]:
-    """How large the recording is; nothing if there is none."""
+    """Return the metrics of the recording: message counts, bytes, bytes per simulated second."""
     if part is None:
         return {}
     counts = {f"recording.messages.{name}": count for name, count in part.facts["messages"].items() if count}

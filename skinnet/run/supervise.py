@@ -1,8 +1,8 @@
-"""Starts the processes of a run, watches over them, and ends them in order.
+"""Supervisor of the processes of a run: starts, monitors and stops them.
 
-A process that dies is reported with its name and its last lines. If the deployment does not allow its
-loss, the others are told to stop, then made to. Their standard input is a pipe of ours: should this process
-be killed, it closes, and they end by themselves.
+A process that fails is reported with its name and its last log lines. If the deployment does not allow its
+loss, the others get SIGTERM, then SIGKILL. Their standard input is a pipe of this process: if it is killed,
+the pipe closes, and they end by themselves.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ _LOOK_EVERY_S = 0.02
 _STOP_S = 3.0
 _LAST_LINES = 8
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-"""Each process computes in one thread; the processes are what runs in parallel."""
+"""Thread limits of the numerical libraries: one per process, since the processes run in parallel."""
 
 
 @dataclass
@@ -55,7 +55,7 @@ class _Child:
 
 @contextlib.contextmanager
 def _hub_endpoint() -> Iterator[str]:
-    """A local socket of this run alone: no port that could be taken, no stranger in the loop."""
+    """Create a private Unix socket endpoint for the hub: no port conflicts, no external clients."""
     with tempfile.TemporaryDirectory(prefix="skinnet-") as folder:
         yield f"{_SCHEME}{folder}/hub"
 
@@ -68,21 +68,21 @@ async def run_processes(
     watch: Watch | None,
     record: bool = False,
 ) -> Outcome:
-    """Runs `deployment` in processes of its own.
+    """Run `deployment` in separate processes.
 
     Args:
-        deployment: What to run.
-        base: Folder that relative paths in it start from.
-        out: Run folder; has `deployment.json`, gets `logs/` and `parts/`.
-        progress: Where to show how it goes.
-        watch: Window for outsiders.
-        record: Whether to write a recording.
+        deployment: Deployment to run.
+        base: Base folder of its relative paths.
+        out: Run folder with `deployment.json`; `logs/` and `parts/` are written there.
+        progress: Progress display.
+        watch: Observer endpoint.
+        record: Write a recording.
 
     Raises:
-        ProcessFailedError: a process that may not be lost died; names it, with its last lines.
+        ProcessFailedError: a required process failed; names it, with its last log lines.
     """
     for folder in ("parts", "logs"):
-        shutil.rmtree(out / folder, ignore_errors=True)  # what an earlier run left is not of this one
+        shutil.rmtree(out / folder, ignore_errors=True)  # of an earlier run in this folder
     resolved = out / "deployment.json"
     with _hub_endpoint() as hub:
         children: list[_Child] = []
@@ -105,9 +105,9 @@ async def run_processes(
 
 
 def _cpus(specs: Sequence[ProcessSpec]) -> list[list[int]]:
-    """A core for each process, in turn; another first one in every launcher, so that runs spread.
+    """Assign one core to each process, round robin from an offset by launcher, so that parallel runs spread.
 
-    The recorder takes what is free: nobody waits for it.
+    The recorder may use all cores: no process depends on it.
     """
     if not hasattr(os, "sched_getaffinity"):
         return [[]] * len(specs)
@@ -152,11 +152,11 @@ async def _start(
 async def _follow(
     deployment: Deployment, hub: str, progress: Progress, watch: Watch | None
 ) -> ZenohTransport:
-    """Joins the loop to show how it goes and to copy it to outsiders."""
+    """Connect to the loop for the progress display and the observer endpoint."""
     keys = Keys(deployment.robot)
     await _appearance(Path(hub.removeprefix(_SCHEME)))
     transport = await asyncio.to_thread(lambda: ZenohTransport(keys, OUTSIDE, connect=hub))
-    transport.record(1)  # what strangers bring
+    transport.record(1)  # messages of external clients
     progress.follow(transport, keys)
     if watch is not None:
         watch.open(transport)
@@ -164,8 +164,8 @@ async def _follow(
 
 
 async def _appearance(socket: Path) -> None:
-    """Returns when the hub's socket is there: a session that waits for its hub cannot be told to give up."""
-    while not socket.exists():  # noqa: ASYNC110, ASYNC240 -- no event tells of a file, and the look is short
+    """Wait for the hub's socket: a Zenoh session that waits for its hub cannot be cancelled."""
+    while not socket.exists():  # noqa: ASYNC110, ASYNC240 -- no event for a new file; the check is short
         await asyncio.sleep(_LOOK_EVERY_S)
 
 
@@ -180,7 +180,11 @@ async def _leave(follower: "asyncio.Task[ZenohTransport]", watch: Watch | None) 
 
 
 async def _wait(children: list[_Child], progress: Progress) -> list[Fault]:
-    """Waits for all; raises as soon as one dies that may not."""
+    """Wait for all processes; return the failures that the deployment tolerates.
+
+    Raises:
+        ProcessFailedError: a required process failed.
+    """
     faults: list[Fault] = []
     waiting = {asyncio.create_task(child.process.wait()): child for child in children}
     try:
@@ -202,7 +206,7 @@ async def _wait(children: list[_Child], progress: Progress) -> list[Fault]:
 
 
 def _first_cause(culprits: list[_Child], children: list[_Child]) -> _Child:
-    """Of several that died at once, one that was killed: the others may have died of its loss."""
+    """Select the first cause of simultaneous failures: a process killed by a signal, else the first."""
     killed = [c for c in children if (code := c.process.returncode) is not None and code < 0]
     return (killed or culprits)[0]
 
@@ -214,7 +218,7 @@ def _failure(child: _Child) -> ProcessFailedError:
 
 
 async def _stop(children: list[_Child]) -> None:
-    """Tells those that still run to stop; kills who does not."""
+    """Terminate the running processes (SIGTERM); kill those still running after a timeout (SIGKILL)."""
     running = [child.process for child in children if child.process.returncode is None]
     for process in running:
         with contextlib.suppress(ProcessLookupError):

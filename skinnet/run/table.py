@@ -1,4 +1,4 @@
-"""The table at the end of a run."""
+"""Summary table printed at the end of a run."""
 
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ __all__ = ["print_summary"]
 
 
 def print_summary(console: Console, summary: dict[str, Any], folder: Path) -> None:
-    """Prints what the run brought."""
+    """Print the summary of a run."""
     table = Table(
         title=f"{summary['deployment']}, seed {summary['seed']}: {summary['outcome']}", show_header=False
     )

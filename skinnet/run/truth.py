@@ -1,4 +1,4 @@
-"""What the model says of the robot: the yardstick for what the skin found out by itself."""
+"""Model reference for self-organisation metrics: structure and kinematics from the MJCF model."""
 
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ __all__ = ["Truth"]
 
 
 class Truth:
-    """The robot's true structure and kinematics; nothing of it ever reaches the controller."""
+    """Ground-truth structure and kinematics of the robot; never available to the controller."""
 
     def __init__(self, deployment: Deployment, base: Path) -> None:
         self._deployment, self._base = deployment, base
@@ -25,10 +25,10 @@ class Truth:
 
     @property
     def activity(self) -> NDArray[np.bool_]:
-        """(S, D): does DoF d move cell s."""
+        """Activity matrix, (S, D): True if DoF d moves cell s."""
         return moved_by(self._body)
 
     def cell_jacobian(self, pose_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(S, D, 3) [m/rad]: velocity of every cell per velocity of every DoF, frames of the cells."""
+        """Return the cell Jacobian (S, D, 3) [m/rad] at `pose_rad`, in the frames of the cells."""
         put_into(self._body, pose_rad)
         return jacobian(self._body)

@@ -1,4 +1,4 @@
-"""The live page beside a run: a process of its own, which comes after the run in everything."""
+"""Page process of a run: `skinnet view` as a child process with lower priority."""
 
 import contextlib
 import subprocess
@@ -12,12 +12,12 @@ _FAREWELL_S = 5.0
 
 
 class Viewer:
-    """`skinnet view` of a run.
+    """Page process of a run, `skinnet view`.
 
     Args:
-        say: Told what it says.
-        keep: It stays when the run is over.
-        control: It offers the controller's requests.
+        say: Called with each line that it prints.
+        keep: Keep the page after the end of the run.
+        control: Show buttons for the controller's requests.
     """
 
     def __init__(self, say: Callable[[str], None], *, keep: bool = False, control: bool = False) -> None:
@@ -28,7 +28,7 @@ class Viewer:
         self._said = self._over = False
 
     def start(self, endpoint: str) -> None:
-        """Begins to watch `endpoint`; how that goes is said, and never the run's affair."""
+        """Start the page process on observer endpoint `endpoint`; its failure never affects the run."""
         command = [sys.executable, "-m", "skinnet.cli", "view", endpoint, *self._options]
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -40,14 +40,14 @@ class Viewer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """The run is over: waits until the page has noticed or, if it is kept, until somebody ends it."""
+        """End the page process after the run or, if it is kept, wait until the user ends it."""
         if self._process is None or self._reader is None:
             return
         self._over = True
         stays = self._keep and kind is None and self._process.poll() is None
         if stays:
             self._say("the page stays until Ctrl-C")
-        # to end what one has kept is no failure
+        # Ctrl-C on a kept page is no failure
         with contextlib.suppress(subprocess.TimeoutExpired, *((KeyboardInterrupt,) if stays else ())):
             self._process.wait(None if stays else _FAREWELL_S)
         self._process.terminate()
@@ -61,6 +61,6 @@ class Viewer:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             for line in lines:
-                if self._said or not self._over:  # else it found nobody any more
+                if self._said or not self._over:  # else it failed because the run had ended
                     self._said = True
                     self._say(line.rstrip())

@@ -1,10 +1,9 @@
-"""The window for outsiders: a Zenoh endpoint of its own, beside the loop.
+"""Observer endpoint: a Zenoh session outside the loop for external clients.
 
-Whoever joins here gets best-effort copies of the public channels and can never hold up the run: the
-loop's sessions do not know them. Copies are made only of what somebody subscribes to. The newest topology
-of each patch, and the newest state of the controller with all states that there are, answer queries.
-Configuration of cells may come in; it takes effect as soon as it arrives. So may requests to the controller,
-as queries that its answer answers.
+Observers get best-effort copies of the public channels and can never delay the run: the sessions of the loop
+are separate. Only subscribed channels are copied. The newest topology of each patch, state of the controller
+and state machine answer queries. External clients may send cell configurations, which take effect on arrival,
+joint velocities, and requests to the controller, as queries that its answers reply to.
 """
 
 import socket
@@ -28,7 +27,7 @@ _TRIES = 5
 
 
 def free_endpoint() -> str:
-    """A TCP endpoint on loopback that was free a moment ago."""
+    """Return a TCP endpoint on loopback with a port that was free when probed."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -46,14 +45,20 @@ def _open(keys: Keys, listen: str | None) -> tuple[str, ZenohTransport]:
 
 
 class Watch:
-    """Copies the public channels of the loop at `inner` to whoever connects to `endpoint`.
+    """Observer endpoint: copies public channels out of the loop, and external messages into it.
 
     Args:
         keys: Keys of the robot.
-        listen: Endpoint; a free port on loopback unless given.
+        listen: Zenoh endpoint; a free port on loopback unless given.
+
+    Attributes:
+        endpoint: Zenoh endpoint that it listens on.
+        copied: Messages copied to observers.
+        configs: Configurations received from external clients.
+        velocities: Joint velocities received from external clients.
 
     Raises:
-        PortInUseError: the endpoint is taken.
+        PortInUseError: the endpoint is in use.
     """
 
     def __init__(self, keys: Keys, listen: str | None = None) -> None:
@@ -73,18 +78,18 @@ class Watch:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What was copied to outsiders, and what they brought in; nothing if nobody came."""
+        """Nonzero counts of messages copied to observers and received from external clients."""
         counts = {"copied": self.copied, "configs": self.configs, "velocities": self.velocities}
         counts |= self._desk.counters
         return {name: count for name, count in counts.items() if count}
 
     def tell_deployment(self, deployed: Deployed) -> None:
-        """Answers whoever asks what runs here."""
+        """Declare a queryable that replies with the deployment."""
         answer = {self._keys.deployment: encode(deployed)}
         self._outer.serve(self._keys.deployment, lambda: answer)
 
     def open(self, inner: Transport) -> None:
-        """Begins to copy what goes through the loop."""
+        """Subscribe to the loop at `inner` on demand of observers, and accept external messages."""
         self._inner = inner
         keys = self._keys
         for row in CHANNELS:
@@ -111,27 +116,27 @@ class Watch:
         return self._keys.of(row.name, *["*"] * row.pattern.count("<"))
 
     def copy(self, key: str, payload: bytes) -> None:
-        """Sends a copy to whoever keeps up."""
+        """Publish a copy to observers, best-effort."""
         self.copied += 1
         self._outer.tell(key, payload)
 
     def _bring_in(self, key: str, payload: bytes) -> None:
-        """Configuration by a stranger: never in the name of the controller, whose messages have a time."""
+        """Forward an external configuration, without a send time: only the controller's have one."""
         try:
             config = msgspec.structs.replace(decode(payload, Config), t_ns=0)
         except ProtocolError:
-            self._hand_in(key, payload)  # the host counts it and says who sent it
+            self._hand_in(key, payload)  # the cell process counts it and logs its key
         else:
             self.configs += 1
             self._hand_in(key, encode(config))
 
     def _bring_velocity(self, key: str, payload: bytes) -> None:
-        """A velocity by a stranger; the controller decides on it."""
+        """Forward an external joint velocity; the controller checks it."""
         self.velocities += 1
         self._hand_in(key, payload)
 
     def _hand_in(self, key: str, payload: bytes) -> None:
-        """Puts into the loop, from any thread, what a stranger brings; in vain if the loop is over."""
+        """Put an external message into the loop, from any thread; discard it after the end of the loop."""
         with self._entrance:
             if self._inner is not None:
                 self._inner.put(key, payload)
@@ -150,7 +155,7 @@ class Watch:
         self._wants_processes = wanted
 
     def tell_processes(self, load: Callable[[], ProcessLoad]) -> None:
-        """Tells what the processes use, if somebody wants to know."""
+        """Publish the process load if an observer subscribes."""
         if self._wants_processes:
             self.copy(self._keys.of("processes"), encode(load()))
 
@@ -163,19 +168,19 @@ class Watch:
             self._clerk.end("the controller is gone")
 
     def leave(self) -> None:
-        """The loop is over: nothing comes in any more."""
+        """Detach from the loop; external messages are discarded from now on."""
         with self._entrance:
             self._inner = None
         self._clerk.end("the run is over")
 
     def close(self) -> None:
-        """Nobody can watch any more."""
+        """Close the endpoint and the request worker."""
         self._clerk.close()
         self._outer.close()
 
 
 class _Copier:
-    """Listens for an expression, in its own way, while somebody is interested."""
+    """Matching-status handler: subscribes to the loop while an observer subscribes to the copy."""
 
     def __init__(
         self, listen: Callable[[str, OnMessage], Callable[[], None]], watch: Watch, expression: str

@@ -1,1 +1,1 @@
-"""Where the cells are: lattices and their placement on bodies."""
+"""Skin layout: hexagonal cell lattices, tactile sheets and their placement on bodies."""

@@ -1,9 +1,9 @@
-"""Where gateways go: the free ports of a patch, and places for k of them that are near to every cell.
+"""Gateway placement on a patch: free ports, and k of them near to every cell (k-centre problem).
 
-Cells take the way of fewest hops to any gateway, so good places make the way of the deepest cells short,
-leave few as deep, share the cells out evenly, and then shorten all ways. Found by adding one gateway after
-the other to a first one, then moving single ones as long as that helps; from several first ones, for the
-k-centre problem has no quick exact answer. Nothing is random: the same patch always gets the same places.
+Cells use the route of fewest hops to any gateway. The objective is lexicographic: hops of the deepest cells,
+their number, cells of the largest tree, sum of hops. The k-centre problem is NP-hard; the search is greedy
+insertion followed by local search over single moves, from several first gateways. It is deterministic: the
+same patch always gets the same placement.
 """
 
 from collections.abc import Iterable
@@ -25,14 +25,13 @@ _Key = tuple[int, int, float, int]
 
 _STARTS = 6
 _FEW, _MANY = 10**6, 10**9
-"""Sizes of a search, gateways² × cells × candidates, up to which several first gateways are tried, and any is
-moved once it has been placed."""
+"""Search sizes, gateways² × cells × candidates, up to which multi-start and local search run."""
 
 
 def free_ports(n_cells: int, wires: ArrayLike, taken: Iterable[tuple[int, int]] = ()) -> NDArray[np.int64]:
-    """Ports (f, 2) of cells 0 to `n_cells` − 1 that no wire (m, 4) and no one of `taken` uses, in order.
+    """Return the free ports (f, 2) of cells 0 to `n_cells` − 1: used by no wire (m, 4) and not in `taken`.
 
-    Ports that are interfaces now count as free: they are what is to be chosen.
+    Ports of present interfaces count as free, since the interfaces are to be chosen. Rows are in order.
     """
     ends = np.asarray(wires, dtype=np.int64).reshape(-1, 2)
     free = np.ones((n_cells, N_PORTS), dtype=np.bool_)
@@ -43,15 +42,15 @@ def free_ports(n_cells: int, wires: ArrayLike, taken: Iterable[tuple[int, int]] 
 
 
 def spread(patch: PlacedPatch, k: int, taken: Iterable[tuple[int, int]] = ()) -> NDArray[np.int64]:
-    """Good places (k, 2) of (cell, port) for the gateways of one patch, in the order of cells.
+    """Place k gateways on one patch; return their (cell, port), (k, 2), in the order of cells.
 
     Args:
-        patch: The patch; its present interfaces do not matter.
-        k: How many.
-        taken: Ports (cell, port) that are in use otherwise, such as ends of bridges.
+        patch: The patch; its present interfaces are ignored.
+        k: Number of gateways.
+        taken: Ports (cell, port) in other use, such as ends of bridges.
 
     Raises:
-        DeploymentError: fewer cells than k have a free port, or the patch is in more than k pieces.
+        DeploymentError: fewer than k cells have a free port, or the patch has more than k components.
     """
     try:
         return spread_over(patch.n_cells, patch.wires, free_ports(patch.n_cells, patch.wires, taken), k)
@@ -62,17 +61,20 @@ def spread(patch: PlacedPatch, k: int, taken: Iterable[tuple[int, int]] = ()) ->
 def with_gateways(
     patch: PatchSpec, cells: CellSpec, k: int, taken: Iterable[tuple[int, int]] = ()
 ) -> PatchSpec:
-    """`patch` with k gateways at good places instead of its own; errors as `spread`."""
+    """Return `patch` with its gateways replaced by k placed ones; errors as `spread`."""
     places = spread(place(patch, cells), k, taken).tolist()
     interfaces = tuple(InterfaceSpec(cell=cell, port=port) for cell, port in places)
     return msgspec.structs.replace(patch, interfaces=interfaces)
 
 
 def spread_over(n_cells: int, wires: ArrayLike, ports: NDArray[np.int64], k: int) -> NDArray[np.int64]:
-    """Good places (k, 2) for k gateways among `ports` (f, 2) of cells that `wires` (m, 4) connect.
+    """Place k gateways (k, 2) among `ports` (f, 2) of cells that `wires` (m, 4) connect.
 
-    A cell has one way to the computer, so a second gateway at one cell would stay idle: each cell gets one
-    at most, on its lowest free port.
+    A cell has one route to the computer, so that a second gateway at one cell would be idle: each cell gets
+    at most one, on its lowest free port.
+
+    Raises:
+        DeploymentError: fewer than k cells have a port, or the wires leave more than k components.
     """
     cells, first = np.unique(ports[:, 0], return_index=True)
     if not 1 <= k <= len(cells):
@@ -90,7 +92,7 @@ def spread_over(n_cells: int, wires: ArrayLike, ports: NDArray[np.int64], k: int
 
 
 def _hops(n_cells: int, wires: ArrayLike, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Hops (c, n) from each of `cells` to all; n where there is no way."""
+    """Return hop counts (c, n) from each of `cells` to all n cells; n where there is no path."""
     ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
     ones = np.ones(len(ends), dtype=np.int8)
     graph = coo_array((ones, (ends[:, 0], ends[:, 2])), shape=(n_cells, n_cells)).tocsr()
@@ -99,7 +101,7 @@ def _hops(n_cells: int, wires: ArrayLike, cells: NDArray[np.int64]) -> NDArray[n
 
 
 def _search(hops: NDArray[np.int64], k: int) -> list[int]:
-    """The best of what several first ones lead to: the one that is best alone, and some along the edge."""
+    """Search from several first gateways, the best single one and some candidates spaced evenly."""
     size = k * k * hops.size
     more = np.linspace(0, len(hops) - 1, _STARTS if size <= _FEW else 0).astype(np.int64).tolist()
     firsts = [_best(hops, [])[0], *more]
@@ -107,7 +109,7 @@ def _search(hops: NDArray[np.int64], k: int) -> list[int]:
 
 
 def _choose(hops: NDArray[np.int64], chosen: list[int], k: int, *, move: bool) -> tuple[_Key, list[int]]:
-    """Adds the best candidate until there are k, then moves single ones to a better place; with their key."""
+    """Insert greedily up to k, then move single gateways while that helps; return key and choice."""
     while len(chosen) < k:
         chosen.append(_best(hops, chosen)[0])
     moved = move
@@ -123,10 +125,10 @@ def _choose(hops: NDArray[np.int64], chosen: list[int], k: int, *, move: bool) -
 
 
 def _best(hops: NDArray[np.int64], others: list[int]) -> tuple[int, list[_Key]]:
-    """The candidate that is best beside `others`, the first of equals, and the key of every candidate.
+    """Return the best candidate beside `others`, the first of equals, and the key of every candidate.
 
-    A key is: hops of the deepest cells, their number, cells of the largest tree, hops of all cells. A cell
-    that is equally far from several gateways counts for each in equal shares.
+    A key is: hops of the deepest cells, their number, cells of the largest tree, sum of hops. A cell at equal
+    distance from several gateways counts for each in equal fractions.
     """
     n_cells = hops.shape[1]
     nearest = hops[others].min(axis=0) if others else np.full(n_cells, n_cells + 1)
@@ -135,7 +137,7 @@ def _best(hops: NDArray[np.int64], others: list[int]) -> tuple[int, list[_Key]]:
     closer, tie = hops < nearest, hops == nearest
     mine = closer + tie / (rivals + 1.0)
     theirs = np.where(closer, 0.0, np.where(tie, 1.0 / (rivals + 1.0), 1.0 / rivals)) @ owners.T
-    largest = np.maximum(mine.sum(axis=1), theirs.max(axis=1, initial=0.0)).round(6)  # whatever a BLAS sums
+    largest = np.maximum(mine.sum(axis=1), theirs.max(axis=1, initial=0.0)).round(6)  # for any BLAS order
     ways = np.minimum(hops, nearest)
     depth = ways.max(axis=1)
     deepest = (ways == depth[:, None]).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The whole skin on one sheet of paper: patches unrolled, tactile sheets as grids, in rows from the top."""
+"""Flattened layout of the whole skin: unrolled patches and tactile sheets packed in rows."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -16,16 +16,16 @@ __all__ = ["Box", "Paper", "lay_out"]
 Floats = NDArray[np.float64]
 
 _MARGIN = 0.8
-"""Around a patch, in pitches of its cells."""
+"""Margin around a patch, in pitches of its cells."""
 _LABEL = 1.7
-"""Below it, for its name."""
+"""Label height below a patch, in pitches."""
 _NARROWEST = 5.6
-"""Least width of its box."""
+"""Least width of a patch's box, in pitches."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """Room for a patch and its name: lower left corner, width and height in pitches; y is up."""
+    """Bounding box of a patch and its label: lower left corner, width and height in pitches; y is up."""
 
     x: float
     y: float
@@ -35,14 +35,14 @@ class Box:
 
 @dataclass(frozen=True)
 class Paper:
-    """Where everything lies, in pitches.
+    """Flattened skin: planar positions of all cells and elements, in pitches.
 
     Attributes:
-        at: (n, 2) centres, first those of all cells, then those of all elements; x to the right, y up to 0.
+        at: (n, 2) centres of all cells, then of all elements; x to the right, y up, from −height to 0.
         turn: (n,) angle of port 0 of a cell [rad]; 0 for an element.
-        boxes: One for each patch, then for each sheet.
-        width: Of the paper.
-        height: Of the paper; its lower edge lies at −height.
+        boxes: Bounding boxes, one per patch, then one per sheet.
+        width: Width of the layout.
+        height: Height of the layout; its lower edge is at −height.
     """
 
     at: Floats
@@ -55,7 +55,7 @@ class Paper:
 def lay_out(
     patches: Iterable[PlacedPatch], sheets: Iterable[PlacedSheet] = (), aspect: float = 1.75
 ) -> Paper:
-    """Patches and sheets in their order on shelves, about `aspect` times as wide as high."""
+    """Pack patches and sheets in order into rows, about `aspect` times as wide as high."""
     pieces = [unroll(patch) for patch in patches]
     pieces += [(_grid(sheet), np.zeros(sheet.n_elements)) for sheet in sheets]
     rooms = [
@@ -75,7 +75,7 @@ def lay_out(
 
 
 def _grid(sheet: PlacedSheet) -> Floats:
-    """Centres (n, 2) of the elements in pitches, as one sees them from outside with `up` upwards."""
+    """Return element centres (n, 2) in pitches, seen from outside with `up` upwards."""
     at = np.column_stack([sheet.grid[:, 1], -sheet.grid[:, 0]]).astype(np.float64)
     centred: Floats = at - 0.5 * (at.min(axis=0) + at.max(axis=0))
     return centred
@@ -84,7 +84,7 @@ def _grid(sheet: PlacedSheet) -> Floats:
 def _shelves(
     rooms: Sequence[tuple[float, float]], width: float
 ) -> tuple[list[tuple[float, float]], float, float]:
-    """Lower left corners of boxes in rows from the top, the rows' common width, and the height of all."""
+    """Pack boxes into rows (shelf packing); return lower left corners, common width and total height."""
     rows: list[list[int]] = [[]]
     for index, (w, _) in enumerate(rooms):
         if rows[-1] and sum(rooms[i][0] for i in rows[-1]) + w > width + 1e-9:

@@ -1,4 +1,4 @@
-"""Where the cells of a patch sit on their body, and which of their ports are wired together."""
+"""Patch placement: cell poses on a body and the wires between facing ports."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,24 +19,24 @@ from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattic
 __all__ = ["Bridge", "PlacedPatch", "bridges_of", "place", "place_all"]
 
 _OVERLAP = 0.90
-"""Centres closer than this share of the pitch overlap (a curved lattice shortens chords a little)."""
+"""Overlap threshold of centres as a fraction of the pitch (a curved lattice shortens chords a little)."""
 _REACH = 1.15
-"""A wire spans at most this share of the pitch."""
+"""Greatest length of a wire as a fraction of the pitch."""
 _FACING = math.cos(math.radians(35.0))
-"""A port faces a neighbour that lies within this angle of it."""
+"""Cosine of the greatest angle between a port and a neighbour that it faces."""
 
 
 @dataclass(frozen=True)
 class PlacedPatch:
-    """A patch on its body.
+    """Placed patch of cells on a body.
 
     Attributes:
         name: Name of the patch.
         body: Name of the body that carries it.
-        position_m: (n, 3) centres of the cells on the rigid surface, frame of the body [m].
+        position_m: (n, 3) centres of the cells on the rigid surface, body frame [m].
         R_body_cell: (n, 3, 3) rotations; columns are the cell's x (towards port 0), y and z (outward normal).
         wires: (m, 4) rows of (cell, port, cell, port), each full-duplex wire once.
-        interfaces: (g, 2) rows of (cell, port): where gateways are wired.
+        interfaces: (g, 2) rows of (cell, port) to which gateways are wired.
     """
 
     name: str
@@ -54,7 +54,7 @@ class PlacedPatch:
 
 @dataclass(frozen=True)
 class Bridge:
-    """A wire between cells of two patches, from port to port."""
+    """Bridge: a wire between ports of cells of two patches."""
 
     a_patch: str
     a_cell: int
@@ -65,10 +65,10 @@ class Bridge:
 
 
 def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
-    """Places the cells of `patch` and wires the ports that face each other.
+    """Place the cells of `patch` and wire the ports that face each other.
 
     Raises:
-        DeploymentError: cells overlap, vectors are degenerate, or an interface is no free port.
+        DeploymentError: cells overlap, vectors are degenerate, or an interface is not a free port.
     """
     if (patch.lattice is None) == (not patch.cells):
         raise DeploymentError(f"patches.{patch.name}: give either lattice or cells, and not both")
@@ -87,11 +87,11 @@ def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
 def place_all(
     patches: Iterable[PatchSpec], cells: CellSpec, bridges: Iterable[BridgeSpec] = ()
 ) -> tuple[PlacedPatch, ...]:
-    """Places all `patches` of a robot.
+    """Place all `patches` of a robot.
 
     Raises:
-        DeploymentError: as `place` and `bridges_of`, or no wire leads from a cell to an interface, or cells
-            of two patches on one body overlap.
+        DeploymentError: as `place` and `bridges_of`, or a cell has no path to an interface, or cells of two
+            patches on one body overlap.
     """
     placed = tuple(place(patch, cells) for patch in patches)
     if not placed:
@@ -119,7 +119,7 @@ def _unit(name: str, key: str, vector: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _axes(name: str, key: str, x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Right-handed rotation with the given z, and x as near to the given one as it can be."""
+    """Return the right-handed rotation with the given z, and x projected orthogonally to it."""
     across = x - z * float(x @ z)
     x_unit = _unit(name, key, across)
     return np.column_stack([x_unit, np.cross(z, x_unit), z])
@@ -177,7 +177,7 @@ def _refuse_overlap(name: str, position_m: NDArray[np.float64], pitch: float) ->
 
 
 def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float) -> NDArray[np.int64]:
-    """Pairs of ports that face each other across a shared edge."""
+    """Return wires (m, 4) between ports that face each other across a shared edge."""
     ports = np.array([[math.cos(a), math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
     wires = []
     for a, b in sorted(cKDTree(position_m).query_pairs(_REACH * pitch)):
@@ -192,10 +192,10 @@ def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch
 
 
 def bridges_of(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) -> tuple[Bridge, ...]:
-    """The bridges between placed patches.
+    """Resolve the bridges between placed patches.
 
     Raises:
-        DeploymentError: an end is no free port of a cell, or both are of one patch.
+        DeploymentError: an end is not a free port of a cell, or both ends are on one patch.
     """
     free = {patch.name: _free_ports(patch) for patch in placed}
     bridges = []
@@ -229,7 +229,7 @@ def _free_ports(patch: PlacedPatch) -> set[tuple[int, int]]:
 
 
 def _refuse_islands(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge]) -> None:
-    """Every cell needs a way over wires to some interface."""
+    """Raise `DeploymentError` if a cell has no path over wires to an interface."""
     first = dict(zip((p.name for p in placed), np.cumsum([0, *(p.n_cells for p in placed)]), strict=False))
     ends = [patch.wires[:, [0, 2]] + first[patch.name] for patch in placed]
     ends += [np.array([[first[b.a_patch] + b.a_cell, first[b.b_patch] + b.b_cell]]) for b in bridges]

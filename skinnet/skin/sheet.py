@@ -1,9 +1,9 @@
-"""Tactile sheets: grids of up to 8 × 8 pressure elements on a surface that is flat, round, or both.
+"""Tactile sheets: grids of up to 8 × 8 pressure elements (taxels) on flat or cylindrical surfaces.
 
 A surface has tactile coordinates ξ = (ξ1, ξ2) [m], "assigned to and spanning the robot surface" [R11, III]:
-ξ1 is the length along its cross-section, ξ2 that along its axis. The cross-section is a straight piece that
-goes over into arcs on both sides without a kink, so that ξ is continuous, keeps lengths and angles, and is
-orthogonal everywhere. Several sheets may lie on one surface; they share its coordinates.
+ξ1 is the arc length along its cross-section, ξ2 the length along its axis. The cross-section is a straight
+segment with tangent arcs on both sides, so that ξ is continuous, isometric and orthogonal everywhere. Several
+sheets may lie on one surface; they share its coordinates.
 """
 
 import math
@@ -25,19 +25,19 @@ Ints = NDArray[np.int64]
 
 _ELEMENT, _CUT = "#", "."
 _OVERLAP = 0.75
-"""Centres closer than this share of the pitch overlap (a tightly bent sheet shortens chords)."""
+"""Overlap threshold of centres as a fraction of the pitch (a tightly bent sheet shortens chords)."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface with tactile coordinates.
+    """Surface with tactile coordinates.
 
     Attributes:
         name: Name of the surface.
         body: Name of the body that carries it.
-        origin_m: (3,) where ξ is zero, frame of the body [m].
-        R_body_surface: (3, 3) its frame there: columns are e1, e2 and the outward normal.
-        radius_m: Radius of the round sides [m]; inf for a plane.
+        origin_m: (3,) origin of ξ, body frame [m].
+        R_body_surface: (3, 3) surface frame at the origin: columns are e1, e2 and the outward normal.
+        radius_m: Radius of the cylindrical sides [m]; inf for a plane.
         half_flat_m: Half the width of the flat middle [m]; inf for a plane.
     """
 
@@ -50,14 +50,14 @@ class Surface:
 
     @property
     def reach_m(self) -> float:
-        """Greatest |ξ1|: where the round sides have turned by half a circle [m]."""
+        """Greatest tactile coordinate |ξ1| [m], at which the cylindrical sides span half a circle."""
         return self.half_flat_m + math.pi * self.radius_m
 
     def frame_at(self, xi_m: ArrayLike, height_m: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Position (…, 3) [m] and rotation (…, 3, 3) of the surface at ξ (…, 2) [m], frame of the body.
+        """Return position (…, 3) [m] and rotation (…, 3, 3) of the surface at ξ (…, 2) [m], body frame.
 
         The columns of the rotation are the tangents e1 and e2 along the coordinates and the outward normal
-        e1 × e2 [R11, V]; positions are `height_m` (…) above the rigid surface along it.
+        e1 × e2 [R11, V]; positions are `height_m` (…) [m] above the rigid surface along the normal.
         """
         xi1, xi2 = np.moveaxis(np.asarray(xi_m, dtype=np.float64), -1, 0)
         across = np.clip(xi1, -self.half_flat_m, self.half_flat_m)
@@ -73,10 +73,10 @@ class Surface:
         return self.origin_m + local @ self.R_body_surface.T, rotation
 
     def xi_of(self, position_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Tactile coordinates (…, 2) [m] of points (…, 3), frame of the body, and heights (…) above it [m].
+        """Return tactile coordinates (…, 2) [m] and heights (…) [m] of points (…, 3) [m], body frame.
 
-        The inverse of `frame_at` for every point above the axes of the round sides or around them; the
-        coordinates are those of the point's foot on the surface.
+        The inverse of `frame_at` for points above the axes of the cylindrical sides or around them; the
+        coordinates are those of the orthogonal projection on the surface.
         """
         local = (np.asarray(position_m, dtype=np.float64) - self.origin_m) @ self.R_body_surface
         x, y, z = np.moveaxis(local, -1, 0)
@@ -92,15 +92,15 @@ class Surface:
 
 @dataclass(frozen=True)
 class PlacedSheet:
-    """A sheet on its surface. Its elements are numbered as one reads the mask, and as its board scans them.
+    """Placed tactile sheet; elements are numbered row by row in the mask, the scan order of its board.
 
     Attributes:
         name: Name of the sheet and of its board.
-        surface: The surface.
+        surface: Surface that carries it.
         grid: (n, 2) row and column of each element.
         xi_m: (n, 2) tactile coordinates of the elements [m].
-        position_m: (n, 3) their centres on the rigid surface, frame of the body [m].
-        R_body_element: (n, 3, 3) their rotations; columns are e1, e2 and the outward normal.
+        position_m: (n, 3) centres of the elements on the rigid surface, body frame [m].
+        R_body_element: (n, 3, 3) rotations of the elements; columns are e1, e2 and the outward normal.
         neighbours: (m, 2) pairs of neighbouring elements, each once, the lower number first, in order.
         area_m2: Area of an element [m²].
     """
@@ -121,7 +121,7 @@ class PlacedSheet:
 
 
 def surface_of(spec: SurfaceSpec) -> Surface:
-    """The surface that a deployment describes.
+    """Build the surface that a deployment describes.
 
     Raises:
         DeploymentError: vectors are degenerate, or a plane has a flat middle.
@@ -143,11 +143,11 @@ def surface_of(spec: SurfaceSpec) -> Surface:
 
 
 def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -> tuple[PlacedSheet, ...]:
-    """Places all `sheets` of a robot.
+    """Place all `sheets` of a robot.
 
     Raises:
-        DeploymentError: as `surface_of`; a name is given twice or unknown, a mask does not fit its grid, a
-            sheet goes more than half around its surface, or elements overlap.
+        DeploymentError: as `surface_of`; a name is given twice or unknown, a mask does not match its grid, a
+            sheet extends beyond half a circle on one side of its surface, or elements overlap.
     """
     known: dict[str, Surface] = {}
     for spec in surfaces:
@@ -192,7 +192,7 @@ def _place(spec: SheetSpec, surface: Surface) -> PlacedSheet:
 
 
 def _grid(spec: SheetSpec) -> Ints:
-    """(n, 2) rows and columns of the elements, as one reads."""
+    """Return rows and columns (n, 2) of the elements, row by row."""
     mask = spec.mask or (_ELEMENT * spec.columns,) * spec.rows
     if len(mask) != spec.rows or any(len(row) != spec.columns or set(row) - {_ELEMENT, _CUT} for row in mask):
         raise DeploymentError(
@@ -206,7 +206,7 @@ def _grid(spec: SheetSpec) -> Ints:
 
 
 def _neighbours(grid: Ints, *, joins_gaps: bool) -> Ints:
-    """Pairs of elements at most a row and a column apart; across a gap of one, as if it were closed."""
+    """Return neighbour pairs (m, 2) in the 8-neighbourhood; with `joins_gaps`, also across gaps of one."""
     number = {(row, column): i for i, (row, column) in enumerate(grid.tolist())}
     pairs = set()
     for (row, column), i in number.items():

@@ -1,4 +1,4 @@
-"""A patch unrolled onto paper: hexagons in the plane, wherever the cells sit on the body."""
+"""Unrolled patch: planar hexagon positions of cells on a curved body."""
 
 import math
 from collections import deque
@@ -16,11 +16,11 @@ _GAP = 1.5
 
 
 def unroll(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres (n, 2) of the cells in pitches, seen from outside, and the angle (n,) of port 0 [rad].
+    """Unroll a patch: cell centres (n, 2) in pitches, seen from outside, and angles (n,) of port 0 [rad].
 
-    A wire joins the middles of two edges, so from one cell follows where its neighbours lie, whatever the
-    curvature; a ring is cut open where its ends meet. Pieces that no wire joins lie side by side. Where
-    that makes cells overlap (a cone, a ball), all are projected on the plane that fits best instead.
+    A wire joins the midpoints of two edges, so the planar position of a cell follows from its neighbour's,
+    whatever the curvature; a ring is cut open where its ends meet. Connected components lie side by side. If
+    cells then overlap (a cone, a sphere), all are projected on the best-fitting plane instead.
     """
     n = patch.n_cells
     at, turn = np.full((n, 2), math.nan), np.zeros(n)
@@ -66,7 +66,7 @@ def _too_near(at: NDArray[np.float64]) -> bool:
 
 
 def _projected(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres on the plane through the patch that leaves out least, in distances of the nearest cells."""
+    """Project centres on the plane of the first two principal axes, in smallest distances of cells."""
     centred = patch.position_m - patch.position_m.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2][:2]
     outwards = patch.R_body_cell[:, :, 2].mean(axis=0)

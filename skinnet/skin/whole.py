@@ -1,4 +1,4 @@
-"""The skin as a whole: the cells of all patches in one numbering, with the bridges between patches."""
+"""Whole-skin graph: the cells of all patches in one numbering, with bridges between patches."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ __all__ = ["WholeSkin", "join"]
 
 @dataclass(frozen=True)
 class WholeSkin:
-    """All patches of a robot as one graph.
+    """Whole skin of a robot as one graph.
 
     Attributes:
-        patches: In order; their cells are numbered one patch after the other.
-        first_cell: (p + 1,) number of the first cell of each patch, then of all cells.
+        patches: All patches in order; cells are numbered patch by patch.
+        first_cell: (p + 1,) index of the first cell of each patch, then the number of all cells.
         wires: (m, 4) rows of (cell, port, cell, port): those of the patches in order, then the bridges.
-        bridges: (b, 4) the last of these rows.
+        bridges: (b, 4) the last rows of `wires`.
         gateways: (g, 2) rows of (cell, port): the interfaces of the patches in order.
     """
 
@@ -41,27 +41,27 @@ class WholeSkin:
 
     @cached_property
     def patch_of_cell(self) -> NDArray[np.int64]:
-        """(n,) patch of every cell."""
+        """Patch index (n,) of every cell."""
         return np.repeat(np.arange(len(self.patches)), np.diff(self.first_cell))
 
     @cached_property
     def group_of_patch(self) -> NDArray[np.int64]:
-        """(p,) number of the group of each patch: patches that bridges join share one."""
+        """Connected component (p,) of each patch over the bridges."""
         ends = self.patch_of_cell[self.bridges[:, [0, 2]]]
         n = len(self.patches)
         graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
         return connected_components(graph, directed=False)[1].astype(np.int64)
 
     def name_of(self, cell: int) -> str:
-        """A cell as "patch/cell"."""
+        """Return the cell name "patch/cell"."""
         patch = int(self.patch_of_cell[cell])
         return f"{self.patches[patch].name}/{cell - int(self.first_cell[patch])}"
 
     def feeds(self, names: Iterable[str]) -> NDArray[np.int64]:
-        """(f,) cells of the feed points "patch/cell:port" of `power.feeds`; of all gateways if none is named.
+        """Return the feed cells (f,) of "patch/cell:port" in `power.feeds`; all gateway cells if empty.
 
         Raises:
-            DeploymentError: there is no such patch or cell.
+            DeploymentError: unknown patch or cell.
         """
         named = [self._cell(f"power.feeds[{index}]", name) for index, name in enumerate(names)]
         return np.array(named, dtype=np.int64) if named else self.gateways[:, 0]
@@ -78,7 +78,7 @@ class WholeSkin:
 
 
 def join(patches: tuple[PlacedPatch, ...], bridges: Sequence[Bridge] = ()) -> WholeSkin:
-    """One graph of all `patches` and `bridges`."""
+    """Join all `patches` and `bridges` into one graph."""
     first_cell = np.concatenate([[0], np.cumsum([patch.n_cells for patch in patches])]).astype(np.int64)
     shifts = np.zeros((len(patches), 1, 4), dtype=np.int64)
     shifts[:, 0, [0, 2]] = first_cell[:-1, None]

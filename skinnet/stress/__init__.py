@@ -1,1 +1,1 @@
-"""Load tests through real processes."""
+"""Stress tests: sweeps of load through real processes."""

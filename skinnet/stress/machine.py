@@ -1,4 +1,4 @@
-"""Who else uses the machine while something is measured."""
+"""CPU load by other programs during a measurement."""
 
 import os
 import time
@@ -9,14 +9,14 @@ __all__ = ["Others"]
 
 
 class Others:
-    """Watches from its creation on what CPU time goes to anybody but this process and its children."""
+    """CPU meter of other programs: all but this process and its children, since its creation."""
 
     def __init__(self) -> None:
         self._start = self._now()
 
     @staticmethod
     def _now() -> tuple[float, float, float]:
-        """CPU time [s] of the whole machine, of this process with the children that have ended, wall time."""
+        """CPU time [s] of the whole computer, of this process and its ended children, and wall time [s]."""
         times = psutil.cpu_times()._asdict()
         idle = ("idle", "iowait", "guest", "guest_nice")  # guests are in the user time already
         busy_s = sum(value for name, value in times.items() if name not in idle)
@@ -24,6 +24,6 @@ class Others:
 
     @property
     def cores(self) -> float:
-        """Cores that others have kept busy, on average."""
+        """Mean number of cores kept busy by other programs."""
         busy_s, own_s, wall_s = (now - then for now, then in zip(self._now(), self._start, strict=True))
         return max(0.0, busy_s - own_s) / wall_s if wall_s > 0.0 else 0.0

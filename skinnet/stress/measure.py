@@ -1,8 +1,8 @@
-"""What one point of a sweep gives: rates, losses, latencies, and what it costs the machine.
+"""Measurement of one sweep point: rates, losses, latencies, CPU time and memory.
 
-Rates and costs are those of the window in which the controller listens, after the settling time; what
-starting, compiling and forming cost is not in them. Packets are counted over the whole run, so that not one
-is unexplained.
+Rates and costs are those of the window in which the controller listens, after the settling time; start-up,
+compilation and network formation are excluded. Packets are counted over the whole run, so that every packet
+is accounted for.
 """
 
 from pathlib import Path
@@ -27,28 +27,28 @@ _SHARES = (("p50", 0.50), ("p99", 0.99), ("p999", 0.999))
 
 
 class Window:
-    """A span of simulated time [ns]."""
+    """Measurement window in simulated time [ns]."""
 
     def __init__(self, start_ns: int, end_ns: int) -> None:
         self.start_ns, self.end_ns = start_ns, end_ns
 
     @property
     def duration_s(self) -> float:
-        """Its length [s]."""
+        """Length of the window [s]."""
         return (self.end_ns - self.start_ns) * 1e-9
 
 
 def measure(deployment: Deployment, spec: StressSpec, folder: Path, names: list[str]) -> dict[str, Any]:
-    """Figures of a run that is over, by dotted name.
+    """Metrics of a finished run, by dotted name.
 
     Args:
-        deployment: What was run.
-        spec: The sweep.
+        deployment: Deployment that was run.
+        spec: Sweep of the point.
         folder: Run folder.
-        names: Its processes.
+        names: Names of its processes.
 
     Raises:
-        SkinnetError: the skin did not form, so nothing was measured.
+        SkinnetError: the skin's network did not form, so nothing was measured.
     """
     parts = {name: Part.load(folder / "parts", name) for name in names}
     controller = parts["controller"]
@@ -72,13 +72,13 @@ def _window(controller: Part, spec: StressSpec) -> Window:
 
 
 def _rates(deployment: Deployment, controller: Part, window: Window) -> dict[str, Any]:
-    """Packets and bytes that reached the controller, and their share of what clock-driven cells send."""
+    """Packet and byte rates into the controller, and their fractions of the clock-driven rates."""
     cells = sum(patch.n_cells for patch in deployment.patches)
     clock_per_s = cells / (deployment.cells.period_ns * 1e-9)
     t_ns = controller.arrays["t_ns"]
     within = (t_ns > window.start_ns) & (t_ns <= window.end_ns)
     span_s = (t_ns[within][-1] - t_ns[within][0]) * 1e-9
-    # the first tick of the window took what came before it
+    # the first tick of the window took packets from before it
     events, readings = controller.arrays["taken"][within][1:].sum(axis=0) / span_s
     network = deployment.network
     n_bytes = events * network.event_bytes + readings * network.stream_bytes
@@ -116,7 +116,7 @@ def _packets(hosts: list[Part], controller: Part) -> dict[str, Any]:
 
 
 def _latencies(hosts: list[Part], parts: list[Part]) -> dict[str, Any]:
-    """From the sample to the gateway as modelled, and of envelopes between processes as it was."""
+    """Latency percentiles: modelled, sample to gateway; measured, batches between processes."""
     return {
         **_percentiles("latency_us", np.sum([host.arrays["latency_us"] for host in hosts], axis=0)),
         **_percentiles("machine_us", np.sum([part.arrays["transit_us"] for part in parts], axis=0)),
@@ -130,7 +130,7 @@ def _percentiles(name: str, histogram: NDArray[np.int64]) -> dict[str, float]:
 
 
 def _costs(parts: dict[str, Part], window: Window) -> dict[str, Any]:
-    """CPU time of each process per simulated second and per second of wall time, memory, traffic, speed."""
+    """CPU time of each process per simulated and per wall second, peak memory, traffic, real-time factor."""
     figures: dict[str, Any] = {}
     total = 0.0
     for name, part in parts.items():
@@ -146,10 +146,10 @@ def _costs(parts: dict[str, Part], window: Window) -> dict[str, Any]:
 
 
 def usage_within(part: Part, window: Window) -> dict[str, float]:
-    """What a process used between the first and the last note of its usage inside `window`.
+    """Resource usage of a process between its first and last usage sample inside `window`.
 
     Raises:
-        SkinnetError: fewer than two notes: the window is too short.
+        SkinnetError: fewer than two samples: the window is too short.
     """
     usage = part.arrays["usage"]
     inside = usage[(usage["t_ns"] >= window.start_ns) & (usage["t_ns"] <= window.end_ns)]

@@ -1,4 +1,4 @@
-"""Plots of a sweep, one file each."""
+"""Plots of a stress sweep, one file each."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,14 +23,14 @@ _COLOURS = {"clock": "#6b7280", "delta": "#2f6fab", "levels": "#3f8f5f"}
 _PALE = 0.45
 _PUBLISHED = "#b3261e"
 _LEAST_SHARE = 1e-4
-"""Below this, hardly anything is sent, and a run of some seconds cannot say how little."""
+"""Smallest fraction shown: below it, a run of some seconds has too few packets to measure a rate."""
 _PROCESSES = {"controller": "#2f6fab", "body": "#c9a227"}
 _HOSTS = ("#8aa39b", "#a9bdb6", "#c3d1cc", "#dbe4e1")
 _Plot = Callable[[Deployment, StressSpec, list[Result]], Figure | None]
 
 
 def draw(deployment: Deployment, spec: StressSpec, results: list[Result], out: Path) -> None:
-    """Draws what the points that gave figures allow into `out`."""
+    """Draw every plot that the successful points allow into `out`."""
     out.mkdir(parents=True, exist_ok=True)
     done = [result for result in results if result.failed is None]
     for name, plot in _PLOTS:
@@ -40,7 +40,7 @@ def draw(deployment: Deployment, spec: StressSpec, results: list[Result], out: P
 
 
 def _title(point: Point) -> str:
-    """A point in words, for an axis."""
+    """Axis label of a point."""
     words = [f"{point.cells} cells", point.encoding]
     if point.delta_sigma is not None:
         words[-1] += f" {point.delta_sigma:g} σ"
@@ -80,7 +80,7 @@ def _tall(results: list[Result]) -> Figure:
 
 
 def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
-    """Packets per second that reach the controller."""
+    """Packet rates into the controller."""
     own = _own(results)
     figure = _tall(own)
     axes = _rows(figure, own)
@@ -97,7 +97,7 @@ def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[Result])
 
 
 def _plot_latency(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
-    """Latency of the modelled network, and the machine's own."""
+    """Latency percentiles of the modelled network and between processes."""
     own = _own(results)
     figure = _tall(own)
     axes = _rows(figure, own)
@@ -162,7 +162,7 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[Result]) -
 
 
 def _plot_gain(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
-    """What event-driven buys: the share of the clock-driven rate that is left, with the published values."""
+    """Event-driven rates as fractions of the clock-driven rate, with the published values."""
     events = [result for result in largest(results) if result.point.encoding != "clock"]
     sigma = nearest(results, spec)
     events += [] if sigma is None else swept_at(results, sigma)
@@ -216,7 +216,7 @@ def _mark_published(axes: Axes, spec: StressSpec, of: str, side: Literal["left",
 
 
 def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
-    """Share of clock-driven over the threshold, in multiples of the noise."""
+    """Fraction of the clock-driven rate over the send-on-delta threshold, in multiples of the noise."""
     swept = [result for result in results if result.point.delta_sigma is not None]
     if not swept:
         return None

@@ -1,4 +1,4 @@
-"""The points of a sweep, and the deployment of each."""
+"""Points of a stress sweep, and the deployment of each."""
 
 import math
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ from skinnet.skin.placement import place_all
 __all__ = ["LISTEN", "Point", "derive", "noise_sigma", "points_of"]
 
 LISTEN = "listen"
-"""Name of the only stage that a point's controller runs."""
+"""Stage name: the only stage that a point's controller runs."""
 _FORMATION_S = 10.0
-"""Simulated time within which the network must have formed."""
+"""Time limit of network formation [s, simulated]."""
 _PATIENCE_S = 120.0
-"""Wall time for a frame: several sweeps may share a machine, and a first run compiles."""
+"""Deadline of a period end [s, wall]: several sweeps may share a computer, and a first run compiles."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """One run of a sweep; None stands for what the deployment has."""
+    """Sweep point: settings of one run; None stands for the deployment's own."""
 
     cells: int
     encoding: str
@@ -38,7 +38,7 @@ class Point:
 
     @property
     def name(self) -> str:
-        """Name of its folder and of its figures."""
+        """Name of the point's folder and prefix of its metrics."""
         words = [f"c{self.cells}", self.encoding]
         if self.delta_sigma is not None:
             words.append(f"k{self.delta_sigma:g}")
@@ -50,7 +50,7 @@ class Point:
 
 
 def points_of(deployment: Deployment, spec: StressSpec) -> list[Point]:
-    """All points of the sweep `spec`, in the order in which they run, each once.
+    """Points of the sweep `spec`, in the order in which they run, each once.
 
     Raises:
         DeploymentError: more cells than there are, or stimulated cells without a script.
@@ -84,7 +84,7 @@ def _stimulated(deployment: Deployment, spec: StressSpec) -> tuple[float | None,
 
 
 def _chosen(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpec, ...]:
-    """The first patches that have `cells` cells together, or a few more."""
+    """First patches that together have at least `cells` cells."""
     chosen: list[PatchSpec] = []
     for patch in patches:
         if sum(one.n_cells for one in chosen) >= cells:
@@ -98,10 +98,10 @@ def _reached(patches: tuple[PatchSpec, ...], cells: int) -> int:
 
 
 def derive(deployment: Deployment, point: Point, spec: StressSpec) -> Deployment:
-    """The deployment of a point: it forms its network, listens, and ends.
+    """Derive the deployment of a point: its network forms, its controller listens, and it ends.
 
     Raises:
-        DeploymentError: there is no room for so many gateways, or the settings do not hold together.
+        DeploymentError: a patch has no room for that many gateways, or the settings are inconsistent.
     """
     cells = _with_encoding(deployment.cells, point)
     patches = _chosen(deployment.patches, point.cells)
@@ -125,7 +125,7 @@ def derive(deployment: Deployment, point: Point, spec: StressSpec) -> Deployment
 
 
 def _only(deployment: Deployment, names: set[str]) -> Deployment:
-    """`deployment` without what belongs to other patches than `names`."""
+    """Restrict `deployment` to the patches `names`; drop what belongs to others."""
 
     def there(place: str) -> bool:
         patch = place.split("/")[0].split(":")[0]
@@ -164,7 +164,7 @@ def _listening(control: ControllerSpec, spec: StressSpec) -> ControllerSpec:
 
 
 def _wired(patch: PatchSpec, cells: CellSpec, deployment: Deployment, gateways: int | None) -> PatchSpec:
-    """`patch` with so many gateways; one that only bridges lead to stays so."""
+    """Patch with `gateways` gateways; a patch reached only by bridges stays so."""
     if gateways is None or not patch.interfaces:
         return patch
     ends = [end for bridge in deployment.bridges for end in (bridge.a, bridge.b)]
@@ -173,7 +173,7 @@ def _wired(patch: PatchSpec, cells: CellSpec, deployment: Deployment, gateways: 
 
 
 def noise_sigma(cells: CellSpec) -> dict[str, float]:
-    """Standard deviation of a reading at rest, by modality: the sensor's noise and its quantisation."""
+    """Noise σ of a reading at rest, by modality: standard deviation of sensor noise and quantisation."""
     sensors = {
         "force": (cells.force.noise, cells.force.lsb),
         "proximity": (cells.proximity.noise, cells.proximity.lsb),

@@ -1,4 +1,4 @@
-"""What a sweep tells: flat figures, and a table."""
+"""Metrics of a stress sweep by flat names, and its terminal table."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 _BUSY_CORES = 0.3
-"""More than this for others, and a machine of two cores measures them, too."""
+"""CPU load by other programs [cores] above which a two-core computer distorts the measurement."""
 _WHATS = ("packets", "bytes")
 _HEADLINE = (
     "packets_per_s",
@@ -44,12 +44,12 @@ _HEADLINE = (
 
 
 def is_stimulated(point: Point) -> bool:
-    """Whether cells are stimulated in a point."""
+    """Test whether cells are stimulated in a point."""
     return bool(point.stimulated)
 
 
 def largest(results: list[Result]) -> list[Result]:
-    """Points with all cells, their first gateways and the deployment's own thresholds, that gave figures."""
+    """Successful points with all cells, the first gateway count and the deployment's own thresholds."""
     done = [r for r in results if r.failed is None and r.point.delta_sigma is None]
     if not done:
         return []
@@ -59,7 +59,7 @@ def largest(results: list[Result]) -> list[Result]:
 
 
 def thresholds(deployment: Deployment) -> dict[str, float]:
-    """Deltas of the deployment, the noise of a reading at rest, and their ratio, by modality."""
+    """Send-on-delta thresholds of the deployment, noise at rest, and their ratio, by modality."""
     cells = deployment.cells
     deltas = {
         "force": cells.force.delta,
@@ -77,10 +77,10 @@ def thresholds(deployment: Deployment) -> dict[str, float]:
 
 
 def crossing(results: list[Result], published: PublishedSpec, what: str) -> float | None:
-    """Delta, in multiples of the noise, at which the swept share of `what` falls to a published one.
+    """Delta, in multiples of the noise, at which the swept fraction of `what` falls to a published one.
 
-    Between two points of the sweep the share's logarithm is taken as a straight line; None if the sweep does
-    not reach the published share.
+    Log-linear interpolation between two points of the sweep; None if the sweep does not reach the published
+    fraction.
     """
     line = sorted(
         (result.point.delta_sigma, result.figures[f"share.{what}"])
@@ -97,9 +97,9 @@ def crossing(results: list[Result], published: PublishedSpec, what: str) -> floa
 
 
 def nearest(results: list[Result], spec: StressSpec) -> float | None:
-    """Delta of the sweep, in multiples of the noise, whose shares of packets come nearest to all published.
+    """Delta of the sweep, in multiples of the noise, with packet fractions nearest to the published ones.
 
-    Bounds do not count. Nearness is by ratios; None without a sweep or without published values.
+    Bounds do not count. Distance is the sum of |log ratio|; None without a sweep or published values.
     """
     published = [one for one in spec.published if not one.at_most]
     distance: dict[float, float] = {}
@@ -114,15 +114,15 @@ def nearest(results: list[Result], spec: StressSpec) -> float | None:
 
 
 def swept_at(results: list[Result], sigma: float) -> list[Result]:
-    """Points of the sweep of thresholds with deltas of `sigma` times the noise."""
+    """Points of the threshold sweep with deltas of `sigma` times the noise."""
     return [r for r in results if r.failed is None and r.point.delta_sigma == sigma]
 
 
 def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) -> dict[str, Any]:
-    """All figures of a sweep under flat names; those of the largest points without the points' names, too.
+    """Metrics of a sweep under flat names; those of the largest points also without the points' names.
 
-    `<encoding>.<unstimulated|stimulated>.…` stands for the points with all cells; with several shares of
-    stimulated cells, for the largest.
+    `<encoding>.<unstimulated|stimulated>.…` are metrics of the points with all cells; with several fractions
+    of stimulated cells, of the largest.
     """
     figures: dict[str, Any] = {
         "points": len(results),
@@ -152,7 +152,7 @@ def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) 
 
 
 def print_table(console: Console, deployment: Deployment, spec: StressSpec, results: list[Result]) -> None:
-    """Prints a row for each point, then what event-driven buys beside what was published."""
+    """Print a row for each point, then event-driven rates beside the published ones."""
     table = Table(
         title=f"{deployment.name} under stress", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
     )
@@ -183,7 +183,7 @@ _COLUMNS = (
     "all\nCPU s/s",
     "×real\ntime",
 )
-"""Rates into the controller, shares of clock-driven; packets lost on the modelled way and after it."""
+"""Rates into the controller, fractions of clock-driven; packets lost in the modelled network and after it."""
 
 
 def _cells(f: dict[str, Any]) -> Iterator[str]:
@@ -238,7 +238,7 @@ def _lines(deployment: Deployment, spec: StressSpec, results: list[Result]) -> I
 
 
 def _here(results: list[Result], published: PublishedSpec, what: str) -> str:
-    """What was measured beside a published share, and the threshold that gives it."""
+    """Measured fractions beside a published one, and the threshold that gives it."""
     found = [
         result
         for result in largest(results)

@@ -1,4 +1,4 @@
-"""Runs the points of a sweep one after the other; what is finished stays, whatever happens to the rest."""
+"""Sweep of a stress test: runs its points in sequence and keeps the finished ones."""
 
 import hashlib
 from collections.abc import Callable
@@ -28,7 +28,7 @@ _RESULT = "point.json"
 
 @dataclass
 class Result:
-    """What a point gave: its figures, or why there are none."""
+    """Result of a point: its metrics, or the reason of its failure."""
 
     point: Point
     figures: dict[str, Any] = field(default_factory=dict)
@@ -44,18 +44,18 @@ def sweep(
     resume: bool,
     say: Callable[[str], None],
 ) -> list[Result]:
-    """Runs every point of `spec` in a folder of its own below `out`; a point that fails does not end it.
+    """Run every point of `spec` in a folder of its own below `out`; a failed point does not end the sweep.
 
     Args:
         file: The deployment's file; paths in it start from its folder.
-        deployment: What to vary.
-        spec: How.
+        deployment: Deployment to vary.
+        spec: Sweep to run.
         out: Folder of the sweep.
         resume: Keep the points in `out` that are finished and were made from the same deployment.
-        say: Tells how it goes, line by line.
+        say: Callback for progress, one line at a time.
 
     Raises:
-        DeploymentError: a point does not hold; nothing has run then.
+        DeploymentError: a point is not a valid deployment; then nothing has run.
     """
     points = points_of(deployment, spec)
     derived = [derive(deployment, point, spec) for point in points]
@@ -77,7 +77,7 @@ def sweep(
 
 
 def _mark(deployment: Deployment, file: Path) -> str:
-    """What a result depends on: the whole deployment, where its paths start, and the program's version."""
+    """Fingerprint of a result's inputs: deployment, folder of its paths, and program version."""
     what = resolved_json(deployment) + f"{file.resolve().parent} {__version__}".encode()
     return hashlib.sha256(what).hexdigest()
 
@@ -104,7 +104,7 @@ def _run(file: Path, deployment: Deployment, spec: StressSpec, point: Point, fol
 
 
 def _why(error: SkinnetError) -> str:
-    """An error in one line: what failed, and the last it said."""
+    """Error message in one line: its first and its last line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[0] if len(lines) < 2 else f"{lines[0]} {lines[-1]}"
 

@@ -1,1 +1,1 @@
-"""How messages get from process to process: Zenoh, or memory in one process."""
+"""Transports of messages between processes: Zenoh, or in memory within one process."""

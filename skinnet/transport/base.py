@@ -1,8 +1,8 @@
-"""The seam between a process and its peers.
+"""Transport interface between a process and its peers.
 
-In the loop, a process puts the messages of one period and then flushes: they leave together, and arrive
-together and in their order. Between senders there is no order, and nothing above may depend on one. Beside
-the loop, it may tell things to whoever watches; nobody waits for those.
+In the loop, a process puts the messages of one period and then flushes: they are sent as batches and arrive
+in order. There is no order between senders, and no caller may depend on one. Outside the loop, a process
+publishes best-effort to observers and never waits for them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -11,82 +11,82 @@ from typing import NamedTuple, Protocol
 __all__ = ["Delivery", "OnMessage", "Query", "Transport", "Undo", "matches"]
 
 OnMessage = Callable[[str, bytes], None]
-"""Called with key and payload, possibly in another thread: be quick."""
+"""Message callback (key, payload), possibly in another thread; must not block."""
 Undo = Callable[[], None]
 
 
 class Delivery(NamedTuple):
-    """One thing that came in: a message, or with `payload` None the loss of the token at `key`."""
+    """Delivery: a message or, with `payload` None, the loss of the liveliness token at `key`."""
 
     key: str
     payload: bytes | None
 
 
 class Transport(Protocol):
-    """What a process needs of the wire; in-memory and Zenoh transports are twins behind it."""
+    """Transport of one process, implemented over Zenoh and in memory with the same behaviour."""
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
-        """Delivers from now on what `senders` put on keys that match one of `expressions`.
+        """Subscribe to messages that `senders` put on keys matching one of `expressions`.
 
-        What a sender puts in one lane arrives in its order; at the recorder, all that it puts.
+        Messages of one sender arrive in order within a route group; at the recorder, in order altogether.
         """
 
     def watch_alive(self, expression: str) -> None:
-        """Delivers liveliness: an empty payload for each token there is or comes, None when it goes."""
+        """Subscribe to liveliness as deliveries: payload empty for a present or new token, None if lost."""
 
     def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
-        """Calls `on_change` with each token there is or comes (True), and when it goes (False)."""
+        """Subscribe to liveliness by callback: each present or new token (True), each lost one (False)."""
 
     def announce(self, key: str) -> None:
-        """Declares the liveliness token `key`; that of `Keys.alive` when all subscriptions are made."""
+        """Declare the liveliness token `key`; that of `Keys.alive` only after all subscriptions."""
 
     def present(self, expression: str) -> frozenset[str]:
-        """The liveliness tokens that are there now, this member's as well; waits for the hub to tell."""
+        """Query the liveliness tokens present now, including this process's; waits for the hub."""
 
     def heard(self, key: str) -> bool:
-        """Whether anybody listens to the lane of `key`; it may take a moment to find out."""
+        """Return whether the route group of `key` has a subscriber; changes show after a short delay."""
 
     def record(self, every: int) -> None:
-        """From now on a recorder gets what is recorded; the messages of so many periods may come at once."""
+        """Send recorded channels to the recorder too, batching the messages of `every` periods."""
 
     def put(self, key: str, payload: bytes) -> None:
-        """Adds a message to those of this period."""
+        """Add a message to the batch of this period."""
 
     def flush(self, *, last: bool = False) -> None:
-        """Sends the messages of this period; after the `last` one, also what waits for the recorder."""
+        """Send the messages of this period; with `last`, also those pending for the recorder."""
 
     def tell(self, key: str, payload: bytes) -> None:
-        """Tells something at once to whoever watches, beside the loop."""
+        """Publish best-effort to observers, at once and outside the loop."""
 
     def tap(self, expression: str, on_message: OnMessage) -> Undo:
-        """Calls `on_message` for what is told on keys that match, until the returned function is called."""
+        """Declare a subscriber to best-effort publications; the returned function undeclares it."""
 
     def audience(self, expression: str) -> Callable[[], bool]:
-        """Says, whenever it is called, whether somebody taps what is told on keys that match.
+        """Declare a matching listener; the returned function tells whether `expression` has a subscriber.
 
-        Who comes or goes is noticed a little later.
+        Changes show after a short delay.
         """
 
     def overhear(self, expression: str, on_message: OnMessage) -> Undo:
-        """Like `tap`, for what is put in the loop, by anyone."""
+        """Declare a subscriber to messages put in the loop by any sender; otherwise as `tap`."""
 
     async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
-        """All that came in since the last call; waits until it is `enough`, at most `timeout_s`.
+        """Receive all deliveries since the last call; wait for at least `enough`, at most `timeout_s` [s].
 
-        The loss of a process is always enough. Who knows that it needs several messages saves wake-ups.
+        A lost token ends the wait at once. A caller that needs several messages saves wake-ups by `enough`.
         """
 
     def close(self) -> None:
-        """Sends what is waiting and leaves; the token goes."""
+        """Send pending messages and close; the liveliness tokens are undeclared."""
 
 
 class Query(Protocol):
-    """What somebody asked, and the way back; answer it once, at any time and in any thread.
+    """Query of an external client; to be answered once, at any time, from any thread.
 
     Attributes:
-        key: Key expression that was asked for.
+        key: Key expression of the query.
         parameters: Parameters of the selector by name.
-        payload: What was sent along; empty if nothing.
+        payload: Payload of the query; empty if there is none.
     """
 
     @property
@@ -99,17 +99,17 @@ class Query(Protocol):
     def payload(self) -> bytes: ...  # noqa: D102
 
     def reply(self, key: str, payload: bytes) -> None:
-        """Answers with `payload` on `key`, which `self.key` matches."""
+        """Reply with `payload` on `key`, which `self.key` matches."""
 
     def refuse(self, why: str) -> None:
-        """Answers with an error, in words."""
+        """Reply with an error text."""
 
     def drop(self) -> None:
-        """Leaves the answer to others."""
+        """Drop the query without a reply, for other queryables to answer."""
 
 
 def matches(expression: str, key: str) -> bool:
-    """Whether `key` matches the Zenoh key expression: `*` is one segment, `**` any number of them."""
+    """Match `key` against a Zenoh key expression: `*` is one segment, `**` any number of them."""
     return _matches(expression.split("/"), key.split("/"))
 
 

@@ -1,4 +1,4 @@
-"""Questions to whoever listens at an endpoint: what any Zenoh client can do, as functions."""
+"""Zenoh queries of a client to an endpoint, as functions."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -17,13 +17,13 @@ from skinnet.transport.zenoh_session import collect, open_session
 __all__ = ["Reply", "ask", "what_runs"]
 
 _TELL_S = 5.0
-"""So long a run may take to tell what it is."""
+"""Timeout [s] for the deployment query."""
 _CALL_S = 2.0
-"""So long a client tries to connect before it says that nobody is there."""
+"""Timeout [s] to connect to an endpoint."""
 
 
 class Reply(NamedTuple):
-    """What came back for a question: a payload on a key, or else an error in words."""
+    """Reply to a query: a payload on a key, or else an error text."""
 
     key: str
     payload: bytes
@@ -31,13 +31,16 @@ class Reply(NamedTuple):
 
 
 def ask(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> list[Reply]:
-    """Asks `expression` as a client of whoever listens at `endpoint`; empty if nobody there answers such.
+    """Query `expression` as a client of `endpoint`.
 
     Args:
-        endpoint: Where to connect.
-        expression: Key expression of the question.
-        payload: What is sent along.
-        timeout_s: How long to wait for an answer [s], and at most to connect.
+        endpoint: Zenoh endpoint to connect to.
+        expression: Key expression of the query.
+        payload: Payload of the query.
+        timeout_s: Timeout [s] for the replies; also an upper limit for connecting.
+
+    Returns:
+        Replies; empty if no queryable there matches.
 
     Raises:
         UnreachableError: nobody answers at the endpoint.
@@ -54,22 +57,22 @@ def ask(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> lis
         else:
             error = reply.err.payload.to_bytes().decode(errors="replace")
             if error == "Timeout":
-                late = True  # each hop of the question may say so
+                late = True  # each hop of the query may report it
             else:
                 found.append(Reply("", b"", error))
     return [*found, Reply("", b"", f"no answer within {timeout_s:g} s")] if late else found
 
 
 def what_runs(session: OpenSession, endpoint: str) -> tuple[Deployment, Path]:
-    """The deployment that the run at a watch endpoint tells, and the folder that its paths start from.
+    """Query the deployment of the run at an observer endpoint, and the base folder of its relative paths.
 
     Args:
-        session: Client of the endpoint.
-        endpoint: What to call it in errors.
+        session: Client session at the endpoint.
+        endpoint: Name of the endpoint in errors.
 
     Raises:
-        UnreachableError: who is there tells of no run.
-        SkinnetError: it runs another version of this program.
+        UnreachableError: no run answers there.
+        SkinnetError: the run has another version of this program.
     """
     answers = session.ask(DEPLOYMENT, _TELL_S)
     if not answers:

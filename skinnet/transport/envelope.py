@@ -1,7 +1,7 @@
-"""Envelopes: what a process sends in one period to the same receivers travels as one.
+"""Message batches: all messages of one process, period and route group in one payload.
 
-An envelope carries the time of its departure by the machine's monotonic clock, so that its receiver knows
-how long it was under way.
+A batch carries its send time by the computer's monotonic clock, from which its receiver computes the transit
+time.
 """
 
 import time
@@ -14,28 +14,33 @@ from skinnet.transport.base import Delivery, matches
 __all__ = ["TRANSIT_BINS", "Arrivals", "Messages", "seal"]
 
 TRANSIT_BINS = 100_001
-"""Microseconds up to 0.1 s."""
+"""Transit-time histogram bins of 1 µs, up to 0.1 s."""
 _KNOWN_KEYS = 100_000
 
 Messages = list[tuple[str, bytes]]
-"""Keys and payloads."""
+"""Messages as (key, payload)."""
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(tuple[int, Messages]).decode
 
 
 def seal(messages: Messages) -> bytes:
-    """An envelope that departs now."""
+    """Encode a batch, stamped with the current monotonic time [ns]."""
     return _encode((time.monotonic_ns(), messages))
 
 
 class Arrivals:
-    """The envelopes of one subscription: opens them, hands on what is wanted, counts.
+    """Batch reader of one subscription: decodes, filters by key, counts.
 
-    Zenoh has a thread for each subscription, so each has counts of its own.
+    Zenoh has a thread for each subscription, so each reader has counts of its own.
 
     Args:
-        expressions: What is wanted.
-        on_messages: Called with what was wanted of an envelope, if anything was.
+        expressions: Key expressions of the messages to pass on.
+        on_messages: Called with the matching messages of a batch, if there are any.
+
+    Attributes:
+        malformed: Batches that did not decode.
+        n_bytes: Bytes received.
+        by_transit_us: Batches by transit time [µs].
     """
 
     def __init__(self, expressions: tuple[str, ...], on_messages: Callable[[list[Delivery]], None]) -> None:
@@ -47,7 +52,7 @@ class Arrivals:
         self.by_transit_us: dict[int, int] = {}
 
     def take(self, _key: str, envelope: bytes) -> None:
-        """Opens an envelope; one that cannot be opened is counted."""
+        """Decode a batch and pass on its matching messages; count a malformed one."""
         try:
             t_sent_ns, messages = _decode(envelope)
         except msgspec.DecodeError:

@@ -1,6 +1,6 @@
-"""Where deliveries wait: one mailbox for tasks of one event loop, one that other threads fill.
+"""Mailboxes for deliveries: one between tasks of an event loop, one filled by other threads.
 
-Both wake their reader once for a burst, and not before it has what it needs.
+Both wake their reader once per burst, and only when it has the number of deliveries that it needs.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ __all__ = ["TaskMailbox", "ThreadMailbox"]
 
 
 def _here() -> tuple[int, asyncio.AbstractEventLoop] | None:
-    """This thread and its event loop, if one runs."""
+    """Return the current thread id and its running event loop, or None."""
     try:
         return threading.get_ident(), asyncio.get_running_loop()
     except RuntimeError:
@@ -21,7 +21,7 @@ def _here() -> tuple[int, asyncio.AbstractEventLoop] | None:
 
 
 class TaskMailbox:
-    """A mailbox between tasks of one event loop. What another thread posts comes by way of the loop."""
+    """Mailbox between tasks of one event loop; posts of other threads go through that loop."""
 
     def __init__(self) -> None:
         self._reader = _here()
@@ -31,7 +31,7 @@ class TaskMailbox:
         self._wake = asyncio.Event()
 
     def post(self, delivery: Delivery) -> None:
-        """Adds a delivery."""
+        """Add a delivery."""
         if self._reader is not None and self._reader[0] != threading.get_ident():
             self._reader[1].call_soon_threadsafe(self._post, delivery)
         else:
@@ -61,7 +61,7 @@ class TaskMailbox:
 
 
 class ThreadMailbox:
-    """A mailbox that other threads fill. Its reader blocks: a process in the loop has nothing else to do."""
+    """Mailbox filled by other threads; its reader blocks the thread, as a process has no other task."""
 
     def __init__(self) -> None:
         self._waiting: deque[Delivery] = deque()
@@ -71,11 +71,11 @@ class ThreadMailbox:
         self._wake = threading.Semaphore(0)
 
     def post(self, delivery: Delivery) -> None:
-        """Adds a delivery; to be called from one thread at a time or from many."""
+        """Add a delivery; thread-safe."""
         self.post_all([delivery])
 
     def post_all(self, deliveries: list[Delivery]) -> None:
-        """Adds what came together."""
+        """Add the deliveries of one batch."""
         self._waiting.extend(deliveries)
         if any(payload is None for _, payload in deliveries):
             self._urgent = True
@@ -93,9 +93,9 @@ class ThreadMailbox:
     def _sleep(self, timeout_s: float | None, enough: int) -> None:
         self._enough = enough
         self._asleep = True
-        # what came between the look and the flag was posted to a reader that seemed awake
+        # deliveries between the check in `receive` and the flag were posted without a wake-up
         if len(self._waiting) < enough and not self._urgent:
             self._wake.acquire(timeout=timeout_s)
         self._asleep = False
-        while self._wake.acquire(blocking=False):  # a wake-up that came too late for this sleep
+        while self._wake.acquire(blocking=False):  # wake-ups released after this wait had timed out
             pass

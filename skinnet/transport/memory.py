@@ -1,4 +1,4 @@
-"""The in-memory twin: all processes of a run in one, with the same bytes on the same keys."""
+"""In-memory transport: all processes of a run in one, with the same bytes on the same keys as Zenoh."""
 
 import contextlib
 import threading
@@ -11,7 +11,7 @@ __all__ = ["MemoryHub"]
 
 
 class _Ear:
-    """Someone who listens: to which keys, of which senders (None: of all)."""
+    """Subscription: key expressions, senders (None: all), callback."""
 
     def __init__(
         self, expressions: tuple[str, ...], senders: frozenset[str] | None, on_message: OnMessage
@@ -22,7 +22,7 @@ class _Ear:
 
 
 class MemoryHub:
-    """What the members of a run meet at."""
+    """In-memory hub that connects the transports of a run."""
 
     def __init__(self) -> None:
         self._members: list[_MemoryTransport] = []
@@ -30,24 +30,24 @@ class MemoryHub:
         self._beside = _Board()
 
     def connect(self, name: str) -> Transport:
-        """A transport for one more member."""
+        """Create the transport of process `name`."""
         member = _MemoryTransport(self, name, self._loop, self._beside)
         self._members.append(member)
         return member
 
     def tokens(self) -> list[str]:
-        """All liveliness tokens there are."""
+        """Return all declared liveliness tokens."""
         return [token for member in self._members for token in member.tokens]
 
     def tell_alive(self, key: str, there: bool) -> None:
-        """Tells of the coming or going of a token."""
+        """Publish a liveliness change of token `key` to all transports."""
         for member in self._members:
             for expression, on_change in member.watched:
                 if matches(expression, key):
                     on_change(key, there)
 
     def leave(self, member: "_MemoryTransport") -> None:
-        """Takes a member out and lets its tokens go."""
+        """Disconnect a transport and undeclare its liveliness tokens."""
         if member in self._members:
             self._members.remove(member)
             for token in member.tokens:
@@ -55,7 +55,7 @@ class MemoryHub:
 
 
 class _Board:
-    """Who hears what; found once for every sender and key. Strangers have threads of their own."""
+    """Subscription table with a cached lookup by sender and key; external clients call from other threads."""
 
     def __init__(self) -> None:
         self._changing = threading.Lock()
@@ -69,14 +69,14 @@ class _Board:
 
         def undo() -> None:
             with self._changing:
-                with contextlib.suppress(ValueError):  # undone before
+                with contextlib.suppress(ValueError):  # already undeclared
                     self._ears.remove(ear)
                 self._found.clear()
 
         return undo
 
     def has(self, expression: str) -> bool:
-        """Whether somebody listens for `expression` itself; as all do who listen for whole channels."""
+        """Return whether a subscription has exactly `expression`, as those to whole channels do."""
         return any(expression in ear.expressions for ear in tuple(self._ears))
 
     def deliver(self, sender: str, key: str, payload: bytes) -> None:

@@ -1,7 +1,7 @@
-"""A Zenoh session beside the loop: whoever watches a run, or speaks to another system, goes through it.
+"""Public Zenoh session outside the loop, for observers and bridges to other systems.
 
-The loop's own transport knows the robot's keys and waits for receivers. Here keys are anybody's, payloads
-may have an attachment, and nobody waits for a slow receiver.
+The transport of the loop uses the robot's keys only and blocks on slow receivers. This session takes any key,
+payloads may have an attachment, and congestion drops messages.
 """
 
 import logging
@@ -16,40 +16,40 @@ from skinnet.transport.zenoh_session import collect, open_session
 __all__ = ["OnSample", "OpenSession", "Publisher"]
 
 OnSample = Callable[[str, bytes, bytes | None], None]
-"""Called with key, payload and attachment, in a thread of Zenoh's: be quick."""
+"""Sample callback (key, payload, attachment), in a thread of Zenoh; must not block."""
 
 _CONNECT_MS = 3_000
 _CLIENT = {"transport/link/tx/lease": 10_000, "timestamping/enabled": True}
-"""Zenoh's own lease; and time stamps, by which publishers that keep messages number them."""
+"""Client settings: Zenoh's default lease; time stamps, by which advanced publishers number samples."""
 _ROUTER = _CLIENT | {"mode": "router", "scouting/gossip/enabled": True}
-"""Peers that know only a router learn of each other by its gossip, and by nothing else."""
+"""Router settings: gossip, by which peers that know only the router discover each other."""
 _HEARTBEAT_S = 0.5
 
 log = logging.getLogger(__name__)
 
 
 class Publisher(Protocol):
-    """Sends on one key."""
+    """Publisher on one key."""
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody subscribes."""
+        """Matching status: True if the key has a subscriber."""
 
     def put(self, payload: bytes, attachment: bytes) -> None:
-        """Sends to whoever keeps up."""
+        """Publish best-effort: slow subscribers lose samples."""
 
 
 class OpenSession:
-    """One session, closed by `close`.
+    """Zenoh session outside the loop; end it with `close`.
 
     Args:
-        role: "client" of whoever listens at `endpoint`; "router" listens there and brings others together.
-        endpoint: As in tcp/127.0.0.1:7447.
+        role: "client" connects to `endpoint`; "router" listens there and routes between others.
+        endpoint: Zenoh endpoint, as in tcp/127.0.0.1:7447.
 
     Raises:
-        PortInUseError: the endpoint to listen on is taken.
-        UnreachableError: it is no Zenoh endpoint, or nobody answers there.
-        SkinnetError: it is none to listen on.
+        PortInUseError: the endpoint to listen on is in use.
+        UnreachableError: not a Zenoh endpoint, or nobody answers there.
+        SkinnetError: not an endpoint to listen on.
     """
 
     def __init__(self, role: Literal["client", "router"], endpoint: str) -> None:
@@ -61,16 +61,16 @@ class OpenSession:
 
     @property
     def zid(self) -> str:
-        """Zenoh's id of this session, in hexadecimal digits."""
+        """Zenoh id of this session, in hexadecimal digits."""
         return str(self._session.info.zid())
 
     @property
     def connected(self) -> bool:
-        """Whether there is a peer at the other end."""
+        """Connection status: True if the session has a peer."""
         return bool(self._session.info.transports())
 
     def subscribe(self, expression: str, on_sample: OnSample) -> None:
-        """Calls `on_sample` for what is put on keys that match."""
+        """Declare a subscriber: call `on_sample` for samples on keys that match."""
 
         def on_arrival(sample: Any) -> None:
             attachment = None if sample.attachment is None else sample.attachment.to_bytes()
@@ -79,20 +79,20 @@ class OpenSession:
         self._entities.append(self._session.declare_subscriber(expression, on_arrival))
 
     def ask(self, expression: str, timeout_s: float) -> dict[str, bytes]:
-        """Answers to a query by their keys; empty if nobody answers."""
+        """Query `expression`; return the reply payloads by key, empty if nobody answers."""
         return _samples(lambda handler: self._session.get(expression, handler, timeout=timeout_s))
 
     def announce(self, key: str) -> None:
-        """Declares the liveliness token `key`."""
+        """Declare the liveliness token `key`."""
         self._entities.append(self._session.liveliness().declare_token(key))
 
     def present(self, expression: str, timeout_s: float) -> frozenset[str]:
-        """Liveliness tokens of others that are there now."""
+        """Query the liveliness tokens of other sessions."""
         get = self._session.liveliness().get
         return frozenset(_samples(lambda handler: get(expression, handler, timeout=timeout_s)))
 
     def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
-        """Calls `on_change` with each token that is there or comes, and True, and when it goes, and False."""
+        """Subscribe to liveliness: each present or new token (True), each lost one (False)."""
 
         def on_sample(sample: Any) -> None:
             on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
@@ -101,11 +101,11 @@ class OpenSession:
         self._entities.append(liveliness.declare_subscriber(expression, on_sample, history=True))
 
     def tell(self, key: str, payload: bytes) -> None:
-        """Sends `payload` once, to whoever keeps up."""
+        """Publish one sample best-effort: slow subscribers lose it."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
 
     def publisher(self, key: str, *, reliable: bool) -> Publisher:
-        """Sends on `key`, over a reliable link or the fastest there is."""
+        """Declare a publisher on `key` with reliability RELIABLE or BEST_EFFORT."""
         publisher = self._session.declare_publisher(
             key,
             congestion_control=zenoh.CongestionControl.DROP,
@@ -114,7 +114,7 @@ class OpenSession:
         return _Publisher(publisher, publisher)
 
     def keeping_publisher(self, key: str, *, reliable: bool, kept: int) -> Publisher:
-        """Sends on `key`, and the last `kept` messages again to advanced subscribers that come later."""
+        """Declare an advanced publisher on `key` with a cache of `kept` samples for late subscribers."""
         publisher = ext.declare_advanced_publisher(
             self._session,
             key,
@@ -129,7 +129,7 @@ class OpenSession:
         return _Publisher(publisher, None)
 
     def close(self) -> None:
-        """Leaves; tokens go."""
+        """Close the session; its liveliness tokens are undeclared."""
         self._entities.clear()
         try:
             self._session.close()
@@ -150,6 +150,6 @@ class _Publisher:
 
 
 def _samples(start: Callable[[Any], None]) -> dict[str, bytes]:
-    """Payloads by key of the good replies to a query."""
+    """Return the payloads by key of the replies without an error."""
     found = (reply.ok for reply in collect(start))
     return {str(sample.key_expr): sample.payload.to_bytes() for sample in found if sample is not None}

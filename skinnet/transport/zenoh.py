@@ -1,14 +1,13 @@
-"""The Zenoh transport of the loop.
+"""Zenoh transport of the loop.
 
-A star: the hub listens as a peer, everybody else is its client. In a mesh, messages of different senders
-overtake each other. Everything in the loop has one priority and BLOCK, since mixed priorities break causal
-order. A receiver that sticks would make Zenoh close the transport after five seconds, so the wait before
-closing is set beyond any deadline of ours.
+The topology is a star: the hub listens as a peer, all others are its clients. In a mesh, messages of
+different senders overtake each other. All messages have one priority and congestion control BLOCK, since
+mixed priorities break causal order. Zenoh by default closes a transport whose receiver blocks for five
+seconds, so `wait_before_close` is set beyond any deadline of the loop.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
-puts in one period leave as one envelope for each kind of receivers, under
-`skinnet/<robot>/loop/<process>/<receivers>`, and are taken out where they arrive. The recorder, for whom
-nobody waits, gets those of several periods as one.
+puts in one period are sent as one batch per route group, under `skinnet/<robot>/loop/<process>/<receivers>`,
+and unpacked by the receiver. The recorder, which has no deadline, gets several periods in one batch.
 """
 
 import contextlib
@@ -29,13 +28,13 @@ from skinnet.transport.zenoh_session import collect, open_session
 
 __all__ = ["ZenohTransport"]
 
-_PRESENT_S = 10.0  # the hub may take so long to say who is there
+_PRESENT_S = 10.0  # timeout [s] for the hub to list the liveliness tokens
 
 log = logging.getLogger(__name__)
 
 
 class _HeldQuery:
-    """A query of Zenoh's that waits for its answer."""
+    """Zenoh query whose reply is pending."""
 
     def __init__(self, query: Any) -> None:
         self._query = query
@@ -44,31 +43,31 @@ class _HeldQuery:
         self.payload = b"" if query.payload is None else query.payload.to_bytes()
 
     def reply(self, key: str, payload: bytes) -> None:
-        """Answers, if whoever asked is still there."""
+        """Reply with `payload` on `key`; ignore a client that is gone."""
         with contextlib.suppress(zenoh.ZError), self._query as query:
             query.reply(key, payload)
 
     def refuse(self, why: str) -> None:
-        """Answers with an error, if whoever asked is still there."""
+        """Reply with an error text; ignore a client that is gone."""
         with contextlib.suppress(zenoh.ZError), self._query as query:
             query.reply_err(why)
 
     def drop(self) -> None:
-        """Leaves the answer to others."""
+        """Drop the query without a reply."""
         self._query.drop()
 
 
 class ZenohTransport:
-    """One session of one process.
+    """Zenoh transport of one process in the loop.
 
     Args:
         keys: Keys of the robot.
-        name: Name of the process.
-        listen: Endpoint to listen on as the hub.
-        connect: Endpoint of the hub.
+        name: Process name.
+        listen: Zenoh endpoint to listen on as the hub.
+        connect: Zenoh endpoint of the hub.
 
     Raises:
-        PortInUseError: the endpoint to listen on is taken.
+        PortInUseError: the endpoint to listen on is in use.
         UnreachableError: nobody answers at the endpoint of the hub.
         SkinnetError: the endpoint to listen on is no Zenoh endpoint.
     """
@@ -92,19 +91,19 @@ class ZenohTransport:
 
     @property
     def received_bytes(self) -> int:
-        """Bytes of the envelopes that came in."""
+        """Bytes of the batches received."""
         return sum(arrivals.n_bytes for arrivals in self._arrivals)
 
     @property
     def malformed(self) -> int:
-        """Envelopes that could not be opened."""
+        """Number of batches that did not decode."""
         return sum(arrivals.malformed for arrivals in self._arrivals)
 
     @property
     def transit_us(self) -> NDArray[np.int64]:
-        """Envelopes by time from departure to acceptance [µs], one a bin; the last takes what is longer.
+        """Transit-time histogram of the batches, (100001,) bins of 1 µs; the last bin counts all longer ones.
 
-        It makes sense between processes of one machine.
+        Valid only between processes of one computer, which share the monotonic clock.
         """
         histogram = np.zeros(TRANSIT_BINS, dtype=np.int64)
         for arrivals in self._arrivals:
@@ -113,7 +112,7 @@ class ZenohTransport:
         return histogram
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
-        """Takes the messages that match out of the envelopes of `senders`."""
+        """Subscribe to the batches of `senders` and deliver the messages that match."""
         chosen = tuple(expressions)
         lanes = sorted({self._keys.lane(expression) for expression in chosen})
         if self._name == RECORDER:
@@ -122,7 +121,7 @@ class ZenohTransport:
             self._unpack(f"{sender}/{lane}", Arrivals(chosen, self._mailbox.post_all))
 
     def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        """Takes the messages that match out of everybody's envelopes."""
+        """Declare a subscriber to the matching messages in the batches of all senders."""
 
         def on_messages(deliveries: list[Delivery]) -> None:
             for key, payload in deliveries:
@@ -136,7 +135,7 @@ class ZenohTransport:
         return self.tap(self._loop_prefix + envelopes, arrivals.take)
 
     def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
-        """Calls `on_message` in a thread of Zenoh's."""
+        """Declare a subscriber; `on_message` runs in a thread of Zenoh."""
 
         def on_sample(sample: Any) -> None:
             on_message(str(sample.key_expr), sample.payload.to_bytes())
@@ -147,12 +146,12 @@ class ZenohTransport:
         return undo
 
     def watch_alive(self, expression: str) -> None:
-        """Delivers the coming and going of liveliness tokens, with those that are there already."""
+        """Subscribe to liveliness as deliveries, including the tokens already present."""
         post = self._mailbox.post
         self.on_alive(expression, lambda key, there: post(Delivery(key, b"" if there else None)))
 
     def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
-        """Calls `on_change` in a thread of Zenoh's."""
+        """Subscribe to liveliness; `on_change` runs in a thread of Zenoh."""
 
         def on_sample(sample: Any) -> None:
             on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
@@ -161,28 +160,28 @@ class ZenohTransport:
         self._entities.append(liveliness.declare_subscriber(expression, on_sample, history=True))
 
     def announce(self, key: str) -> None:
-        """Declares the liveliness token `key`."""
+        """Declare the liveliness token `key`."""
         self._entities.append(self._session.liveliness().declare_token(key))
 
     def present(self, expression: str) -> frozenset[str]:
-        """The liveliness tokens that are there now."""
+        """Query the liveliness tokens present now."""
         get = self._session.liveliness().get
         replies = collect(lambda handler: get(expression, handler, timeout=_PRESENT_S))
         return frozenset(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
     def heard(self, key: str) -> bool:
-        """Whether anybody subscribes to the envelopes of the lane of `key`."""
+        """Return whether the batches of the route group of `key` have a subscriber."""
         lane = self._keys.lane(key)
         if lane not in self._heard:
             self._heard[lane] = self.audience(self._own_prefix + lane)
         return self._heard[lane]()
 
     def record(self, every: int) -> None:
-        """From now on the recorder gets a copy of all that it records, of `every` periods at a time."""
+        """Send copies of recorded messages to the recorder, `every` periods per batch."""
         self._record_every = every
 
     def put(self, key: str, payload: bytes) -> None:
-        """Adds a message to the envelope of this period for its receivers, and to that for the recorder."""
+        """Add a message to the batch of its route group, and to that of the recorder."""
         if self._record_every and self._keys.parse(key)[0].recorded:
             self._record.append((key, payload))
         lane = self._keys.lane(key)
@@ -190,7 +189,7 @@ class ZenohTransport:
             self._outbox.setdefault(lane, []).append((key, payload))
 
     def flush(self, *, last: bool = False) -> None:
-        """Sends the envelopes, past Zenoh's own batching: whoever gets them is waiting for them."""
+        """Send the batches with `express`, bypassing Zenoh's own batching: the receivers wait for them."""
         for lane, messages in self._outbox.items():
             self._send(lane, messages)
         self._outbox.clear()
@@ -211,11 +210,11 @@ class ZenohTransport:
         )
 
     def tell(self, key: str, payload: bytes) -> None:
-        """Sends `payload` to whoever keeps up; never waits for a slow receiver."""
+        """Publish `payload` best-effort: congestion drops it."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
 
     def audience(self, expression: str) -> Callable[[], bool]:
-        """Asks the hub once, and is kept informed by it."""
+        """Declare a matching listener: the status is queried once, then updated by the hub."""
         publisher = self._session.declare_publisher(expression)
         there = [bool(publisher.matching_status.matching)]
         listener = publisher.declare_matching_listener(lambda status: there.__setitem__(0, status.matching))
@@ -223,13 +222,13 @@ class ZenohTransport:
         return lambda: there[0]
 
     def on_interest(self, expression: str, on_change: Callable[[bool], None]) -> None:
-        """Calls `on_change` when the first subscriber for `expression` comes and when the last goes."""
+        """Declare a matching listener: call `on_change` at the first and after the last subscriber."""
         publisher = self._session.declare_publisher(expression)
         listener = publisher.declare_matching_listener(lambda status: on_change(status.matching))
         self._entities.extend((publisher, listener))
 
     def serve(self, expression: str, answer: Callable[[], Mapping[str, bytes]]) -> None:
-        """Answers queries that match `expression` with the payloads by key that `answer` gives."""
+        """Declare a queryable on `expression` that replies with the payloads by key of `answer`."""
 
         def on_query(query: Any) -> None:
             with query:
@@ -240,7 +239,7 @@ class ZenohTransport:
         self._entities.append(self._session.declare_queryable(expression, on_query))
 
     def take_queries(self, expression: str, on_query: Callable[[Query], None]) -> None:
-        """Calls `on_query` in a thread of Zenoh's; whoever asked waits until it is answered."""
+        """Declare a queryable; `on_query` runs in a thread of Zenoh and may reply later."""
 
         def on_asked(query: Any) -> None:
             on_query(_HeldQuery(query))
@@ -248,7 +247,7 @@ class ZenohTransport:
         self._entities.append(self._session.declare_queryable(expression, on_asked))
 
     def close(self) -> None:
-        """Sends what is waiting and leaves, even if a peer is stuck and does not take the farewell."""
+        """Send pending messages and close the session, even if a peer does not respond."""
         self.flush(last=True)
         self._entities.clear()
         try:

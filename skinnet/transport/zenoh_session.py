@@ -1,4 +1,4 @@
-"""How a session of Zenoh is opened, and how its replies are collected: the same in the loop and beside it."""
+"""Zenoh session settings and reply collection, shared by the loop transport and the public session."""
 
 import json
 import threading
@@ -23,7 +23,15 @@ def open_session(
     connect_timeout_ms: int = _CONNECT_TIMEOUT_MS,
     more: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """A Zenoh session that listens as a hub or connects as a client, never scouts, with settings `more`."""
+    """Open a Zenoh session without scouting: a peer that listens, or a client that connects.
+
+    `more` are further settings by their configuration key.
+
+    Raises:
+        PortInUseError: the endpoint to listen on is in use.
+        UnreachableError: nobody answers at the endpoint to connect to.
+        SkinnetError: Zenoh cannot listen on the endpoint.
+    """
     settings: dict[str, Any] = {
         "mode": "peer" if listen else "client",
         "scouting/multicast/enabled": False,
@@ -58,9 +66,9 @@ def open_session(
 
 
 def collect(start: Callable[[Any], None]) -> list[Any]:
-    """All replies to a query that `start` sends with the handler that it is given, when there are no more.
+    """Collect all replies to the query that `start` sends with the given handler; block until complete.
 
-    Zenoh's own handler stops at 256 replies until they are read, and cannot be waited for.
+    Zenoh's default handler holds 256 replies until they are read, and cannot be waited for.
     """
     replies: list[Any] = []
     complete = threading.Event()

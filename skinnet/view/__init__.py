@@ -1,1 +1,1 @@
-"""The live page: what a run, or the recording of one, looks like in a browser."""
+"""Web page of a live or recorded run: body, skin, network, controller and processes in a browser."""

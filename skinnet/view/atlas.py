@@ -1,4 +1,4 @@
-"""What a deployment says of the skin, once: how cells are numbered and wired, and how they lie on paper."""
+"""Skin layout of a deployment: numbering and wiring of cells, and their positions on the flattened skin."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,23 +20,23 @@ __all__ = ["Atlas", "draw_atlas"]
 Ints = NDArray[np.int64]
 
 _ASPECT = 0.86
-"""Panels beside the body are higher than wide."""
+"""Aspect ratio of the panels beside the body, width to height."""
 
 
 @dataclass(frozen=True)
 class Atlas:
-    """The skin as it was built. Spots are what has a colour: all cells, then all elements of tactile sheets.
+    """Skin layout; its taxels (*spots* in names) are all cells, then all elements of tactile sheets.
 
     Attributes:
         patches: Patches of cells.
         sheets: Tactile sheets.
-        names: Of all spots, "patch/cell" or "sheet/element".
-        first: Number of the first spot of each patch and sheet, by name.
-        n_cells: How many of the spots are cells.
+        names: (spots,) "patch/cell" or "sheet/element".
+        first: Index of the first taxel of each patch and sheet, by name.
+        n_cells: Number of cells.
         wires: (m, 4) rows of (cell, port, cell, port), with the bridges between patches last.
-        n_bridges: How many of them are bridges.
+        n_bridges: Number of bridges.
         gateways: (g, 2) rows of (cell, port).
-        paper: How everything lies on paper.
+        paper: Flattened skin.
     """
 
     patches: tuple[PlacedPatch, ...]
@@ -54,24 +54,24 @@ class Atlas:
 
     @property
     def n_spots(self) -> int:
-        """Cells and elements."""
+        """Number of taxels: cells and sheet elements."""
         return len(self.names)
 
     @property
     def n_elements(self) -> int:
-        """Elements of all tactile sheets."""
+        """Number of elements of all tactile sheets."""
         return self.n_spots - self.n_cells
 
     @cached_property
     def wire_at(self) -> Ints:
-        """(cells, ports) wire at each port, −1 for none."""
+        """Wire index (cells, ports) at each port, −1 for none."""
         found = np.full((self.n_cells, N_PORTS), -1)
         found[self.wires[:, 0], self.wires[:, 1]] = np.arange(len(self.wires))
         found[self.wires[:, 2], self.wires[:, 3]] = np.arange(len(self.wires))
         return found
 
     def beyond(self, cell: int, port: int) -> int:
-        """The cell at the other end of the wire at a port, −1 if there is none."""
+        """Neighbour cell at the other end of a port's wire, −1 if there is none."""
         if not 0 <= port < N_PORTS or (wire := int(self.wire_at[cell, port])) < 0:
             return -1
         a, port_a, b, _ = self.wires[wire].tolist()
@@ -79,7 +79,7 @@ class Atlas:
 
 
 def draw_atlas(deployment: Deployment) -> Atlas:
-    """The atlas of a deployment that holds.
+    """Build the skin layout of a deployment.
 
     Raises:
         DeploymentError: cells, wires or sheets contradict each other.

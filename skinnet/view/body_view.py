@@ -1,4 +1,4 @@
-"""The body in the browser: its links, what moves freely, and its skin in colours."""
+"""Three-dimensional view of the body in the browser: links, free bodies, and skin coloured by readings."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -17,17 +17,17 @@ from skinnet.view.solids import Triangles, join, plate, prism, solid
 __all__ = ["BodyView"]
 
 _GAP = 0.94
-"""Cells are drawn a little smaller than they are, so that their edges show."""
+"""Scale of drawn cells; gaps between them show their edges."""
 _PLATE_M = 0.001
 _STILL_M = 1e-5
-"""A link that moved by less, or turned by a quaternion that differs by less, is not sent again."""
+"""Smallest change of position [m] or of a quaternion component at which a link is sent again."""
 _FLOOR_M = 6.0
 _HIDDEN = "finger"
-"""Not there before somebody tells where it is."""
+"""Free body that is invisible until its pose is published."""
 
 
 class BodyView:
-    """The body in the scene of `server`."""
+    """Body and skin in the viser scene of `server`."""
 
     def __init__(
         self, server: viser.ViserServer, figure: Figure, atlas: Atlas, deployment: Deployment
@@ -50,7 +50,12 @@ class BodyView:
         ]
 
     def place(self, position_rad: list[float], told: Mapping[str, list[float]]) -> int:
-        """Puts all links where they are; returns how many moved."""
+        """Update the poses of all links and free bodies; return the number of links that moved.
+
+        Args:
+            position_rad: Joint positions [rad].
+            told: Published poses (7,) of free bodies, by name.
+        """
         moved = 0
         for name in told:
             there = self._links.get(self._figure.free.get(name, ""))
@@ -67,7 +72,7 @@ class BodyView:
         return moved
 
     def paint(self, shade: NDArray[np.int64]) -> int:
-        """Gives every spot its shade; returns how many of them changed."""
+        """Set the colour index (spots,) of every taxel; return the number of changed ones."""
         changed = shade != self._shade
         for spots, handle in self._skin:
             if changed[spots].any():
@@ -76,7 +81,7 @@ class BodyView:
         return int(changed.sum())
 
     def _light(self) -> None:
-        """Light without shadows and reflections, which cost most of the time where no GPU helps."""
+        """Set up lights without shadows and reflections, the largest cost where there is no GPU."""
         scene = self._server.scene
         scene.configure_default_lights(enabled=False, cast_shadow=False)
         scene.configure_environment_map(None)
@@ -93,7 +98,7 @@ class BodyView:
         view.position, view.look_at = tuple(camera.position_m), tuple(camera.look_at_m)
 
     def _add_shapes(self) -> None:
-        """The shapes of a link, those of one colour as one."""
+        """Add the shapes of each link, merged to one mesh per colour."""
         groups: dict[tuple[str, tuple[int, ...]], list[Triangles]] = defaultdict(list)
         for shape in self._figure.shapes:
             if shape.kind == "plane":

@@ -1,4 +1,4 @@
-"""Charts over the last minute: latencies, packets that came, packets that were lost."""
+"""Time-series charts of the last minute: latencies, delivered packets and lost packets."""
 
 import numpy as np
 import viser
@@ -22,11 +22,11 @@ _SERIES = {
     "packets delivered [1/s]": (("delivered", "#0b6e4f", "delivered"),),
     "lost [1/s]": (("by links", "#c92a2a", "dropped"), ("on the way to this page", "#6a3d9a", "missed")),
 }
-"""Title; then name, colour and field of `Trend` of each line."""
+"""Chart title; then label, colour and `Trend` field of each line."""
 
 
 class Charts:
-    """The charts of a panel."""
+    """Chart panel."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._due_s = 0.0
@@ -47,14 +47,14 @@ class Charts:
         }
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time for new charts."""
+        """Return whether the charts are due; schedule the next update."""
         if now_s < self._due_s:
             return False
         self._due_s = now_s + _EVERY_S
         return True
 
     def show(self, trend: Trend) -> None:
-        """Draws what was counted."""
+        """Update the chart data."""
         if len(trend.t_s) < 2:
             return
         for title, lines in _SERIES.items():

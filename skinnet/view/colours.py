@@ -1,4 +1,4 @@
-"""Which colour a value has: one scale for each modality, the same on the body and in every panel."""
+"""Colour scales, one for each modality, shared by the body view and all panels."""
 
 from dataclasses import dataclass
 
@@ -11,23 +11,23 @@ from skinnet.messages import Modality
 __all__ = ["DEAD", "N_SHADES", "SCALES", "UNKNOWN", "Scale", "css", "palette", "shades"]
 
 N_SHADES = 64
-"""Shades of the scale; after them come those of what is unknown and of what is dead."""
+"""Number of colours of the scale; the indices of unknown and of unreachable follow."""
 UNKNOWN, DEAD = N_SHADES, N_SHADES + 1
 _UNKNOWN_RGB, _DEAD_RGB = (176, 182, 191), (22, 22, 26)
 _MAP, _LOWEST, _HIGHEST = "turbo", 0.06, 0.94
-"""As in the pictures that a run draws."""
+"""Colour map and its range, as in the plots of a run."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """From values to places on the scale of colours, 0 to 1.
+    """Colour scale of values, normalised to 0 to 1.
 
     Attributes:
         low: Value at the lower end.
         high: Value at the upper end.
-        root: Places go with the square root: low values, which are most, differ more.
-        unit: Unit of the values of cells.
-        ticks: Values that stand at the legend.
+        root: Use the square root, which spreads the frequent low values.
+        unit: Unit of the values.
+        ticks: Tick values of the legend.
     """
 
     low: float
@@ -37,24 +37,24 @@ class Scale:
     ticks: tuple[float, ...]
 
     def place(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places of `values`; what is beyond the ends is at them."""
+        """Normalise `values` (n,) to 0 to 1, clipped."""
         share = np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
         places: NDArray[np.float64] = np.sqrt(share) if self.root else share
         return places
 
 
-SCALES = {  # force and proximity begin above three times their noise
+SCALES = {  # force and proximity begin above three standard deviations of their noise
     Modality.FORCE: Scale(0.012, 1.0, True, "", (0.04, 0.1, 0.3, 0.45, 1.0)),
     Modality.PROXIMITY: Scale(0.004, 1.0, True, "", (0.01, 0.1, 0.3, 0.8)),
     Modality.ACCELERATION: Scale(0.5, 1.5, False, "g", (0.5, 1.0, 1.5)),
     Modality.TEMPERATURE: Scale(20.0, 36.0, False, "°C", (20.0, 24.0, 28.0, 32.0, 36.0)),
 }
 PRESSURE = Scale(0.0, 60.0, True, "kPa", (1.0, 5.0, 20.0, 60.0))
-"""Of the elements of tactile sheets: up to 60 kPa, the pressure that people find uncomfortable."""
+"""Pressure scale of sheet elements, up to 60 kPa, which people find uncomfortable."""
 
 
 def palette() -> NDArray[np.uint8]:
-    """(shades + 2, 3) all colours."""
+    """Palette (N_SHADES + 2, 3) of RGB colours."""
     scale = matplotlib.colormaps[_MAP](np.linspace(_LOWEST, _HIGHEST, N_SHADES))[:, :3]
     scale = np.round(255 * scale).astype(np.uint8)
     return np.vstack([scale, np.array([_UNKNOWN_RGB, _DEAD_RGB], dtype=np.uint8)])
@@ -63,13 +63,13 @@ def palette() -> NDArray[np.uint8]:
 def shades(
     modality: Modality, values: NDArray[np.float64], n_cells: int, dead: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """(spots,) shade of every spot.
+    """Colour index (spots,) of every taxel.
 
     Args:
-        modality: What `values` are.
+        modality: Modality of `values`.
         values: (spots,) of the cells, then of the elements; NaN where unknown.
-        n_cells: How many cells there are.
-        dead: (cells,) cells that are out.
+        n_cells: Number of cells.
+        dead: (cells,) whether a cell is unreachable.
     """
     place = np.concatenate([SCALES[modality].place(values[:n_cells]), PRESSURE.place(values[n_cells:])])
     found = np.isfinite(place)
@@ -80,6 +80,6 @@ def shades(
 
 
 def css(rgb: NDArray[np.uint8]) -> str:
-    """A colour as CSS writes it."""
+    """CSS form of an RGB colour (3,)."""
     red, green, blue = rgb.tolist()
     return f"#{red:02x}{green:02x}{blue:02x}"

@@ -1,4 +1,4 @@
-"""Buttons for what the controller offers to be asked for."""
+"""Request buttons of the controller."""
 
 import html
 
@@ -11,11 +11,11 @@ __all__ = ["Controls"]
 
 
 class Controls:
-    """One button for each request, or one for each argument; without a source there are none.
+    """Request buttons, one for each request or each of its arguments; none without a source.
 
     Args:
-        gui: Where to put them.
-        source: Who passes requests on.
+        gui: Parent of the buttons.
+        source: Live source that sends the requests; None for no buttons.
     """
 
     def __init__(self, gui: viser.GuiApi, source: LiveSource | None) -> None:
@@ -24,7 +24,7 @@ class Controls:
         self._folder: viser.GuiFolderHandle | None = None
 
     def show(self, scene: Scene) -> None:
-        """Follows what the controller offers."""
+        """Update the buttons to the requests that the controller accepts."""
         machine = scene.mind.machine
         if self._source is None or (machine is None and self._folder is not None):
             return
@@ -53,7 +53,7 @@ class Controls:
             button.on_click(lambda _: self._ask(what, text.value))
 
     def _ask(self, what: str, argument: str) -> None:
-        """Waits for the answer; viser calls it in a thread of its own."""
+        """Send a request and wait for its answer, in a thread of viser."""
         assert self._source is not None
         self._line.content = _said(f"{what} {argument} …")
         answer = self._source.request(what, argument)

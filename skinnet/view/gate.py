@@ -1,9 +1,9 @@
-"""The door in front of the page: who may come in, before a byte of theirs reaches the page's own server.
+"""Authenticating TCP proxy in front of the page's server.
 
-viser asks nobody for anything, so it listens on loopback at a port that it tells to nobody, and this is what
-the world sees. The head of each connection is read here; what may pass is handed through, byte by byte. A
-browser that comes with `?token=` gets a cookie in return. A page of another site may not use the visitor's
-browser to come in: an `Origin` that is not ours is sent away, and on loopback a `Host` that is not loopback.
+viser has no authentication, so it listens on loopback at an unpublished port, and this proxy is the public
+address. It reads the request head of each connection and forwards an authorised connection byte by byte. A
+browser that presents `?token=` gets a cookie. Against cross-site requests and DNS rebinding, a foreign
+`Origin` is refused, and on loopback a `Host` that is not loopback.
 """
 
 import asyncio
@@ -26,14 +26,14 @@ _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 
 class Verdict(NamedTuple):
-    """What becomes of a request: `answer` is sent and the door stays shut, or it is None and it may pass."""
+    """Access decision: `answer` is the HTTP response to a request that is not forwarded; None forwards it."""
 
     answer: bytes | None
     why: str = ""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach an address."""
+    """Return whether an address is reachable from this computer only."""
     if host == "localhost":
         return True
     try:
@@ -43,13 +43,13 @@ def is_loopback(host: str) -> bool:
 
 
 def judge(head: bytes, token: str | None, port: int, *, loopback: bool) -> Verdict:
-    """Reads the head of a request.
+    """Authorise a request by its head.
 
     Args:
         head: Request line and headers, up to the empty line.
-        token: What a visitor must know; None if nothing.
-        port: Where the page is; cookies know no ports, so it is part of the cookie's name.
-        loopback: Whether the page is for this machine only.
+        token: Access token; None for no authentication.
+        port: Port of the page; part of the cookie's name, as cookies are shared between ports.
+        loopback: Whether the page is served on loopback only.
     """
     lines = head.decode("latin-1").split("\r\n")
     words = lines[0].split(" ")
@@ -102,18 +102,18 @@ def _refusal(code: int, why: str) -> Verdict:
 
 
 class Gate:
-    """Listens at an address and hands through to a server on loopback, in a thread of its own.
+    """Authenticating proxy to a server on loopback, in its own thread.
 
     Args:
         host: Address to listen at.
-        port: Port; 0 for any that is free.
-        inner_port: Where the page's own server is, on 127.0.0.1.
-        token: What a visitor must know; None if nothing.
-        say: Told, once each, why visitors were sent away.
+        port: Port; 0 for any free one.
+        inner_port: Port of the page's server on 127.0.0.1.
+        token: Access token; None for no authentication.
+        say: Called once with each distinct reason for refused requests.
 
     Raises:
         PortInUseError: the port is taken.
-        DeploymentError: the address is none of this machine.
+        DeploymentError: the address is not one of this computer.
     """
 
     def __init__(
@@ -139,20 +139,20 @@ class Gate:
 
     @property
     def url(self) -> str:
-        """Address of the page, with its token."""
+        """Page URL with its token."""
         host = f"[{self._host}]" if ":" in self._host else self._host
         return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
 
     def close(self) -> None:
-        """Lets nobody in any more, and sends away who is in."""
+        """Stop accepting connections and close the open ones."""
         self._wait(self._clear())
         self._stop()
 
     async def _clear(self) -> None:
-        await asyncio.sleep(0)  # a connection that is being accepted would be lost to asyncio, and stay open
+        await asyncio.sleep(0)  # else asyncio would leak a connection that is being accepted
         self._server.close()
         while True:
-            await asyncio.sleep(0)  # a task that never began has nothing that it would close
+            await asyncio.sleep(0)  # a task cancelled before its first step would not close its connection
             others = asyncio.all_tasks() - {asyncio.current_task()}
             if not others:
                 return
@@ -164,9 +164,9 @@ class Gate:
         try:
             await self._serve(reader, writer)
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
-            pass  # whoever leaves in mid-stream has left
+            pass  # the client disconnected
         except asyncio.CancelledError:
-            pass  # the door closes; nobody waits for this task
+            pass  # the proxy is closing; nothing awaits this task
         finally:
             writer.close()
 
@@ -188,7 +188,7 @@ class Gate:
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            inner_writer.close()  # first: what waits here may be told to stop once more
+            inner_writer.close()  # first, as the await below may be cancelled again
             for way in ways:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)

@@ -1,4 +1,4 @@
-"""What happened lately: events for the raster, and trends of latencies and losses for the charts."""
+"""Event history for the raster, and time series of latency and loss for the charts."""
 
 from array import array
 from collections.abc import Sequence
@@ -13,18 +13,18 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FULL_READING = 100
-"""Kind of a reading that was sent as a whole, because its cell streams."""
+"""Kind of a full reading, which a streaming cell sends."""
 _MOST = 150_000
-"""Events that are kept at most: memory of a page that runs for days."""
+"""Maximum number of kept events, which bounds the page's memory."""
 _EDGES_MS = 10.0 ** np.linspace(-2, 3, 101)
-"""Latencies are counted in bins of 12 %, from 10 µs to 1 s."""
+"""Latency histogram edges [ms], in steps of 12 %, from 10 µs to 1 s."""
 
 
 class Happenings:
-    """The newest events, one row each: when, where, of which modality, at which level.
+    """Event history: time, raster row and kind (modality and level) of the newest events.
 
     Args:
-        window_ns: How far back they matter [ns].
+        window_ns: Length of the history [ns].
     """
 
     def __init__(self, window_ns: int) -> None:
@@ -34,7 +34,7 @@ class Happenings:
         self._t_ns, self._row, self._kind = array("q"), array("i"), array("b")
 
     def add(self, t_ns: Sequence[int], rows: Sequence[int], kinds: Sequence[int]) -> None:
-        """Events at `t_ns`, each in a row of the raster, of a kind: 8 × modality + level, 7 for no level."""
+        """Add events: times [ns], raster rows and kinds (8 × modality + level, level 7 for none)."""
         if not len(t_ns):
             return
         self._t_ns.extend(t_ns)
@@ -46,19 +46,19 @@ class Happenings:
             self._forget(len(self._t_ns) - _MOST)
 
     def since(self, t_ns: int) -> tuple[Ints, Ints, Ints]:
-        """Times [ns], rows and kinds of the events from `t_ns` on."""
+        """Events from `t_ns` on: times [ns], rows and kinds."""
         times = np.array(self._t_ns, dtype=np.int64)
         late = times >= t_ns
         return times[late], np.array(self._row)[late].astype(np.int64), np.array(self._kind)[late].astype(int)
 
     def tidy(self) -> None:
-        """Forgets what is older than the window; events of several patches are in order only roughly."""
+        """Drop events older than the window; the order is approximate between patches."""
         times = np.array(self._t_ns, dtype=np.int64)
         recent = np.flatnonzero(times >= self._newest_ns - self.window_ns)
         self._forget(int(recent[0]) if len(recent) else len(times))
 
     def clear(self) -> None:
-        """Nothing happened yet."""
+        """Drop all events."""
         self._newest_ns = 0
         self._forget(len(self._t_ns))
 
@@ -68,16 +68,16 @@ class Happenings:
 
 
 class Trend(NamedTuple):
-    """Trends over time, one value a bin, oldest first.
+    """Time series of network traffic, one value per bin, oldest first.
 
     Attributes:
         t_s: End of each bin, simulated time [s].
         median_ms: Latency from a cell's sample to its delivery; NaN where nothing was delivered.
-        p95_ms: 95 % of it is below.
-        max_ms: The largest.
-        delivered: Packets that came from cells [1/s].
-        dropped: Packets that links lost [1/s].
-        missed: Messages that this page missed [1/s].
+        p95_ms: Its 95th percentile.
+        max_ms: Its maximum.
+        delivered: Rate of packets delivered from cells [1/s].
+        dropped: Rate of packets lost on links [1/s].
+        missed: Rate of messages lost between run and page [1/s].
     """
 
     t_s: Floats
@@ -90,11 +90,11 @@ class Trend(NamedTuple):
 
 
 class Trends:
-    """Counts by bins of simulated time, as far back as there are bins.
+    """Traffic statistics in a ring of bins of simulated time.
 
     Args:
         bin_ns: Width of a bin [ns].
-        bins: How many there are.
+        bins: Number of bins.
     """
 
     def __init__(self, bin_ns: int, bins: int) -> None:
@@ -105,12 +105,12 @@ class Trends:
         self._last = -1
 
     def clear(self) -> None:
-        """Nothing was counted yet."""
+        """Reset all counts."""
         self._latency[:], self._max_ns[:], self._counts[:] = 0, 0, 0
         self._last = -1
 
     def delivered(self, t_sampled_ns: Ints, t_delivered_ns: Ints) -> None:
-        """Packets, sampled and delivered at these times."""
+        """Count delivered packets by their sampling and delivery times [ns]."""
         if not len(t_delivered_ns):
             return
         column = self._columns(t_delivered_ns)
@@ -120,16 +120,16 @@ class Trends:
         np.add.at(self._counts[0], column, 1)
 
     def dropped(self, t_ns: int, packets: int) -> None:
-        """Links lost packets."""
+        """Count packets lost on links."""
         self._counts[1, self._columns(np.array([t_ns]))] += packets
 
     def missed(self, t_ns: int, messages: int) -> None:
-        """The page missed messages."""
+        """Count messages lost between run and page."""
         self._counts[2, self._columns(np.array([t_ns]))] += messages
 
     def trend(self) -> Trend:
-        """What was counted so far."""
-        n = max(min(self._last, self._bins - 1), 0)  # the newest bin is not full yet
+        """Time series of the completed bins."""
+        n = max(min(self._last, self._bins - 1), 0)  # without the newest bin, which is incomplete
         number = np.arange(self._last - n, self._last)
         column = number % self._bins
         up_to = np.cumsum(self._latency[column], axis=1)
@@ -146,7 +146,7 @@ class Trends:
         return Trend(t_s, median_ms, p95_ms, max_ms, delivered, dropped, missed)
 
     def _columns(self, t_ns: Ints) -> Ints:
-        """Columns of these times, new ones emptied first; what is too old goes to the oldest."""
+        """Bin columns of times; clears new bins, and maps times that are too old to the oldest bin."""
         number = np.maximum(t_ns // self._bin_ns, 0)
         newest = int(number.max())
         if newest > self._last:

@@ -1,4 +1,4 @@
-"""A run that goes on, heard at its watch endpoint: best effort, in a ring that counts what it loses."""
+"""Live source: best-effort subscription to a run's observer endpoint, with a bounded, counted queue."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -28,27 +28,27 @@ SHOWN = (
     "machine",
     "processes",
 )
-"""Channels that the page shows; the others would only cost."""
+"""Channels that the page shows and subscribes to."""
 _ASKED = ("topology", "state", "machine")
-"""Channels whose newest messages the endpoint tells to those who come later."""
+"""Channels whose newest messages the endpoint answers to queries, for late observers."""
 _RING = 50_000
-"""Messages that wait at most: four seconds of the largest robot."""
+"""Queue capacity in messages: four seconds of the largest robot."""
 _AT_ONCE = 20_000
-"""Messages that are taken in at a time, so that the page still moves when it is behind."""
+"""Maximum number of messages per update, so that a page that lags stays responsive."""
 _ANSWER_S = 3.0
 _LOOK_EVERY_S = 0.5
 
 
 class LiveSource:
-    """A client of a watch endpoint.
+    """Live source, a client of an observer endpoint.
 
     Args:
-        endpoint: As a run prints it.
-        base: Folder with the model, if it is not where the run has it.
+        endpoint: Observer endpoint as the run prints it.
+        base: Folder with the model, if it differs from the run's.
 
     Raises:
-        UnreachableError: nobody answers there.
-        SkinnetError: what answers is no run that this program understands.
+        UnreachableError: nothing answers at the endpoint.
+        SkinnetError: the endpoint is no run of a version that this program supports.
     """
 
     def __init__(self, endpoint: str, base: Path | None = None) -> None:
@@ -81,11 +81,11 @@ class LiveSource:
 
     @property
     def dropped(self) -> int:
-        """Messages that came and were never taken in, since the page was too slow."""
+        """Number of received messages that the full queue dropped."""
         return self._came - self._taken - len(self._ring)
 
     def feed(self, scene: Scene, now_s: float) -> int:
-        """Lets `scene` take what has come."""
+        """Deliver the queued messages to `scene`; return their number."""
         count = 0
         while self._ring and count < _AT_ONCE:
             key, payload = self._ring.popleft()
@@ -106,11 +106,11 @@ class LiveSource:
         return count
 
     def facts(self) -> Mapping[str, str]:
-        """How many messages came and were lost here."""
+        """Received and dropped message counts, as text by name."""
         return {"messages": f"{self._came}", "dropped by the page": f"{self.dropped}"}
 
     def request(self, what: str, argument: str) -> str:
-        """Asks the controller for something; returns what became of it, in a line."""
+        """Send a request to the controller; return its answer or the error as one line."""
         try:
             replies = ask(self._endpoint, self._keys.of("request", what), argument.encode(), 2 * _ANSWER_S)
         except SkinnetError as error:
@@ -126,7 +126,7 @@ class LiveSource:
         return f"accepted: {answer.state}" if answer.accepted else f"refused in {answer.state}: {answer.why}"
 
     def close(self) -> None:
-        """Leaves the endpoint."""
+        """Close the session."""
         self._session.close()
 
     def _put_aside(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The processes of a run: what they use of the machine, and how fast they get on."""
+"""Process statistics of a run: cores, memory and real-time factor of each process."""
 
 from dataclasses import dataclass
 
@@ -7,19 +7,19 @@ from skinnet.watch_messages import ProcessLoad
 __all__ = ["Machinery", "Process"]
 
 _GONE_S = 3.0
-"""A process that is silent for so long has no rate."""
+"""Silence [s] after which a process's rate is unknown."""
 
 
 @dataclass
 class Process:
-    """One process.
+    """Process statistics.
 
     Attributes:
-        name: Its name.
-        pid: Its number, 0 if it was not told.
-        cores: How many cores it keeps busy; None if that was not told.
-        memory_mb: Its memory; 0 if it is gone; None if that was not told.
-        rate: Simulated seconds per second of the clock on the wall; None if unknown.
+        name: Name of the process.
+        pid: Process id, 0 if unknown.
+        cores: Number of busy cores; None if unknown.
+        memory_mb: Memory [MB]; 0 if the process has ended; None if unknown.
+        rate: Real-time factor: simulated seconds per second of wall time; None if unknown.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Process:
 
 
 class Machinery:
-    """All processes that were heard of."""
+    """Process statistics of all known processes, by name."""
 
     def __init__(self) -> None:
         self.processes: dict[str, Process] = {}
@@ -38,17 +38,17 @@ class Machinery:
         self._newest: dict[str, tuple[int, float]] = {}
 
     def take_load(self, load: ProcessLoad) -> None:
-        """What the launcher tells of them."""
+        """Apply the process loads published by the launcher."""
         for name, pid, cores, memory_mb in zip(load.name, load.pid, load.cores, load.memory_mb, strict=True):
             process = self._process(name)
             process.pid, process.cores, process.memory_mb = pid, cores, memory_mb
 
     def note(self, name: str, t_ns: int, now_s: float) -> None:
-        """A message of a process, of simulated time `t_ns`, came at `now_s` of the wall's clock."""
+        """Note a process's message of simulated time `t_ns` [ns], received at wall time `now_s` [s]."""
         self._newest[name] = t_ns, now_s
 
     def measure(self, now_s: float) -> None:
-        """Rates since the last call."""
+        """Update the real-time factors since the last call."""
         for name, (t_ns, at_s) in self._newest.items():
             process = self._process(name)
             before = self._marks.get(name)

@@ -1,4 +1,4 @@
-"""What is known of the network: who is part of it, who hangs on whom, what links carry, what is cut."""
+"""Network state of the skin: connected cells, routing tree, link loads and link failures."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -20,25 +20,25 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _WINDOW_NS = 500_000_000
-"""Without `LinkLoad`, loads are those of the packets that were delivered in so long."""
+"""Window [ns] over which loads are inferred from delivered packets if there is no `LinkLoad`."""
 
 
 class NetworkState:
-    """The network as its cells found it out, and as its host tells of it.
+    """Network state from topologies found by the cells and link loads published by cell processes.
 
     Attributes:
-        formed: (patches,) whether a patch has told its topology.
-        found: (cells,) whether a cell is part of the network.
-        depth: (cells,) hops to its gateway.
-        parent: (cells,) the cell to which it sends what goes to the computer, −1 for the computer or nobody.
-        master_port: (cells,) port by which it does.
-        load: (cells, ports) share of the last interval in which the link out of a port sent.
-        load_inwards: (cells, ports) the same of links from the computer.
-        dropped: (cells, ports) packets that were lost on the link out of a port, since the run began.
-        high_water: (cells, ports) most packets that waited for it.
-        down: (cells, ports) whether its host says that the link is down.
-        dark: (cells,) whether its host says that the cell has no power.
-        measured_ns: When the hosts last told of their links [ns], −1 for never: loads are then inferred.
+        formed: (patches,) whether the patch has published its topology.
+        found: (cells,) whether the cell is connected to the network.
+        depth: (cells,) hops to the cell's gateway.
+        parent: (cells,) next cell towards the computer, −1 for the computer itself or none.
+        master_port: (cells,) port towards the parent.
+        load: (cells, ports) utilisation of the link out of a port in the last interval, 0 to 1.
+        load_inwards: (cells, ports) utilisation of the links from the computer.
+        dropped: (cells, ports) packets lost on the link out of a port since the run began.
+        high_water: (cells, ports) greatest length of its queue in packets.
+        down: (cells, ports) whether the link is reported down.
+        dark: (cells,) whether the cell is reported without power.
+        measured_ns: Time of the last published link loads [ns], −1 for never: loads are then inferred.
     """
 
     def __init__(self, atlas: Atlas, spec: NetworkSpec) -> None:
@@ -62,7 +62,11 @@ class NetworkState:
         self._delivered: deque[tuple[int, Sequence[int], float]] = deque()
 
     def take_topology(self, topology: Topology) -> tuple[Ints, Ints]:
-        """What a patch found out; returns the cells that it lost, and those that it won."""
+        """Apply a patch's topology; return the cells lost from the network, and those gained.
+
+        Raises:
+            ProtocolError: the patch is unknown, or the topology does not fit its cells.
+        """
         patch, cells = self._cells_of(topology.patch)
         columns = (topology.network_id, topology.master_port, topology.depth, topology.neighbours)
         if any(len(column) != len(cells) for column in columns):
@@ -84,7 +88,11 @@ class NetworkState:
         return lost, won
 
     def take_load(self, load: LinkLoad) -> int:
-        """What the links of a patch carried; returns how many packets they lost since it last told."""
+        """Apply a patch's link loads; return the number of packets lost since its last report.
+
+        Raises:
+            ProtocolError: the patch, a cell or a port is unknown.
+        """
         patch, cells = self._cells_of(load.patch)
         rows = unpack(load.rows, LINK_ROW)
         if rows["cell"].max(initial=0) >= len(cells) or rows["port"].max(initial=0) >= N_PORTS:
@@ -113,12 +121,12 @@ class NetworkState:
         return max(int(self.dropped[cells].sum()) - before, 0) if known else 0
 
     def note_delivered(self, t_ns: int, cells: Sequence[int], n_bytes: int) -> None:
-        """Packets of `n_bytes` each that came from `cells`, one for each entry."""
+        """Note delivered packets of `n_bytes` each, one from each entry of `cells`."""
         if self.measured_ns < 0 and cells:
             self._delivered.append((t_ns, cells, float(n_bytes)))
 
     def infer(self, t_ns: int) -> None:
-        """Loads of the links towards the computer, from what was delivered lately; unless hosts tell them."""
+        """Infer the loads of links towards the computer from recent deliveries, unless they are published."""
         if self.measured_ns >= 0:
             self._delivered.clear()
             return
@@ -139,7 +147,7 @@ class NetworkState:
 
     @property
     def cut(self) -> Bools:
-        """(wires,) cut wires: their host says so, or neither of two cells of the network knows it."""
+        """Broken wires (wires,): reported down, or unknown to both of two connected cells."""
         a, port_a, b, port_b = self._atlas.wires.T
         both = self.found[a] & self.found[b]
         unknown = both & ~self._known[a, port_a] & ~self._known[b, port_b]
@@ -148,21 +156,21 @@ class NetworkState:
 
     @property
     def dead(self) -> Bools:
-        """(cells,) cells that are out: without power, or of a patch that has formed without them."""
+        """Unreachable cells (cells,): without power, or not connected in a patch that has formed."""
         formed = np.repeat(self.formed, [patch.n_cells for patch in self._atlas.patches])
         gone: Bools = self.dark | (formed & ~self.found)
         return gone
 
     @property
     def wire_load(self) -> Floats:
-        """(wires,) the larger load of the two directions."""
+        """Wire load (wires,): the larger of the two directions."""
         a, port_a, b, port_b = self._atlas.wires.T
         load: Floats = np.maximum(self.load[a, port_a], self.load[b, port_b])
         return load
 
     @property
     def in_tree(self) -> Bools:
-        """(wires,) whether the wire carries what goes to the computer."""
+        """Tree membership (wires,): whether the wire belongs to the routing tree."""
         a, port_a, b, port_b = self._atlas.wires.T
         used: Bools = (self.master_port[a] == port_a) | (self.master_port[b] == port_b)
         return used

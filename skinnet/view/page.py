@@ -1,4 +1,4 @@
-"""The page itself: a server, what it shows, and the loop that keeps both up to date."""
+"""Web page of a run: viser server, panels and update loop."""
 
 import contextlib
 import html
@@ -34,16 +34,16 @@ _LISTED = Callable[[], str]
 
 
 class _Server(viser.ViserServer):
-    """Viser's server without its way out into the world: nobody may ask it to share the page."""
+    """Viser server with public share URLs disabled."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Never shares."""
+        """Refuse to share the page."""
         return None
 
 
 @dataclass
 class _Html:
-    """A piece of HTML that is made anew now and then, and sent if it has changed."""
+    """HTML element rendered periodically, and sent if it has changed."""
 
     handle: viser.GuiHtmlHandle
     make: _LISTED
@@ -54,18 +54,18 @@ class _Html:
 
 @dataclass
 class Rates:
-    """What the page did in the last second, by name."""
+    """Event rates of the page over the last second, by name."""
 
     counts: dict[str, int] = field(default_factory=dict)
     since_s: float = 0.0
     last: dict[str, float] = field(default_factory=dict)
 
     def count(self, name: str, n: int = 1) -> None:
-        """Something was done."""
+        """Count `n` events of a name."""
         self.counts[name] = self.counts.get(name, 0) + n
 
     def turn(self, now_s: float) -> None:
-        """Makes rates of the counts, each second."""
+        """Turn the counts into rates, once a second."""
         passed_s = now_s - self.since_s
         if passed_s >= 1.0:
             self.last = {name: n / passed_s for name, n in self.counts.items()}
@@ -73,13 +73,13 @@ class Rates:
 
 
 class Page:
-    """One page for one source; the address is for `Gate`.
+    """Web page of one source, served on loopback behind a `Gate`.
 
     Args:
-        source: Where messages come from.
-        atlas: The skin.
-        figure: The body.
-        control: Offer the controller's requests as buttons.
+        source: Message source, live or recorded.
+        atlas: Layout of the skin.
+        figure: Shapes of the body.
+        control: Show request buttons of the controller.
     """
 
     def __init__(self, source: Source, atlas: Atlas, figure: Figure, *, control: bool = False) -> None:
@@ -103,11 +103,11 @@ class Page:
 
     @property
     def port(self) -> int:
-        """Where the page's own server listens, on loopback."""
+        """Port of the page's server, on loopback."""
         return int(self._server.get_port())
 
     def run(self, *, keep: bool) -> str:
-        """Shows what comes until `stop` or, unless `keep`, until the source is over; returns why it ended."""
+        """Run the update loop until `stop` or, unless `keep`, the end of the source; return the reason."""
         due_s = time.monotonic()
         while not self._stop.is_set():
             self._tick(time.monotonic())
@@ -118,11 +118,11 @@ class Page:
         return "stopped"
 
     def stop(self) -> None:
-        """Ends `run`; may be called from anywhere."""
+        """Stop `run`; thread-safe."""
         self._stop.set()
 
     def close(self) -> None:
-        """Takes the page down."""
+        """Stop the server."""
         with _quietly():
             self._server.stop()
 
@@ -219,6 +219,6 @@ class Page:
 
 @contextlib.contextmanager
 def _quietly() -> Iterator[None]:
-    """Viser announces itself on standard output; the command line says what there is to say."""
+    """Suppress viser's announcements on standard output."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield

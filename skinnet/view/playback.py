@@ -1,21 +1,21 @@
-"""Where a recording is played: position, pause, rate and loop over the clock on the wall. No I/O."""
+"""Playback clock of a recording: position, pause, rate and loop against wall time. No I/O."""
 
 __all__ = ["Playback"]
 
 
 class Playback:
-    """A position that moves with the clock on the wall.
+    """Playback clock, whose position advances with wall time.
 
     Args:
-        start_ns: Where the recording begins [ns].
-        end_ns: Where it ends [ns].
-        now_s: Present time of the wall's clock [s].
+        start_ns: Begin of the recording [ns].
+        end_ns: End of the recording [ns].
+        now_s: Present wall time [s].
 
     Attributes:
-        playing: Whether it moves.
-        rate: Simulated seconds per second.
-        loop: Whether it begins anew at the end, or stops there.
-        jumps: How often it was put elsewhere.
+        playing: Whether the position advances.
+        rate: Simulated seconds per second of wall time.
+        loop: Whether playback restarts at the end.
+        jumps: Number of seeks.
     """
 
     def __init__(self, start_ns: int, end_ns: int, now_s: float) -> None:
@@ -25,7 +25,7 @@ class Playback:
         self._from_ns, self._since_s = start_ns, now_s
 
     def position_ns(self, now_s: float) -> int:
-        """Where it is; at the end it stops, or begins anew."""
+        """Playback position [ns]; stops or restarts at the end."""
         if not self.playing:
             return self._from_ns
         position_ns = self._from_ns + round((now_s - self._since_s) * self.rate * 1e9)
@@ -38,16 +38,16 @@ class Playback:
         return self.end_ns
 
     def seek(self, t_ns: int, now_s: float) -> None:
-        """Goes to a time, or as near as the recording comes."""
+        """Seek to a time [ns], clipped to the recording."""
         self.jumps += 1
         self.wait_at(min(max(t_ns, self.start_ns), self.end_ns), now_s)
 
     def wait_at(self, t_ns: int, now_s: float) -> None:
-        """Goes on from `t_ns`, which is as far as one got: the clock is faster than the reader."""
+        """Continue from `t_ns`, the position reached by a reader slower than the clock."""
         self._from_ns, self._since_s = t_ns, now_s
 
     def play(self, now_s: float) -> None:
-        """Moves; at the end, from the beginning on."""
+        """Start playback; at the end, restart."""
         if self.playing:
             return
         if self._from_ns >= self.end_ns:
@@ -55,12 +55,16 @@ class Playback:
         self.playing, self._since_s = True, now_s
 
     def pause(self, now_s: float) -> None:
-        """Stays where it is."""
+        """Pause playback."""
         self._from_ns = self.position_ns(now_s)
         self.playing = False
 
     def set_rate(self, rate: float, now_s: float) -> None:
-        """Moves at another rate from here on."""
+        """Set the playback rate.
+
+        Raises:
+            ValueError: `rate` is not above 0.
+        """
         if rate <= 0.0:
             raise ValueError(f"rate is {rate}; it is above 0")
         self._from_ns, self._since_s = self.position_ns(now_s), now_s

@@ -1,4 +1,4 @@
-"""Time slider, pause, rate and loop of a recording."""
+"""Playback controls of a recording: time slider, pause, rate and loop."""
 
 from collections.abc import Callable
 
@@ -11,16 +11,16 @@ __all__ = ["Player"]
 _RATES = ("0.1", "0.25", "0.5", "1", "2", "5", "10", "50")
 _EVERY_S = 0.2
 _QUIET_S = 0.6
-"""So long after somebody has moved the slider it is left to them."""
+"""Time [s] after a user's change in which the slider is not updated."""
 
 
 class Player:
-    """The controls of a recording; without one there are none.
+    """Playback controls; none without a recording.
 
     Args:
-        gui: Where to put them.
-        source: The recording.
-        wish: Hands what somebody wants to the loop of the page, which calls it with the time.
+        gui: Parent of the controls.
+        source: Source that plays the recording, or None.
+        wish: Queues an action for the page's update loop, which calls it with the wall time [s].
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Player:
         loop.on_update(lambda event: wish(lambda _: setattr(playback, "loop", event.target.value)))
 
     def show(self, now_s: float) -> None:
-        """Brings slider and button up to date."""
+        """Update slider and button."""
         if self._source is None or now_s < self._due_s:
             return
         self._due_s = now_s + _EVERY_S

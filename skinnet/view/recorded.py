@@ -1,4 +1,4 @@
-"""A recording as a source: it is played, and one may go anywhere in it."""
+"""Recording source: playback of a recording with seeking."""
 
 import bisect
 import time
@@ -28,27 +28,27 @@ _SHOWN = {
     "machine",
     "counters",
 }
-"""Channels that the page shows; the others would only cost."""
+"""Channels that the page shows."""
 _KEEP_EVERY_NS = 5_000_000_000
 _BUDGET_S = 0.15
-"""So long a call reads at most: the page moves on while it catches up."""
+"""Maximum reading time per call [s], so that the page stays responsive while catching up."""
 _LOOK_EVERY = 200
 
 
 class RecordedSource:
-    """A recording that is played.
+    """Recording source with playback and seeking.
 
-    To go back, the scene becomes what it was at a moment that was kept, one raster before; from there on the
-    file is read again.
+    To seek backwards, it restores the scene's snapshot at least one raster length earlier and reads the file
+    again from there.
 
     Args:
-        path: The file.
-        base: Folder with the model, if it is not where the run had it.
-        now_s: Present time of the wall's clock [s].
+        path: Path of the recording.
+        base: Folder with the model, if it differs from the run's.
+        now_s: Present wall time [s].
 
     Raises:
-        RecordingError: it is no recording that this program can read, or there is nothing in it.
-        DeploymentError: this program knows other keys than the one that recorded.
+        RecordingError: the file is unreadable, or has no message.
+        DeploymentError: this program has other deployment keys than the one that recorded.
     """
 
     over = ""
@@ -70,7 +70,7 @@ class RecordedSource:
         self._kept: list[Kept] = []
 
     def feed(self, scene: Scene, now_s: float) -> int:
-        """Lets `scene` take what stands before the present position."""
+        """Deliver the messages up to the playback position to `scene`; return their number."""
         position_ns = self.playback.position_ns(now_s)
         if not self._kept:
             self._keep(scene, -1)
@@ -96,18 +96,18 @@ class RecordedSource:
         return count
 
     def facts(self) -> Mapping[str, str]:
-        """What there is of it."""
+        """Properties of the recording, as text by name."""
         facts = {"recording": str(self.recording.path), "length": f"{self.recording.end_ns * 1e-9:.1f} s"}
         if not self.recording.complete:
             facts["it was cut"] = "it goes up to here"
         return facts | ({"unreadable messages": f"{self.malformed}"} if self.malformed else {})
 
     def close(self) -> None:
-        """Forgets what was kept."""
+        """Drop the snapshots."""
         self._kept.clear()
 
     def _read(self, from_ns: int) -> Iterator[Told]:
-        """Messages from a time on; those that this program does not understand are counted."""
+        """Messages from a time [ns] on; undecodable ones are skipped and counted."""
         for t_ns, _, channel, fields, payload in self.recording.messages(from_ns):
             if channel not in _SHOWN:
                 continue
@@ -121,7 +121,7 @@ class RecordedSource:
         self._kept.append(scene.keep())
 
     def _go_to(self, scene: Scene, t_ns: int) -> None:
-        """Puts the scene to a moment before `t_ns`, unless it stands there already."""
+        """Restore a snapshot before `t_ns` and reread from it, unless reading on is enough."""
         before_ns = t_ns - RASTER_NS
         kept = max(bisect.bisect_right(self._kept_ns, before_ns) - 1, 0)
         if self._read_ns <= t_ns and self._kept_ns[kept] <= self._read_ns:

@@ -1,4 +1,4 @@
-"""What never came: the numbers of a source that are missing."""
+"""Sequence-number gaps: losses between a sender and the page."""
 
 from collections.abc import Sequence
 
@@ -6,10 +6,10 @@ __all__ = ["Numbering"]
 
 
 class Numbering:
-    """Counts the gaps in the numbers that a source gives to what it sends.
+    """Gap counter of a sender's sequence numbers.
 
-    What a source numbers one after the other may come in several messages, in any order, as long as they come
-    close together: a number is missing if it is not there when `settle` is called for the second time.
+    Consecutive numbers may come in several messages and be reordered over a short time: a number counts as
+    missing if it has not come by the second call of `settle` after a higher one.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class Numbering:
         self._beyond = 0
 
     def take(self, numbers: Sequence[int]) -> None:
-        """These came."""
+        """Add received numbers."""
         if not len(numbers):
             return
         if self._first is None:
@@ -32,7 +32,7 @@ class Numbering:
         self._beyond += len(numbers) - late
 
     def settle(self) -> int:
-        """How many of those are missing that should have been there when this was called before."""
+        """Count the missing numbers up to the highest one at the previous call."""
         if self._first is None:
             return 0
         missing = self._mark + 1 - self._first - self._up_to_mark

@@ -1,4 +1,4 @@
-"""From an order to a page that somebody can open."""
+"""Web page service: builds source, page and proxy from the command-line options."""
 
 import re
 import secrets
@@ -25,16 +25,16 @@ _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream|serial)/")
 
 @dataclass(frozen=True)
 class Order:
-    """What was asked for on the command line.
+    """Options of the page's command line.
 
     Attributes:
-        what: Watch endpoint of a run, or a recording.
+        what: Observer endpoint of a run, or path of a recording.
         host: Address of the page.
-        port: Its port; 0 for any that is free.
-        token: What a visitor must know; without one, one is made up if the page is not on loopback.
-        control: Offer the controller's requests as buttons.
-        keep: Stay when the run is over.
-        base: Folder with the model, if it is not where the run has it.
+        port: Port of the page; 0 for any free one.
+        token: Access token; None for a random one, or for none if the page is on loopback.
+        control: Show request buttons of the controller.
+        keep: Keep serving after the end of the run.
+        base: Folder with the model, if it differs from the run's.
     """
 
     what: str
@@ -47,10 +47,10 @@ class Order:
 
 
 def show(order: Order, say: Callable[[str], None]) -> None:
-    """Serves the page until the run is over or somebody stops it.
+    """Serve the page until the run is over or it is stopped.
 
     Raises:
-        SkinnetError: there is nothing to show, or the address is taken; one clear line.
+        SkinnetError: the source is unusable, or the address is taken.
     """
     token = order.token
     if token is None and not is_loopback(order.host):

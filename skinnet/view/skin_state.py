@@ -1,4 +1,4 @@
-"""What every cell and element was last heard to feel."""
+"""Newest skin readings of every cell and sheet element."""
 
 from typing import Any
 
@@ -15,24 +15,23 @@ __all__ = ["FIRST_COLUMN", "WIDTH", "SkinState"]
 Floats = NDArray[np.float64]
 
 FIRST_COLUMN = (0, 3, 4, 7)
-"""First column of each modality in a reading."""
+"""First reading column of each modality."""
 WIDTH = (3, 1, 3, 1)
-"""How many columns it has."""
+"""Number of reading columns of each modality."""
 _MANY = 24
-"""From so many events on, arrays are faster than a loop."""
+"""Number of events above which arrays are faster than a loop."""
 _PATTERN_NS = 500_000_000
-"""So long a raw pattern counts more than the regions that its board tells of."""
+"""Time [ns] for which a raw pressure pattern takes precedence over its board's regions."""
 _HEARD = slice(0, 4)
-"""A cell that has a part in the network and says nothing feels neither force nor proximity."""
+"""Force and proximity columns, which are 0 while a connected cell is silent."""
 
 
 class SkinState:
-    """Newest readings.
+    """Newest skin readings.
 
     Attributes:
-        reading: (cells, 8) in `READING_NAMES` order, NaN where a cell never said.
-        told_ns: (cells,) when the newest of them was sampled [ns], −1 for never.
-        malformed: Messages that name what does not exist.
+        reading: (cells, 8) in `READING_NAMES` order, NaN where never received.
+        told_ns: (cells,) sampling time of the newest reading [ns], −1 for never.
     """
 
     def __init__(self, atlas: Atlas) -> None:
@@ -45,7 +44,7 @@ class SkinState:
         self._boards_ns = 0
 
     def patch_start(self, patch: str, cell: int) -> int:
-        """Number of the first cell of a patch, which has this `cell`.
+        """Index of the first cell of a patch; checks that the patch has `cell`.
 
         Raises:
             ProtocolError: there is no such patch, or no such cell of it.
@@ -57,7 +56,7 @@ class SkinState:
         return self._atlas.first[patch]
 
     def take_events(self, events: Events) -> None:
-        """Readings at which cells crossed a level, or moved by their delta."""
+        """Apply events of level-crossing or send-on-delta encoding."""
         start = self.patch_start(events.patch, max(events.cell, default=0))
         if len(events.cell) > _MANY:
             cells = np.array(events.cell) + start
@@ -72,7 +71,7 @@ class SkinState:
             self.told_ns[start + cell] = t_ns
 
     def take_stream(self, stream: Stream) -> NDArray[Any]:
-        """Full readings; returns their rows."""
+        """Apply full readings; return their rows."""
         rows = unpack(stream.rows, STREAM_ROW)
         start = self.patch_start(stream.patch, int(rows["cell"].max(initial=0)))
         cells = start + rows["cell"].astype(np.int64)
@@ -81,10 +80,13 @@ class SkinState:
         return rows
 
     def take_regions(self, regions: Regions) -> list[tuple[int, int, int, float]]:
-        """What boards tell of their sheets.
+        """Apply the contact regions and pressure patterns of boards.
 
         Returns:
-            Of each frame: when it was sampled and delivered [ns], its board, the peak of its regions [kPa].
+            For each scan frame: sampling and delivery time [ns], board, peak pressure of its regions [kPa].
+
+        Raises:
+            ProtocolError: rows and frames do not agree, or a board is unknown.
         """
         frames, rows = unpack(regions.frames, BOARD_FRAME), unpack(regions.rows, REGION_ROW)
         patterns = unpack(regions.patterns, PATTERN_ROW)
@@ -106,14 +108,14 @@ class SkinState:
         return told
 
     def lose(self, cells: NDArray[np.int64]) -> None:
-        """Cells that left the network: what they felt is not known any more."""
+        """Set the readings of cells that left the network to unknown."""
         self.reading[cells] = np.nan
 
     def values(self, modality: Modality) -> Floats:
-        """(spots,) what is shown of a modality, NaN where unknown.
+        """Displayed values (spots,) of a modality, NaN where unknown.
 
-        Force: the largest of the force cells' readings; of elements, pressure [kPa]. Acceleration: its amount
-        [g].
+        Force: the largest of the cell's force readings; for elements, pressure [kPa]. Acceleration: its
+        magnitude [g].
         """
         first, width = FIRST_COLUMN[modality], WIDTH[modality]
         columns = self.reading[:, first : first + width].astype(np.float64)
@@ -127,7 +129,7 @@ class SkinState:
         return np.concatenate([of_cells, of_elements])
 
     def pressure_kpa(self) -> Floats:
-        """(elements,) from raw patterns, or as far as regions tell: a disc of their area and mean pressure.
+        """Element pressures (elements,) [kPa] from raw patterns, or from regions as discs of mean pressure.
 
         The element nearest to the centre of a region has its peak.
         """
@@ -151,6 +153,6 @@ class SkinState:
         return np.concatenate(of_sheets)
 
     def settle(self, found: NDArray[np.bool_]) -> None:
-        """Cells that came into the network: silence means that they feel nothing."""
+        """Set unknown force and proximity of connected cells to 0, which silence means."""
         silent = found[:, None] & np.isnan(self.reading[:, _HEARD])
         self.reading[:, _HEARD][silent] = 0.0

@@ -1,4 +1,4 @@
-"""Shapes as triangles, for the browser."""
+"""Triangle meshes of shapes, cells and sheet elements, for the browser."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,18 +16,18 @@ __all__ = ["Triangles", "join", "plate", "prism", "solid"]
 _AROUND = 28
 _SUBDIVISIONS = 2
 _SHARP_RAD = 0.7
-"""Faces that meet at a wider angle keep an edge between them."""
+"""Angle [rad] between faces above which their edge stays sharp in shading."""
 
 
 class Triangles(NamedTuple):
-    """Corners (v, 3) [m] and triangles (f, 3), counterclockwise from outside."""
+    """Triangle mesh: vertices (v, 3) [m] and faces (f, 3), counterclockwise from outside."""
 
     vertices_m: NDArray[np.float64]
     faces: NDArray[np.int64]
 
 
 def solid(shape: Shape) -> Triangles:
-    """A shape in the frame of its link; a plane has none."""
+    """Triangle mesh of a shape in the frame of its link; empty for a plane."""
     size = shape.size_m
     match shape.kind:
         case "box":
@@ -53,19 +53,19 @@ def solid(shape: Shape) -> Triangles:
 
 
 def prism(side_m: float, height_m: float) -> Triangles:
-    """A cell: a hexagon on the plane z = 0, and so high."""
+    """Hexagonal prism of a cell, from z = 0 to `height_m`."""
     rim = hexagon_m(side_m)
     return _upright(rim, height_m)
 
 
 def plate(side_m: float, height_m: float) -> Triangles:
-    """An element of a tactile sheet: a square on the plane z = 0, and so high."""
+    """Square plate of a sheet element, from z = 0 to `height_m`."""
     half_m = 0.5 * side_m
     return _upright(half_m * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]), height_m)
 
 
 def join(parts: Sequence[Triangles]) -> Triangles:
-    """All as one."""
+    """Concatenate meshes to one."""
     shifts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
     return Triangles(
         np.vstack([part.vertices_m for part in parts]),
@@ -74,7 +74,7 @@ def join(parts: Sequence[Triangles]) -> Triangles:
 
 
 def _upright(rim_m: NDArray[np.float64], height_m: float) -> Triangles:
-    """A lid over a convex rim (n, 2) and walls down to z = 0; nobody sees it from below."""
+    """Lid over a convex rim (n, 2) at `height_m` and walls down to z = 0, without a bottom."""
     n = len(rim_m)
     lid = np.column_stack([rim_m, np.full(n, height_m)])
     foot = np.column_stack([rim_m, np.zeros(n)])

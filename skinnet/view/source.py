@@ -1,4 +1,4 @@
-"""Where messages come from: a run that goes on, or the recording of one."""
+"""Message source interface of the page: a live run or a recording."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,12 +11,12 @@ __all__ = ["Source"]
 
 
 class Source(Protocol):
-    """Lets a scene take what there is.
+    """Message source for a scene.
 
     Attributes:
-        deployment: What runs or ran.
-        base: Folder that paths in it start from.
-        title: What it is, in a few words.
+        deployment: Deployment of the run.
+        base: Folder that relative paths in the deployment start from.
+        title: Short description of the source.
     """
 
     deployment: Deployment
@@ -25,13 +25,13 @@ class Source(Protocol):
 
     @property
     def over(self) -> str:
-        """Why nothing more will come; empty as long as something may."""
+        """End reason of the source; empty while it may deliver messages."""
 
     def feed(self, scene: Scene, now_s: float) -> int:
-        """Lets `scene` take what has come by `now_s` of the wall's clock; returns how many messages."""
+        """Deliver to `scene` the messages due by wall time `now_s` [s]; return their number."""
 
     def facts(self) -> Mapping[str, str]:
-        """What the source says of itself, by name."""
+        """Properties of the source, as text by name."""
 
     def close(self) -> None:
-        """Ends it."""
+        """Close the source."""

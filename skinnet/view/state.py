@@ -1,4 +1,4 @@
-"""The present of a run as its messages tell it: what the page shows. No I/O, no clock of its own."""
+"""Run state reconstructed from messages, for display. No I/O and no clock."""
 
 import bisect
 import copy
@@ -39,24 +39,24 @@ from skinnet.watch_messages import LinkLoad, Machine, ProcessLoad
 __all__ = ["RASTER_NS", "TRENDS_NS", "Kept", "Scene", "Told"]
 
 RASTER_NS = 10_000_000_000
-"""The raster shows so much of the past [ns]."""
+"""Time span of the event raster [ns]."""
 TRENDS_NS = 60_000_000_000
-"""Charts show so much [ns]."""
+"""Time span of the charts [ns]."""
 _BIN_NS = 250_000_000
 _NO_LEVEL = 7
 _LOSSES = {outcome.name.lower() for outcome in Outcome} - {Outcome.DELIVERED.name.lower()}
 _STREAM_EVERY_NS = 50_000_000
-"""Of a cell that streams, one reading in so long is enough for the raster."""
+"""Shortest time between two raster entries of a streaming cell [ns]."""
 _PRESSED_KPA = (1.0, 5.0, 20.0, 60.0)
-"""From here on the peak of a region counts as level 1 to 4 in the raster *(assumed)*."""
+"""Peak pressures [kPa] at which a region counts as level 1 to 4 in the raster *(assumed)*."""
 
 
 _MOST_PACKETS = 1_000_000
-"""So many wait for `digest` at most; nobody looks at a page that does not call it."""
+"""Maximum number of packets that wait for `digest`."""
 
 
 class Told(NamedTuple):
-    """One message that came in: its channel, the fields of its key, itself, its simulated time [ns]."""
+    """Received message with its channel, key fields and simulated time [ns]."""
 
     channel: str
     fields: tuple[str, ...]
@@ -65,29 +65,29 @@ class Told(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is true at a moment, to come back to it: opaque."""
+    """State snapshot for seeking; opaque."""
 
     t_ns: int
     parts: tuple[Any, ...]
 
 
 class Scene:
-    """The newest of everything.
+    """Run state: the newest published values.
 
     Attributes:
-        t_ns: Newest simulated time that was heard of [ns].
-        position_rad: Newest positions of the controlled joints [rad]; home before anything is heard.
-        world: Poses (7,) of what moves freely, by name.
-        skin: Readings.
-        network: Topology and loads.
-        mind: The controller.
-        machinery: The processes.
-        happenings: The last events.
-        trends: Latencies and losses.
-        missed: Messages that the gateways counted and that did not come here.
-        malformed: Messages that made no sense.
-        last_refusal: What the last of them was.
-        answer: The controller's last answer to a request.
+        t_ns: Newest simulated time of a message [ns].
+        position_rad: Newest positions of the controlled joints [rad]; the home position before the first.
+        world: Poses (7,) of free bodies, by name.
+        skin: Skin readings.
+        network: Topology and link loads.
+        mind: Controller state.
+        machinery: Process statistics.
+        happenings: Event history.
+        trends: Time series of latency and loss.
+        missed: Messages lost between run and page, by sequence numbers.
+        malformed: Number of invalid messages.
+        last_refusal: Error of the last invalid message.
+        answer: Controller's last answer to a request.
     """
 
     def __init__(self, deployment: Deployment, atlas: Atlas) -> None:
@@ -113,26 +113,26 @@ class Scene:
         self._streamed_ns = np.full(atlas.n_cells, -_STREAM_EVERY_NS)
 
     def take(self, told: Told, now_s: float) -> None:
-        """Takes in a message that came at `now_s` of the wall's clock; one that makes no sense is counted."""
+        """Apply a message received at wall time `now_s` [s]; count it as malformed if it is invalid."""
         try:
             self._take(told, now_s)
-        except (ProtocolError, IndexError, ValueError) as error:  # a stranger's numbers may be anything
+        except (ProtocolError, IndexError, ValueError) as error:  # values from outside are unchecked
             self.refuse(f"{told.channel}: {error}")
             return
         self.t_ns = max(self.t_ns, told.t_ns)
 
     def refuse(self, why: str) -> None:
-        """Something came that makes no sense."""
+        """Count an invalid message."""
         self.malformed += 1
         self.last_refusal = why
 
     def keep(self) -> Kept:
-        """What is true now, without what has happened before."""
+        """Snapshot of the present state, without histories."""
         parts = self.position_rad, self.world, self.skin, self.network, self.mind
         return Kept(self.t_ns, copy.deepcopy(parts))
 
     def recall(self, kept: Kept) -> None:
-        """Goes back to a moment; what happened before it is forgotten."""
+        """Restore a snapshot; clear the histories."""
         parts = copy.deepcopy(kept.parts)
         self.position_rad, self.world, self.skin, self.network, self.mind = parts
         self.t_ns = kept.t_ns
@@ -189,7 +189,7 @@ class Scene:
         self.position_rad = joints.position_rad
 
     def _take_counters(self, counters: Counters) -> None:
-        """What a host has counted: losses, unless its links tell of theirs."""
+        """Apply a cell process's counters: losses, unless link loads are published."""
         if self.network.measured_ns >= 0:
             return
         lost = sum(n for name, n in counters.counts.items() if name.rpartition(".")[2] in _LOSSES)
@@ -199,7 +199,7 @@ class Scene:
             self.trends.dropped(counters.t_ns, max(lost - before, 0))
 
     def digest(self) -> None:
-        """Brings up to date what need not be so after each message: losses, trends, inferred loads."""
+        """Update losses, time series and inferred loads, which need not follow each message."""
         missed = sum(numbering.settle() for numbering in self._numbers.values())
         self.trends.missed(self.t_ns, max(missed - self.missed, 0))
         self.missed = missed
@@ -263,7 +263,7 @@ class Scene:
 
 
 def _states(deployment: Deployment) -> Iterator[str]:
-    """States that a program of stages goes through, named as its controller names them."""
+    """State names of a program of stages, as its controller names them."""
     control = deployment.controller
     if control.program:
         yield "forming"

@@ -1,7 +1,7 @@
-"""What the papers say, by deployment and figure: data only.
+"""Published values of the papers, by deployment and metric; data only.
 
-Numbers are those of the papers; where a paper shows a curve and no number, its words stand here. Expectations
-are what this project expects of itself, the same as in its tests.
+Numbers are those of the papers; where a paper shows a curve and no number, its words are quoted. Expectations
+are this project's own, the same as in its tests.
 """
 
 from skinnet.report.claims import Claim
@@ -10,7 +10,7 @@ from skinnet.report.papers import event_driven, grasping, nursing
 __all__ = ["CLAIMS", "SOURCES"]
 
 CLAIMS: dict[str, tuple[Claim, ...]] = grasping.CLAIMS | nursing.CLAIMS | event_driven.CLAIMS
-"""By the deployment's name."""
+"""Claims by name of the deployment."""
 
 SOURCES = {
     "M14": "Mittendorfer, Yoshida, Moulard, Cheng: A General Tactile Approach for Grasping Unknown Objects "
@@ -20,4 +20,4 @@ SOURCES = {
     "B15": "Bergner et al.: Event-based signaling…, IROS 2015",
     "B19": "Bergner et al.: Evaluation of a large-scale event-driven robot skin, RA-L 2019",
 }
-"""In full, by what claims call them."""
+"""Full references by source key."""

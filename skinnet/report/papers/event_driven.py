@@ -1,4 +1,4 @@
-"""Bergner et al. 2015 and 2019 [B15, B19]: what event-driven signalling leaves of the clock-driven rate."""
+"""Published event-driven and clock-driven rates: Bergner et al. 2015 and 2019 [B15, B19]."""
 
 from skinnet.report.claims import Below, Between, Claim, Equals
 
@@ -106,4 +106,4 @@ _H1 = (
 )
 
 CLAIMS = {"ur5_260": _UR5, "h1_1260": _H1}
-"""By the deployment's name."""
+"""Claims by name of the deployment."""

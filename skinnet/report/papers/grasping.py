@@ -1,4 +1,4 @@
-"""Mittendorfer, Yoshida, Moulard and Cheng 2014 [M14]: self-organisation, guidance, grasping."""
+"""Published self-organisation, guidance and grasps: Mittendorfer, Yoshida, Moulard, Cheng 2014 [M14]."""
 
 from skinnet.report.claims import Between, Claim, Equals
 
@@ -106,4 +106,4 @@ CLAIMS = {
     "hrp2_teach": _HRP2 + _STRUCTURE + _GRASP,
     "hrp2_grasp": _HRP2 + _GRASP,
 }
-"""By the deployment's name."""
+"""Claims by name of the deployment."""

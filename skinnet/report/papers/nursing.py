@@ -1,4 +1,4 @@
-"""Mukai et al. 2011 [R11]: the generated trajectory, and the cylinder that is moved by touch."""
+"""Published trajectory generation and tactile feedback with a cylinder: Mukai et al. 2011 [R11]."""
 
 from skinnet.report.claims import Against, Below, Between, Claim, Equals, Near
 
@@ -143,4 +143,4 @@ _CYLINDER = (
 )
 
 CLAIMS = {"riba_trajectory": _RIBA + _TRAJECTORY, "riba_cylinder": _RIBA + _CYLINDER}
-"""By the deployment's name."""
+"""Claims by name of the deployment."""

@@ -1,4 +1,4 @@
-"""Figures: numbers that a run gives, each computed from what its processes recorded and nothing else."""
+"""Metrics of a run, each computed only from the results of its processes."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ Figures = dict[str, Any]
 
 
 def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) -> Figures:
-    """All figures for which the parts are there, as one flat object with dotted names."""
+    """Compute the metrics that the given process results allow, flat by dotted name."""
     figures: Figures = {}
     controller, body = parts.get("controller"), parts.get("body")
     if controller is not None and deployment.nursing is not None:

@@ -1,4 +1,4 @@
-"""Grasps: did it succeed, how hard did it press, what did the object meet."""
+"""Grasp metrics: success, states, forces, and contacts of the object."""
 
 from itertools import pairwise
 from typing import Any
@@ -13,15 +13,15 @@ from skinnet.run.figures.session import StateSpan, state_spans
 __all__ = ["EXECUTED", "grasp_figures", "object_figures"]
 
 EXECUTED = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
-"""States of a grasp and of what ends it."""
+"""States of a grasp, including those that end it."""
 _HELD_S = 5.0
 _STANDS_AGAIN = 0.5
-"""Share of its weight that the stand carries in the end when the object is back."""
+"""Fraction of its weight that the stand carries at the end if the object is back."""
 _G_M_S2 = 9.81
 
 
 def grasp_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
-    """Figures of the last grasp of the run; empty without one."""
+    """Metrics of the last grasp of the run; empty without one."""
     spans = state_spans(controller)
     begins = [i for i, span in enumerate(spans) if span.state == "open"]
     if not begins:
@@ -37,7 +37,7 @@ def grasp_figures(deployment: Deployment, controller: Part, body: Part) -> dict[
 
 
 def _three_contacts(grasp: list[StateSpan]) -> bool:
-    """Pulled to the chest, with all three in contact when it was held, and released on request."""
+    """Test for a full grasp: pulled to the chest with all three in contact, held, and released on request."""
     order = [(span.state, span.event) for span in grasp]
     pulled = [span for span in grasp if (span.state, span.event) == ("pull", "object touches the chest")]
     held = ("hold", "release") in order
@@ -45,7 +45,7 @@ def _three_contacts(grasp: list[StateSpan]) -> bool:
 
 
 def _carried(thing: dict[str, Any], body: Part) -> bool:
-    """Held for five seconds without the stand, and back on it in the end."""
+    """Test of the object: held for five seconds without the stand, and back on it at the end."""
     stands_n = float(body.arrays["object_on_stand_n"][-1])
     back = stands_n > _STANDS_AGAIN * thing["mass_kg"] * _G_M_S2
     return thing["dropped_ns"] is None and thing["carried_away_s"] >= _HELD_S and back
@@ -68,7 +68,7 @@ def _course(grasp: list[StateSpan]) -> dict[str, Any]:
 
 
 def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Part) -> dict[str, Any]:
-    """Peaks during the grasp: the truth on one force cell, and what the controller was told."""
+    """Peak forces of the grasp: ground truth on one force cell, and readings that reached the controller."""
     start_ns, end_ns = grasp[0].start_ns, grasp[-1].end_ns
     t_ns = body.arrays["cell_t_ns"]
     within = (t_ns >= start_ns) & (t_ns <= end_ns)
@@ -88,7 +88,7 @@ def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Pa
 
 
 def object_figures(body: Part) -> dict[str, Any]:
-    """What became of the object, and which bare links it met: they have no skin that could feel it."""
+    """Object metrics from ground truth: its motion, and contacts with bare links, which have no skin."""
     thing = body.facts.get("object")
     if thing is None:
         return {}

@@ -1,4 +1,4 @@
-"""What the network carried: packets, drops, latencies."""
+"""Network metrics: packets, drops, latencies, formation, recovery."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ _DATA = ("event", "reading")
 
 
 def network_figures(hosts: list[Part]) -> dict[str, Any]:
-    """Packets over all kinds, and the latency of data packets from the sample to the gateway."""
+    """Packet counts over all kinds, and latency of data packets from the sample to the gateway."""
     if not hosts:
         return {}
     total: dict[str, int] = {}
@@ -46,7 +46,7 @@ def network_figures(hosts: list[Part]) -> dict[str, Any]:
 
 
 def _formation_figures(hosts: list[Part]) -> dict[str, Any]:
-    """How the network formed, and who is not part of it at the end."""
+    """Metrics of network formation, and cells outside the network at the end."""
     figures: dict[str, Any] = {}
     figures["formation.packets"] = sum(host.facts["formation_packets"] for host in hosts)
     formed_ns = [t_ns for host in hosts for t_ns in host.facts["formed_ns"].values()]
@@ -64,7 +64,7 @@ def _formation_figures(hosts: list[Part]) -> dict[str, Any]:
 
 
 def _recovery_figures(hosts: list[Part]) -> dict[str, Any]:
-    """How the network took the links and cells that went and came."""
+    """Recovery metrics for links and cells that failed or returned."""
     recoveries = [recovery for host in hosts for recovery in host.facts["recoveries"]]
     if not recoveries:
         return {}
@@ -81,6 +81,6 @@ def _recovery_figures(hosts: list[Part]) -> dict[str, Any]:
 
 
 def percentile_us(histogram: NDArray[np.int64], share: float) -> float:
-    """Latency [µs] below or at which `share` of the packets were; bins of one microsecond."""
+    """Latency quantile [µs]: at or below it are `share` of the packets; bins of one microsecond."""
     cumulative = np.cumsum(histogram)
     return float(np.searchsorted(cumulative, share * cumulative[-1]))

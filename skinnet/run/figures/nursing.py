@@ -1,4 +1,4 @@
-"""The nursing loop: deviations of contacts, forces, centres of pressure, and what became of the object."""
+"""Nursing metrics: deviations of contacts, forces, centres of pressure, and ground truth of the object."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ __all__ = ["board_figures", "nursing_figures", "side_of"]
 
 
 def nursing_figures(deployment: Deployment, controller: Part, body: Part | None) -> dict[str, Any]:
-    """Figures of Figs. 9 to 14 [R11], under the label of the deployment's program."""
+    """Metrics of Figs. 9 to 14 [R11], under the label of the deployment's program."""
     assert deployment.nursing is not None
     label = deployment.nursing.label
     facts = controller.facts
@@ -41,7 +41,7 @@ def nursing_figures(deployment: Deployment, controller: Part, body: Part | None)
 
 
 def board_figures(boards: Part) -> dict[str, Any]:
-    """What the network of the boards carried: messages, drops by cause, age of what arrived."""
+    """Network metrics of the boards: messages, drops by cause, latency."""
     total: dict[str, int] = {}
     for counts in boards.facts["boards"].values():
         for name, value in counts.items():
@@ -64,14 +64,14 @@ def board_figures(boards: Part) -> dict[str, Any]:
 
 
 def side_of(contact: str, contacts: list[str]) -> str:
-    """What a contact is called: its side, if there is one of each side only."""
+    """Display name of a contact: its side, if there is exactly one on each side."""
     sides = [name.split("_")[0] for name in contacts]
     side = contact.split("_")[0]
     return side if sorted(sides) == ["left", "right"] else contact
 
 
 def _object_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
-    """Ground truth of the object: dropped, slid, and how far from where it was to be."""
+    """Ground truth of the object: dropped, slip, and distance from its target position."""
     assert deployment.nursing is not None
     truth = body.facts["payload"]
     figures: dict[str, Any] = {"dropped": truth["dropped_ns"] is not None, "slip_mm": 1e3 * truth["slid_m"]}

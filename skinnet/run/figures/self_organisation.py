@@ -1,4 +1,4 @@
-"""What the robot found out about itself, held against the model."""
+"""Self-organisation metrics: explored structure and sensory-motor map against the model."""
 
 from typing import Any
 
@@ -13,11 +13,11 @@ from skinnet.run.truth import Truth
 __all__ = ["map_figures", "structure_figures"]
 
 _LARGE = 0.1
-"""Signs are compared where the true weight of a unit row is above this."""
+"""Smallest true weight of a unit row whose sign is compared."""
 
 
 def structure_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:
-    """Wrong entries of the activity matrix, size of the tree, how long it took."""
+    """Metrics of structural exploration: wrong entries of the activity matrix, size of the tree, duration."""
     if "structure" not in controller.facts:
         return {}
     found = controller.facts["structure"]
@@ -37,9 +37,9 @@ def structure_figures(deployment: Deployment, controller: Part, truth: Truth) ->
 def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:
     """Agreement of the explored map with the analytic normal Jacobian, in the poses where it was explored.
 
-    The truth goes through the same equations: (2) takes the share of the normal among the three axes, (3) the
-    entries of DoFs that move the cell, and every row has unit norm. `correlation_normal` compares with the
-    plain normal Jacobian instead, rows of unit norm too.
+    The reference goes through the same equations of [M14]: (2) takes the fraction of the normal among the
+    three axes, (3) the entries of DoFs that move the cell, and every row has unit norm. `correlation_normal`
+    compares with the plain normal Jacobian instead, also with rows of unit norm.
     """
     if "map" not in controller.arrays:
         return {}
@@ -60,7 +60,7 @@ def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[
 
 
 def _normal_share(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Equation (2) of [M14] of the true motion; positive is inwards, as in the map."""
+    """Normal fraction of the true motion by equation (2) of [M14]; positive is inwards, as in the map."""
     total = np.abs(jacobian).sum(axis=2)
     share: NDArray[np.float64] = np.divide(
         -jacobian[:, :, 2], total, out=np.zeros(total.shape), where=total > 1e-9

@@ -1,4 +1,4 @@
-"""Sessions: when the controller was in which state, and why it left."""
+"""Teach-and-grasp metrics: state intervals of the controller, and the events that ended them."""
 
 from typing import Any, NamedTuple
 
@@ -8,9 +8,9 @@ __all__ = ["StateSpan", "session_figures", "state_spans"]
 
 
 class StateSpan(NamedTuple):
-    """One stay in a state [ns], the event that ended it, and the cells in contact then, by arm, then chest.
+    """State interval [ns], the event that ended it, and the cells in contact then, by arm, then chest.
 
-    `argument` is that of the request by which it began.
+    `argument` is that of the request that began it.
     """
 
     state: str
@@ -22,7 +22,7 @@ class StateSpan(NamedTuple):
 
 
 def state_spans(controller: Part) -> list[StateSpan]:
-    """All states in their order; the last one ends with the run, without an event."""
+    """State intervals in order; the last one ends with the run, without an event."""
     log: list[dict[str, Any]] = controller.facts.get("session", [])
     if not log:
         return []
@@ -42,13 +42,13 @@ def state_spans(controller: Part) -> list[StateSpan]:
 
 
 def _begin_ns(controller: Part) -> int:
-    """When the session's stage began: the last stage that began before its first transition."""
+    """Start of the session's stage [ns]: the last stage that began before its first transition."""
     first_ns = controller.facts["session"][0]["t_ns"]
     return max((t_ns for _, t_ns in controller.facts["stages"] if t_ns <= first_ns), default=0)
 
 
 def session_figures(controller: Part) -> dict[str, Any]:
-    """Poses, areas, refused requests, and the time in each state."""
+    """Metrics of a session: poses, areas, refused requests, and the time in each state."""
     spans = state_spans(controller)
     if not spans:
         return {}

@@ -1,4 +1,4 @@
-"""When the controller was in which stage of its program."""
+"""Stage intervals of the controller's program."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ __all__ = ["StageSpan", "stage_spans"]
 
 
 class StageSpan(NamedTuple):
-    """One stage, from its first tick to the next one's [ns]."""
+    """Stage interval, from its first tick to that of the next stage [ns]."""
 
     name: str
     start_ns: int
@@ -19,7 +19,7 @@ class StageSpan(NamedTuple):
 
 
 def stage_spans(deployment: Deployment, controller: Part, kind: str) -> list[StageSpan]:
-    """The stages of a kind that were begun, in their order."""
+    """Intervals of the stages of one kind that were begun, in order."""
     log = controller.facts["stages"]
     begins = [t_ns for _, t_ns in log] + [controller.facts["end_ns"]]
     spans = [

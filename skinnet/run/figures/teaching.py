@@ -1,4 +1,4 @@
-"""Teaching: how near lessons came to their goals, and what strokes touched."""
+"""Teaching metrics: pose errors of lessons, and cells touched by strokes."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ __all__ = ["teaching_figures"]
 
 
 def teaching_figures(body: Part) -> dict[str, Any]:
-    """Of lessons and strokes, as far as there were any; lists have an entry for each, in their order."""
+    """Metrics of lessons and strokes, if any; lists have an entry for each, in order."""
     return _lesson_figures(body.facts["lessons"]) | _stroke_figures(body.facts["strokes"])
 
 
@@ -28,7 +28,7 @@ def _lesson_figures(lessons: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _duration_s(lesson: dict[str, Any]) -> float | None:
-    """How long a lesson took [s]; None if it was not over."""
+    """Duration of a lesson [s]; None if it did not end."""
     return None if lesson["end_ns"] is None else round(1e-9 * (lesson["end_ns"] - lesson["begin_ns"]), 2)
 
 

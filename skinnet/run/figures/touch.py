@@ -1,4 +1,4 @@
-"""Touch: how soon the robot reacts, how hard it is touched, how it is led."""
+"""Touch metrics: reaction latencies, contact forces, tactile guidance."""
 
 from typing import Any, NamedTuple
 
@@ -16,11 +16,11 @@ _HELD_READING = 0.14
 _HELD_WITHIN = 0.005
 _PROXIMITY_CHANNEL = 3
 _ANSWER_NS = 100_000_000
-"""A sample later than this after a crossing answers something else."""
+"""Longest time from a crossing to a sample that counts as its reaction [ns]."""
 
 
 class Reaction(NamedTuple):
-    """One way from a stimulus to a command [ns]: it crossed, was sampled, delivered, used, took effect."""
+    """Reaction to a stimulus, times [ns]: threshold crossed, sampled, delivered, control tick, in effect."""
 
     cell: int
     channel: int
@@ -32,7 +32,7 @@ class Reaction(NamedTuple):
 
 
 def touch_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
-    """Latencies of reactions with their parts, peak forces, guidance."""
+    """Metrics of reaction latencies and their components, peak forces, and guidance."""
     figures: dict[str, Any] = {}
     figures |= _latency_figures(*reactions(deployment, controller, body))
     figures |= _force_figures(body)
@@ -42,10 +42,10 @@ def touch_figures(deployment: Deployment, controller: Part, body: Part) -> dict[
 
 
 def reactions(deployment: Deployment, controller: Part, body: Part) -> tuple[list[Reaction], int]:
-    """For every true crossing of a reaction's threshold: the first sample after it that drove the robot.
+    """Reactions to true threshold crossings: the first sample after each crossing that drove the robot.
 
-    Samples before the crossing do not count, though noise lets some of them react early. Returns also the
-    number of crossings without an answer, because the touch was over before a sample was above.
+    Samples before the crossing do not count, though noise lets some of them react early. Return also the
+    number of crossings without a reaction, because the touch ended before a sample exceeded the threshold.
     """
     stages = [deployment.controller.stages[name] for name, _ in controller.facts["stages"]]
     spans = stage_spans(deployment, controller, "guide")
@@ -70,7 +70,7 @@ def reactions(deployment: Deployment, controller: Part, body: Part) -> tuple[lis
 
 
 def _reacts(spec: StageSpec, channel: int, reading: float) -> bool:
-    """Whether a stage reacts to a channel from just this reading on."""
+    """Test whether a stage reacts to a channel from exactly this threshold on."""
     if channel == _PROXIMITY_CHANNEL:
         return spec.proximity_gain > 0.0 and spec.proximity_threshold == reading
     return spec.force_gain > 0.0 and spec.force_threshold == reading
@@ -96,7 +96,7 @@ def _latency_figures(found: list[Reaction], unanswered: int) -> dict[str, Any]:
 
 
 def _force_figures(body: Part) -> dict[str, Any]:
-    """Peak force of the touches that push on a path; those that hold a force choose it themselves."""
+    """Peak force of the touches that follow a path; those under force control set it themselves."""
     pushed = [touch["peak_n"] for touch in body.facts["touches"] if touch["by_depth"]]
     return {"contact.peak_force_n": max(pushed)} if pushed else {}
 
@@ -131,7 +131,7 @@ def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> d
 
 
 def _measured_velocity(body: Part, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(n, D) [rad/s] joint velocities at `t_ns`, from the positions 50 ms before and after."""
+    """Joint velocities (n, D) [rad/s] at `t_ns`, from the positions 50 ms before and after."""
     trace_ns, trace_rad = body.arrays["joint_t_ns"], body.arrays["joint_rad"].astype(np.float64)
     half_ns = 50_000_000
     last = len(trace_ns) - 1
@@ -143,7 +143,7 @@ def _measured_velocity(body: Part, t_ns: NDArray[np.int64]) -> NDArray[np.float6
 
 
 def _proximity_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
-    """How far the arm had moved when the finger, held off by proximity guidance, touched or came closest."""
+    """Proximity guidance: joint motion before contact, contacts, and peak force of the finger."""
     spans = stage_spans(deployment, controller, "guide")
     stages = {span.name for span in spans if span.spec.proximity_gain > 0.0}
     touches = [touch for touch in body.facts["touches"] if touch["stage"] in stages]

@@ -1,4 +1,4 @@
-"""Plots of a run, one file each, from the parts of its processes."""
+"""Plots of a run, one file each, from the results of its processes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -37,7 +37,7 @@ _NURSING: tuple[tuple[str, _Plot], ...] = (
 
 
 def draw(deployment: Deployment, base: Path, outcome: Outcome, out: Path) -> list[str]:
-    """Draws what the parts allow into `out`; returns lines to tell: what could not be drawn, and why."""
+    """Draw the plots that the process results allow into `out`; return messages about those that failed."""
     parts = {part.name: part for part in outcome.parts}
     told = []
     for name, plot in _PLOTS if deployment.nursing is None else _NURSING:

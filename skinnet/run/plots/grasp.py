@@ -1,4 +1,4 @@
-"""A grasp over time, as Fig. 10 [M14]: joints, pre-contact and force of each patch, and the object."""
+"""Plot of a grasp over time, as Fig. 10 [M14]: joints, pre-contact and force by patch, and the object."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ _MARGIN_S = 1.0
 
 
 def plot_grasp(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """The last grasp of the run, with its states as shades; None without one."""
+    """Plot the last grasp of the run, with its states shaded; None without one."""
     controller, body = parts.get("controller"), parts.get("body")
     if controller is None or body is None:
         return None
@@ -57,7 +57,7 @@ def _joints(deployment: Deployment, body: Part, rows: list[Axes], span_s: tuple[
 
 
 def _felt(deployment: Deployment, controller: Part, rows: list[Axes], span_s: tuple[float, float]) -> None:
-    """The largest reading of each patch that felt anything."""
+    """Plot the largest reading of each patch that exceeds the display threshold."""
     t_s = controller.arrays["patch_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
     felt = controller.arrays["patch_felt"][within]
@@ -74,7 +74,7 @@ def _felt(deployment: Deployment, controller: Part, rows: list[Axes], span_s: tu
 
 
 def _object(body: Part, axes: Axes, span_s: tuple[float, float], zero_s: float) -> None:
-    """How far the object was pulled, its height, and its stand's, against where they were at `zero_s`."""
+    """Plot the object's displacement forward and up, and the stand's, from their positions at `zero_s`."""
     t_s = body.arrays["object_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
     zero = int(np.searchsorted(t_s, zero_s))
@@ -95,7 +95,7 @@ def _shade(axes: Axes, grasp: list[StateSpan]) -> None:
 
 def _name(axes: Axes, grasp: list[StateSpan]) -> None:
     for index, span in enumerate(grasp):
-        height = 1.02 + 0.09 * (index % 4)  # short states would write over each other
+        height = 1.02 + 0.09 * (index % 4)  # labels of short states would overlap
         axes.annotate(
             span.state, (span.start_ns * 1e-9, height), xycoords=("data", "axes fraction"), fontsize=9
         )

@@ -1,4 +1,4 @@
-"""Latencies of data packets, from the sample to the gateway."""
+"""Plot of packet latency, from the sample to the gateway."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +13,7 @@ _TAIL = 0.9999
 
 
 def plot_latency(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Histogram and cumulative share of packet latencies."""
+    """Plot the histogram and cumulative distribution of packet latencies."""
     hosts = [part for part in parts.values() if part.role == "cells"]
     if not hosts:
         return None

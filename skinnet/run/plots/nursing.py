@@ -1,4 +1,4 @@
-"""Plots of the nursing loop, as Figs. 9, 10, 12 and 13 of [R11]."""
+"""Plots of the nursing task, as Figs. 9, 10, 12, 13 and 14 of [R11]."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ _STATE = "#9aa5b1"
 
 
 def plot_deviations(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Displacement and evaluation function, deviations of position and rotation over time (Figs. 9, 10)."""
+    """Plot displacement, evaluation function, and deviations of position and rotation (Figs. 9, 10)."""
     controller = _controller(deployment, parts)
     if controller is None:
         return None
@@ -44,7 +44,7 @@ def plot_deviations(deployment: Deployment, parts: dict[str, Part]) -> Figure | 
 
 
 def plot_feedback(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Forces and centres of pressure, and what feedback makes of them (Figs. 12, 13)."""
+    """Plot contact forces, centres of pressure, and the adjustments by feedback (Figs. 12, 13)."""
     controller = _controller(deployment, parts)
     if controller is None or not controller.arrays["force_n"].any():
         return None
@@ -76,7 +76,7 @@ def plot_feedback(deployment: Deployment, parts: dict[str, Part]) -> Figure | No
 
 
 def plot_object(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Where the object really was, and how far it slid."""
+    """Plot the object's true displacement and slip."""
     controller, body = _controller(deployment, parts), parts.get("body")
     if controller is None or body is None or "object_pose" not in body.arrays:
         return None
@@ -97,7 +97,7 @@ def plot_object(deployment: Deployment, parts: dict[str, Part]) -> Figure | None
 
 
 def plot_patterns(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Readings of the sheets in contact when the object begins to move, on its way, at the end (Fig. 14)."""
+    """Plot pressure patterns of the sheets in contact at the start, midway and end of motion (Fig. 14)."""
     controller, boards = _controller(deployment, parts), parts.get(BOARDS)
     if controller is None or boards is None or not boards.arrays["pattern_kpa"].any():
         return None
@@ -152,11 +152,11 @@ def _curves(axes: Axes, t_s: NDArray[Any], values: NDArray[Any], names: list[str
 
 
 def _states(controller: Part, plots: Any) -> None:
-    """Marks where the program went from one state to the next."""
+    """Mark the state transitions of the program."""
     for index, axes in enumerate(plots):
         for state, t_ns in controller.facts["states"]:
             axes.axvline(t_ns * 1e-9, color=_STATE, linewidth=0.8, linestyle=":")
-            if index == 0 and state != "record":  # so short that its name would lie under the next
+            if index == 0 and state != "record":  # too short for a label
                 at = (t_ns * 1e-9, 1.0)
                 axes.annotate(f" {state}", at, xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
         axes.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""The body with its cells coloured by what they felt, at the moment of the strongest touch."""
+"""Picture of the body with its cells coloured by their readings, at the strongest touch."""
 
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,13 @@ from skinnet.part import Part
 __all__ = ["draw_picture"]
 
 _FULL_COLOUR_KPA = 12.0
-"""A pressure in the middle of a hold is shown in full colour."""
+"""Pressure shown in full colour [kPa], typical of a hold."""
 _FULL_COLOUR = 0.3
-"""A reading of high force is shown in full colour."""
+"""Force reading shown in full colour, that of a high force."""
 
 
 def draw_picture(deployment: Deployment, base: Path, parts: dict[str, Part], out: Path) -> str | None:
-    """Writes `body.png`; returns why not where the machine cannot render."""
+    """Render the body to `body.png`; return the reason if the computer cannot render."""
     values = [0.0] * sum(patch.n_cells for patch in deployment.patches)
     position: list[float] | None = None
     pose: list[float] | None = None
@@ -42,7 +42,7 @@ def draw_picture(deployment: Deployment, base: Path, parts: dict[str, Part], out
 
 
 def _at(body: Part, times: str, name: str, t_ns: int) -> Any:
-    """What the array `name` of the body says of `t_ns`; None if there is no such array."""
+    """Value of the body's array `name` at `t_ns`; None if there is no such array."""
     if not len(body.arrays.get(name, ())):
         return None
     values = body.arrays[name]

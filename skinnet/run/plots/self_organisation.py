@@ -1,4 +1,4 @@
-"""What the robot found out about itself: activity matrix, kinematic tree [M14, Fig. 4], sensory-motor map."""
+"""Plots of self-organisation: activity matrix, kinematic tree [M14, Fig. 4], sensory-motor map."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +15,7 @@ _INK = "#1f3b57"
 
 
 def plot_activity(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Which DoF moves which cell."""
+    """Plot the activity matrix: DoFs against the cells that they move."""
     controller = parts.get("controller")
     if controller is None or "activity" not in controller.arrays:
         return None
@@ -34,7 +34,7 @@ def plot_activity(deployment: Deployment, parts: dict[str, Part]) -> Figure | No
 
 
 def plot_map(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """The sensory-motor map of every explored pose, side by side."""
+    """Plot the sensory-motor map of every explored pose, side by side."""
     controller = parts.get("controller")
     if controller is None or "map" not in controller.arrays:
         return None
@@ -51,7 +51,7 @@ def plot_map(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
 
 
 def plot_tree(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Body parts and joints as the skin sees them, from the reference part outwards."""
+    """Plot the explored kinematic tree of body parts and joints, from the reference part outwards."""
     controller = parts.get("controller")
     if controller is None or "structure" not in controller.facts:
         return None
@@ -103,7 +103,7 @@ def _draw_joint(
 
 
 def _spots(parent_part: list[int]) -> dict[int, tuple[float, float]]:
-    """Place of each part: depth downwards, leaves side by side, parents above their children's middle."""
+    """Layout of the tree: depth downwards, leaves side by side, parents centred above their children."""
     children: dict[int, list[int]] = {}
     roots = []
     for part, parent in enumerate(parent_part):
@@ -130,7 +130,7 @@ def _spots(parent_part: list[int]) -> dict[int, tuple[float, float]]:
 
 
 def patch_ticks(axes: Axes, deployment: Deployment) -> None:
-    """Names the patches along a vertical axis of cells, with lines between them."""
+    """Label the patches along a vertical axis of cells, with lines between them."""
     sizes = [patch.n_cells for patch in deployment.patches]
     starts = np.concatenate([[0], np.cumsum(sizes)])
     axes.set_yticks((starts[:-1] + starts[1:] - 1) / 2, [patch.name for patch in deployment.patches])

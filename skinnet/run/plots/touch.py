@@ -1,4 +1,4 @@
-"""Touch over time [M14, Fig. 8]: what the cells felt, what the joints answered, how long that took."""
+"""Plots of touch over time [M14, Fig. 8]: readings of the cells, joint motion, reaction latencies."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ _PROXIMITY = 3
 
 
 def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Force and proximity of every cell over time, and the joint angles below, while the robot is guided."""
+    """Plot force and proximity of every cell over time, and joint motion below, during guidance."""
     controller, body = parts.get("controller"), parts.get("body")
     if controller is None or body is None:
         return None
@@ -55,7 +55,7 @@ def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
 def _plot_joints(
     deployment: Deployment, body: Part, span_s: tuple[float, float], main: list[Axes], side: list[Axes]
 ) -> None:
-    """How far each joint has moved since the begin of the span, the first half of them above the other."""
+    """Plot joint motion since the start of the span, the first half of the joints above the other."""
     t_s, position_rad = body.arrays["joint_t_ns"] * 1e-9, body.arrays["joint_rad"]
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
     names = list(enumerate(deployment.body.joints))
@@ -72,7 +72,7 @@ def _plot_joints(
 
 
 def _mark_stages(axes: Axes, controller: Part, span_s: tuple[float, float]) -> None:
-    """Names of the stages above the first plot, two rows in turn so that short ones do not overlap."""
+    """Label the stages above the first plot, in two alternating rows so that short ones do not overlap."""
     stages = [(name, t_ns * 1e-9) for name, t_ns in controller.facts["stages"]]
     inside = [(name, t_s) for name, t_s in stages if span_s[0] <= t_s <= span_s[1]]
     for index, (name, t_s) in enumerate(inside):
@@ -82,7 +82,7 @@ def _mark_stages(axes: Axes, controller: Part, span_s: tuple[float, float]) -> N
 
 
 def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.float32]:
-    """(ticks, S, 4) what was felt in the span; nothing in between the stages that react."""
+    """Readings in the span (ticks, S, 4); 0 between the stages that react."""
     t_s = controller.arrays["t_ns"] * 1e-9
     ticks = controller.arrays["t_ns"][(t_s >= span_s[0]) & (t_s <= span_s[1])]
     felt = controller.arrays["touch"]
@@ -92,7 +92,7 @@ def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.
 
 
 def _guided_s(deployment: Deployment, controller: Part) -> tuple[float, float] | None:
-    """From the first to the last moment of guidance [s]."""
+    """Interval of guidance [s], from its first to its last moment."""
     spans = stage_spans(deployment, controller, "guide")
     return (spans[0].start_ns * 1e-9, spans[-1].end_ns * 1e-9) if spans else None
 
@@ -100,7 +100,7 @@ def _guided_s(deployment: Deployment, controller: Part) -> tuple[float, float] |
 def _raster(
     axes: Axes, readings: NDArray[np.float32], span_s: tuple[float, float], colours: str, most: float
 ) -> AxesImage:
-    """Cells over time as an image; each column shows the largest reading of its slice: no peak is lost."""
+    """Raster image of cells over time; each column shows the largest reading of its slice."""
     columns = min(_COLUMNS, len(readings))
     edges = np.linspace(0, len(readings), columns + 1).astype(int)[:-1]
     image = np.maximum.reduceat(readings, edges, axis=0).T
@@ -116,7 +116,7 @@ def _raster(
 
 
 def plot_reactions(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
-    """Where the time of each reaction went, from the stimulus to the command in effect."""
+    """Plot the latency components of each reaction, from the stimulus to the command in effect."""
     controller, body = parts.get("controller"), parts.get("body")
     if controller is None or body is None:
         return None

@@ -1,5 +1,5 @@
-"""The panels beside the body: what they show as HTML, made from the scene without I/O.
+"""HTML panels beside the body view, rendered from the scene without I/O.
 
-What hardly changes is drawn once; what changes comes as a style sheet for it, which is short and leaves the
-elements in place, so that the one under the pointer stays there.
+Static elements are rendered once (`draw`); changes are sent as a short style sheet (`paint`, `tell`), which
+keeps the elements and thus the hover state.
 """

@@ -1,4 +1,4 @@
-"""What the controller does: its present state among all that there are, and its last moves."""
+"""Controller panel: state diagram with the present state, and recent transitions."""
 
 import html
 
@@ -12,7 +12,7 @@ _SHOWN_MOVES = 12
 
 
 def draw(mind: Mind, t_ns: int) -> str:
-    """The present state is filled, its ways out are blue, the way by which it came is red."""
+    """Controller panel as HTML; present state filled, outgoing transitions blue, last transition red."""
     if not mind.state:
         return '<p style="padding:10px;color:#495766">nothing was heard of the controller yet</p>'
     ways: dict[tuple[str, str], list[str]] = {}

@@ -1,4 +1,4 @@
-"""The network on paper: links by what they carry, who leads whom to the computer, what is cut, who is out."""
+"""Network panel: link loads, routing tree, broken links and unreachable cells on the flattened skin."""
 
 import math
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ __all__ = ["draw", "legend", "paint", "tell"]
 
 _NAME = "sk-net"
 _FAR = 1.5
-"""A wire that is longer on paper leads across a cut, or is a bridge."""
+"""Length [pitches] above which a wire crosses a seam of the flattening, or is a bridge."""
 _HEAT = ("#9fb6c9", "#7fb3a8", "#b9c96a", "#f0c54a", "#f2a33c", "#e8742c", "#d9481c", "#b3261a", "#8e0b1d")
 _TOPS = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0)
 _BAD, _DEAD_CELL, _GATEWAY, _BRIDGE = "#e03131", "#16161a", "#0b6e4f", "#6a3d9a"
@@ -24,7 +24,7 @@ _OUT = f"background:{_DEAD_CELL};box-shadow:0 0 0 2.5px {_BAD};z-index:4"
 
 
 def draw(atlas: Atlas) -> str:
-    """The sheet with all wires, nobody in the network yet."""
+    """Network map as HTML, with all wires and no connected cells."""
     paper = atlas.paper
     dot = 46.0 / paper.width
     style = (
@@ -45,7 +45,7 @@ def draw(atlas: Atlas) -> str:
 
 
 def paint(atlas: Atlas, scene: Scene) -> str:
-    """Style that shows loads, cuts and who is out."""
+    """Style sheet for link loads, broken links and unreachable cells."""
     network = scene.network
     load, tree, cut = network.wire_load, network.in_tree, network.cut
     top = _top(scene)
@@ -70,7 +70,7 @@ def paint(atlas: Atlas, scene: Scene) -> str:
 
 
 def tell(atlas: Atlas, scene: Scene) -> str:
-    """Style by which cells and links tell what is known of them."""
+    """Style sheet with the tooltips of cells, links and gateways."""
     network, names = scene.network, atlas.names
     dead, cut = network.dead, network.cut
     cells = []
@@ -96,7 +96,7 @@ def tell(atlas: Atlas, scene: Scene) -> str:
 
 
 def legend(scene: Scene) -> str:
-    """What the colours of links mean now, and how many are cut and out."""
+    """Legend of link colours, with counts of broken links and unreachable cells."""
     network = scene.network
     cut, out = int(network.cut.sum()), int(network.dead.sum())
     source = "told by the hosts" if network.measured_ns >= 0 else "inferred from what was delivered"
@@ -118,7 +118,7 @@ def legend(scene: Scene) -> str:
 
 
 def _wires(atlas: Atlas) -> Iterator[str]:
-    """Wires; of those that are long on paper and no bridge, both ends."""
+    """Wire elements; stubs at both ends for wires that cross a seam."""
     paper, turn = atlas.paper, atlas.paper.turn
     first_bridge = len(atlas.wires) - atlas.n_bridges
     for wire, (a, port_a, b, port_b) in enumerate(atlas.wires.tolist()):
@@ -150,13 +150,13 @@ def _outwards(at: NDArray[np.float64], turn_rad: float, port: int, reach: float)
 
 
 def _top(scene: Scene) -> float:
-    """Load at the upper end of the colours."""
+    """Link load at the upper end of the colour scale."""
     most = float(scene.network.load.max(initial=0.0))
     return next((top for top in _TOPS if top >= most), 1.0)
 
 
 def _flow(scene: Scene, *ends: tuple[int, int]) -> str:
-    """What flows out of each end, and what was lost there."""
+    """Link load, queue length and losses of the given ends, as text."""
     network = scene.network
     words = " and ".join(f"{network.load[end]:.1%}" for end in ends)
     text = f"sends {words} of its time"

@@ -1,4 +1,4 @@
-"""All patches unrolled: each cell a hexagon, each element a square, in the colour of what it feels."""
+"""Patch map panel: flattened skin with cells as hexagons and elements as squares, coloured by reading."""
 
 import math
 
@@ -19,7 +19,7 @@ _IDLE = _COLOURS[0]
 
 
 def draw(atlas: Atlas) -> str:
-    """The sheet, with every spot idle."""
+    """Patch map as HTML, with every taxel idle."""
     paper = atlas.paper
     cell, element = 96.5 / paper.width, 92.0 / paper.width
     style = (
@@ -42,7 +42,7 @@ def draw(atlas: Atlas) -> str:
 
 
 def paint(shade: NDArray[np.int64]) -> str:
-    """Style that colours the spots by their shades (spots,); those that are idle have no rule."""
+    """Style sheet for the colour indices `shade` (spots,); idle taxels have no rule."""
     looks = (
         (n, f"background:{_COLOURS[s]}" + (";outline:1px solid #e03131" if s == DEAD else ""))
         for n, s in enumerate(shade.tolist())
@@ -52,7 +52,7 @@ def paint(shade: NDArray[np.int64]) -> str:
 
 
 def tell(atlas: Atlas, scene: Scene) -> str:
-    """Style by which every spot tells its newest readings."""
+    """Style sheet with the tooltips of all taxels: their newest readings."""
     texts = [
         (n, f"{atlas.names[n]} · {_reading(row)}")
         for n, row in enumerate(scene.skin.reading.tolist())
@@ -67,7 +67,7 @@ def tell(atlas: Atlas, scene: Scene) -> str:
 
 
 def legend(modality: Modality, atlas: Atlas) -> str:
-    """The scale of colours with its ticks."""
+    """Colour scale with its ticks."""
     if modality is Modality.FORCE and not atlas.n_cells:
         scale, what = PRESSURE, "pressure"
     else:
@@ -86,7 +86,7 @@ def legend(modality: Modality, atlas: Atlas) -> str:
 
 
 def _reading(row: list[float]) -> str:
-    """A reading in words; what was never told is left out."""
+    """Reading (8,) as text, without unknown modalities."""
     words = []
     for name, columns, form, unit in (
         ("force", row[0:3], "{:.2f}", ""),

@@ -1,4 +1,4 @@
-"""PNG files with a palette, as small pictures in HTML need them."""
+"""Palette PNG encoder for small images in HTML."""
 
 import base64
 import struct
@@ -11,9 +11,9 @@ __all__ = ["data_url", "png"]
 
 
 def png(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
-    """A PNG of `pixels` (height, width), which are rows of `palette` (n, 3)."""
+    """Encode a PNG from `pixels` (height, width), indices into `palette` (n, 3)."""
     height, width = pixels.shape
-    lines = np.zeros((height, width + 1), dtype=np.uint8)  # each begins with its filter: none
+    lines = np.zeros((height, width + 1), dtype=np.uint8)  # each line begins with its filter type, none
     lines[:, 1:] = pixels
     head = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
     chunks = (
@@ -29,5 +29,5 @@ def png(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
 
 
 def data_url(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str:
-    """The same, to be put into HTML."""
+    """Data URL of the PNG, for HTML."""
     return "data:image/png;base64," + base64.b64encode(png(pixels, palette)).decode()

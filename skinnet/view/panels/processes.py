@@ -1,4 +1,4 @@
-"""The processes as a table: what each uses, and how fast it gets on; and what this page itself does."""
+"""Process table panel: cores, memory and real-time factor of each process, and statistics of the page."""
 
 import html
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ _BAR_PX = 70
 
 
 def draw(machinery: Machinery, own: Mapping[str, str]) -> str:
-    """The table; below it, what the page says of itself, by name."""
+    """Process table as HTML, followed by the page's own statistics `own`, by name."""
     rows = "".join(_row(process) for process in machinery.processes.values())
     if not rows:
         rows = '<tr><td colspan="5">nothing was told of the processes yet</td></tr>'

@@ -1,4 +1,4 @@
-"""The event raster: a row for each cell, time to the right, a dot for each event."""
+"""Event raster panel: one row for each cell, time to the right, a dot for each event."""
 
 import html
 
@@ -22,12 +22,12 @@ _MODALITIES = (
     ("acceleration", ("#b9a3d9",) * 6),
     ("temperature", ("#7bbf8a",) * 6),
 )
-"""Colours of levels 0 (it ended) to 4, and of events without a level."""
+"""Event colours of levels 0 (contact ended) to 4, and of events without a level."""
 _BACKGROUND, _LINE = "#f4f6f8", "#9aa7b3"
 
 
 def _colours() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Palette: background, full readings, then six colours for each modality."""
+    """Palette (n, 3): background, full readings, then six colours for each modality."""
     texts = [_BACKGROUND, _STREAM, *(colour for _, colours in _MODALITIES for colour in colours)]
     return np.array([[int(text[i : i + 2], 16) for i in (1, 3, 5)] for text in texts], dtype=np.uint8)
 
@@ -36,7 +36,7 @@ _PALETTE = _colours()
 
 
 def draw(atlas: Atlas) -> str:
-    """Frame, names of the patches, and what colours mean."""
+    """Event raster as HTML: frame, patch names and legend."""
     height = _HEIGHT_PX
     rows, starts, names = _rows(atlas)
     labels, last = [], -_LEAST_NAME_PX
@@ -73,7 +73,7 @@ def draw(atlas: Atlas) -> str:
 
 
 def paint(atlas: Atlas, scene: Scene) -> str:
-    """Style with the picture of the last seconds."""
+    """Style sheet with the raster image of the last seconds."""
     rows, _, _ = _rows(atlas)
     begin_ns = scene.t_ns - RASTER_NS
     t_ns, row, kind = scene.happenings.since(begin_ns)
@@ -89,7 +89,7 @@ def paint(atlas: Atlas, scene: Scene) -> str:
 
 
 def _rows(atlas: Atlas) -> tuple[int, list[int], list[str]]:
-    """How many rows there are; where each patch or board begins; their names."""
+    """Raster rows: their number, the first row of each patch or board, and its name."""
     starts = [atlas.first[patch.name] for patch in atlas.patches]
     starts += [atlas.n_cells + board for board in range(len(atlas.sheets))]
     names = list(atlas.first)

@@ -1,4 +1,4 @@
-"""States as a ring of pills, and arcs through the inside for what leads from one to another: an SVG."""
+"""State diagram as SVG: states on a ring, transitions as arcs through the inside."""
 
 import html
 import math
@@ -12,25 +12,25 @@ _WIDTH = 540.0
 _RX, _RY = 205.0, 165.0
 _PILL_H, _MARGIN = 22.0, 50.0
 _CHARACTER = 6.3
-"""Width of a letter on a pill."""
+"""Character width on a state label [px]."""
 _BENT = 0.28
-"""How far an arc leaves the straight way for the centre, as a share of the distance to it."""
+"""Arc deflection towards the centre, as a fraction of the chord's distance from it."""
 _APART = 14.0
-"""And to the right, so that the ways there and back are two."""
+"""Arc deflection to the right [px], which separates the two directions."""
 INK, NOW = "#1f2d3d", "#0b6e4f"
 
 Point = tuple[float, float]
 
 
 class _Kind(Enum):
-    """What an arc stands for: its colour, and its width."""
+    """Transition style: colour and line width."""
 
     PALE = ("#cfd8e0", 1.0)
-    """Possible at another time."""
+    """Transition from another state."""
     OPEN = ("#2563a8", 1.6)
-    """Possible now."""
+    """Transition from the present state."""
     LAST = ("#c92a2a", 2.4)
-    """The way by which the present state was reached."""
+    """Transition by which the present state was reached."""
 
 
 class _Arc(NamedTuple):
@@ -44,13 +44,13 @@ def draw(
     now: str,
     last: tuple[str, str] | None,
 ) -> str:
-    """The ring.
+    """State diagram as SVG.
 
     Args:
         states: All states, clockwise from the top.
-        ways: Events by the state before and the state after.
-        now: The present state.
-        last: The states between which the last move was.
+        ways: Events by (source state, target state).
+        now: Present state.
+        last: Source and target state of the last transition.
     """
     few = min(0.25 + 0.1 * len(states), 1.0)
     centre = _WIDTH / 2, few * (_RY + _MARGIN)
@@ -63,7 +63,7 @@ def draw(
         for way in ways
         if way[0] != way[1]
     }
-    order = sorted(kinds, key=lambda way: kinds[way].value[1])  # what matters is on top
+    order = sorted(kinds, key=lambda way: kinds[way].value[1])  # highlighted arcs on top
     arcs = [_arc(way, ways[way], kinds[way], at, centre) for way in order]
     pills = "".join(_pill(state, at[state], now=state == now) for state in states)
     marks = "".join(
@@ -80,14 +80,14 @@ def draw(
 
 
 def short(state: str) -> str:
-    """The name on a pill: that of the stage is left out if there is more."""
+    """Short state name, without its stage."""
     return state.rpartition(".")[2]
 
 
 def _arc(
     way: tuple[str, str], events: Sequence[str], kind: _Kind, at: Mapping[str, Point], centre: Point
 ) -> _Arc:
-    """A way between two states; one that matters has its first event written on it."""
+    """Transition arc; highlighted ones are labelled with their first event."""
     (xa, ya), (xb, yb) = at[way[0]], at[way[1]]
     xm, ym = 0.5 * (xa + xb), 0.5 * (ya + yb)
     length = math.hypot(xb - xa, yb - ya) or 1.0
@@ -103,7 +103,7 @@ def _arc(
         return _Arc(path, "")
     text = html.escape(events[0] + (f" +{len(events) - 1}" if len(events) > 1 else ""))
     xt, yt = 0.25 * start[0] + 0.5 * xc + 0.25 * end[0], 0.25 * start[1] + 0.5 * yc + 0.25 * end[1]
-    anchor, shift = ("start", 6.0) if xt < centre[0] else ("end", -6.0)  # inwards, where there is room
+    anchor, shift = ("start", 6.0) if xt < centre[0] else ("end", -6.0)  # inwards, where there is space
     return _Arc(
         path,
         f'<text x="{xt + shift:.1f}" y="{yt + 3:.1f}" text-anchor="{anchor}" font-size="10" '
@@ -112,7 +112,7 @@ def _arc(
 
 
 def _rim(middle: Point, towards: Point, state: str) -> Point:
-    """Where the way from a pill's middle leaves it."""
+    """Intersection of the line from a label's centre to `towards` with the label's outline."""
     half_w, half_h = _half_width(state) + 2.0, 0.5 * _PILL_H + 2.0
     dx, dy = towards[0] - middle[0], towards[1] - middle[1]
     share = min(half_w / abs(dx) if dx else math.inf, half_h / abs(dy) if dy else math.inf, 1.0)

@@ -1,6 +1,6 @@
-"""A sheet of HTML on which the skin lies unrolled: places in percent of its size, a line that tells values.
+"""HTML map of the flattened skin: elements positioned in percent, and a tooltip line.
 
-Elements are found by their class, `prefix` and number. `i` are spots, `b` wires, `u` gateways.
+An element's class is `prefix` and number. Tags: `i` for taxels, `b` for wires, `u` for gateways.
 """
 
 import html
@@ -22,11 +22,11 @@ STYLE = (
     "white-space:pre;font:12px ui-monospace,monospace;color:#1f2d3d}"
     ".sk-tip::after{font:12px ui-monospace,monospace}"
 )
-"""Style that all sheets share."""
+"""Style sheet common to all maps."""
 
 
 def sheet(name: str, paper: Paper, parts: Iterable[str], hint: str) -> str:
-    """The sheet `name` with `parts` on it; `hint` stands in the line for values until one is asked for."""
+    """Skin map of class `name` with its elements `parts`; `hint` is the tooltip line's initial text."""
     return (
         f'<div class="sk-paper {name}" style="aspect-ratio:{paper.width:.2f}/{paper.height:.2f}">'
         f"{''.join(parts)}"
@@ -35,14 +35,14 @@ def sheet(name: str, paper: Paper, parts: Iterable[str], hint: str) -> str:
 
 
 def spot(paper: Paper, tag: str, name: str, at: tuple[float, float], turn_rad: float = 0.0) -> str:
-    """An element whose middle is at `at` (in pitches), turned counterclockwise."""
+    """Map element centred at `at` [pitches], rotated counterclockwise."""
     turned = math.degrees(-turn_rad) % 60.0
     turn = f";transform:translate(-50%,-50%) rotate({turned:.1f}deg)" if 0.1 < turned < 59.9 else ""
     return f'<{tag} class="{name}" style="{_place(paper, at)}{turn}"></{tag}>'
 
 
 def bar(paper: Paper, tag: str, name: str, a: tuple[float, float], b: tuple[float, float]) -> str:
-    """A bar from `a` to `b` (in pitches); its thickness is a matter of style."""
+    """Line element from `a` to `b` [pitches]; its thickness comes from the style sheet."""
     middle = (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]))
     length = 100 * math.dist(a, b) / paper.width
     turn = math.degrees(math.atan2(a[1] - b[1], b[0] - a[0]))
@@ -53,7 +53,7 @@ def bar(paper: Paper, tag: str, name: str, a: tuple[float, float], b: tuple[floa
 
 
 def captions(paper: Paper, lines: Iterable[str], font_px: float) -> list[str]:
-    """A line below each piece; its class is `cap` and its number."""
+    """Caption elements below each piece, of classes `cap` and `cap<number>`."""
     return [
         f'<div class="cap cap{i}" style="left:{100 * box.x / paper.width:.2f}%;'
         f"width:{100 * box.width / paper.width:.2f}%;"
@@ -63,16 +63,16 @@ def captions(paper: Paper, lines: Iterable[str], font_px: float) -> list[str]:
 
 
 def rules(prefix: str, looks: Iterable[tuple[int, str]]) -> str:
-    """Rules that give elements, by number, their looks; those of equal looks share one."""
+    """Style rules by element number; elements of equal style share one rule."""
     by_look: dict[str, list[str]] = defaultdict(list)
     for number, look in looks:
         by_look[look].append(f".{prefix}{number}")
-    # two classes: more than what the sheet says of all of them
+    # two classes: higher specificity than the map's own rules
     return "".join(f".sk-paper :is({','.join(names)}){{{look}}}" for look, names in by_look.items())
 
 
 def tips(sheet_name: str, prefix: str, texts: Iterable[tuple[int, str]]) -> str:
-    """Rules by which the line for values says a text while the pointer is on an element."""
+    """Tooltip rules: the tooltip line shows an element's text while the pointer is on it."""
     found = []
     for number, text in texts:
         over = f".{prefix}{number}:hover~.sk-tip"
