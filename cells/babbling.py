@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cells.encoding import CHANNEL_OF, MODALITY_OF
-from cells.fault_times import FaultTimes
-from cells.transducers import Scales
+from cells.fault_times import FaultIntervals
+from cells.transducers import ChannelScales
 from skinnet.compiled import compiled
-from skinnet.deployment.faults import Babble
+from skinnet.deployment.faults import BabblingIdiot
 from skinnet.messages import EventKind
 from skinnet.network.faults import FaultSpan
 from skinnet.seeding import StreamName, uniform
 
-__all__ = ["Babblers", "Babbling", "BabblingState"]
+__all__ = ["BabblingIdiotState", "BabblingIdiots", "SpuriousEvents"]
 
 _MODALITY, _CHANNEL = np.array(MODALITY_OF, dtype=np.uint8), np.array(CHANNEL_OF, dtype=np.uint8)
 
 
-class Babbling(NamedTuple):
-    """Spurious events, ordered by time, then by cell: columns of equal length, as in `Emission`, and `t_ns`.
+class SpuriousEvents(NamedTuple):
+    """Spurious events, ordered by time, then by cell: columns as in `EncoderOutput`, and `begin_ns`.
 
-    `cell` (index within the process) and `t_ns` are int64; `modality`, `channel`, `kind` and `level` uint8;
-    `value` float32.
+    `cell` (index within the process) and `begin_ns` are int64; `modality`, `channel`, `kind` and `level`
+    uint8; `value` float32. All have equal length.
     """
 
     cell: NDArray[np.int64]
@@ -37,14 +37,14 @@ class Babbling(NamedTuple):
     value: NDArray[np.float32]
 
 
-class BabblingState(NamedTuple):
+class BabblingIdiotState(NamedTuple):
     """Snapshot of the event generators: time of the last event [ns] and number of events of each; opaque."""
 
-    said_ns: NDArray[np.int64]
-    said: NDArray[np.int64]
+    last_sent_ns: NDArray[np.int64]
+    n_sent: NDArray[np.int64]
 
 
-class Babblers:
+class BabblingIdiots:
     """Babbling-idiot cells of a process: sources of spurious events.
 
     Each sends well-formed events as a Poisson process (a failed cell keeps no clock): a uniformly drawn
@@ -53,30 +53,32 @@ class Babblers:
     """
 
     def __init__(
-        self, spans: Sequence[FaultSpan], first_cell: Mapping[str, int], scales: Scales, seed: int
+        self, spans: Sequence[FaultSpan], first_cell: Mapping[str, int], scales: ChannelScales, seed: int
     ) -> None:
-        found = [(span, span.rule) for span in spans if isinstance(span.rule, Babble)]
-        self._times = FaultTimes([span for span, _ in found], first_cell)
+        found = [(span, span.rule) for span in spans if isinstance(span.rule, BabblingIdiot)]
+        self._times = FaultIntervals([span for span, _ in found], first_cell)
         self._scales = scales
-        self._keys = np.array([span.key(seed, StreamName.BABBLING) for span, _ in found], dtype=np.uint64)
-        self._gap_ns = np.array([1e9 / rule.packets_per_s for _, rule in found], dtype=np.float64)
-        self._said_ns = self._times.t_ns.copy()
-        self._said = np.zeros(len(found), dtype=np.int64)
+        self._keys = np.array(
+            [span.stream_key(seed, StreamName.BABBLING) for span, _ in found], dtype=np.uint64
+        )
+        self._mean_interval_ns = np.array([1e9 / rule.packets_per_s for _, rule in found], dtype=np.float64)
+        self._last_sent_ns = self._times.begin_ns.copy()
+        self._n_sent = np.zeros(len(found), dtype=np.int64)
 
-    def babble(self, start_ns: int, end_ns: int) -> Babbling:
+    def generate(self, start_ns: int, end_ns: int) -> SpuriousEvents:
         """Generate the spurious events in [start_ns, end_ns), the same however time is split into calls."""
-        active = self._times.active(start_ns, end_ns)
+        active = self._times.overlapping(start_ns, end_ns)
         if not active.size:
-            return _SILENCE
+            return _NO_EVENTS
         _, lsb, lowest, highest = self._scales
-        cell, t_ns, column, value = _babble(
+        cell, t_ns, column, value = _generate(
             active,
             self._times.cell,
-            self._times.until_ns,
+            self._times.end_ns,
             self._keys,
-            self._gap_ns,
-            self._said_ns,
-            self._said,
+            self._mean_interval_ns,
+            self._last_sent_ns,
+            self._n_sent,
             start_ns,
             end_ns,
             lsb,
@@ -85,7 +87,7 @@ class Babblers:
         )
         order = np.lexsort((cell, t_ns))
         column = column[order]
-        return Babbling(
+        return SpuriousEvents(
             cell=cell[order],
             t_ns=t_ns[order],
             modality=_MODALITY[column],
@@ -95,30 +97,30 @@ class Babblers:
             value=value[order],
         )
 
-    def snapshot(self) -> BabblingState:
+    def snapshot(self) -> BabblingIdiotState:
         """Return a copy of the time-varying state."""
-        return BabblingState(self._said_ns.copy(), self._said.copy())
+        return BabblingIdiotState(self._last_sent_ns.copy(), self._n_sent.copy())
 
-    def restore(self, state: BabblingState) -> None:
+    def restore(self, state: BabblingIdiotState) -> None:
         """Restore a snapshot that was taken with the same cells and faults."""
-        np.copyto(self._said_ns, state.said_ns)
-        np.copyto(self._said, state.said)
+        np.copyto(self._last_sent_ns, state.last_sent_ns)
+        np.copyto(self._n_sent, state.n_sent)
 
 
-_SILENCE = Babbling._make(
+_NO_EVENTS = SpuriousEvents._make(
     np.empty(0, dtype) for dtype in (np.int64, np.int64, np.uint8, np.uint8, np.uint8, np.uint8, np.float32)
 )
 
 
 @compiled
-def _babble(
+def _generate(
     active: NDArray[np.int64],
     cell: NDArray[np.int64],
     until_ns: NDArray[np.int64],
     keys: NDArray[np.uint64],
-    gap_ns: NDArray[np.float64],
-    said_ns: NDArray[np.int64],
-    said: NDArray[np.int64],
+    mean_interval_ns: NDArray[np.float64],
+    last_sent_ns: NDArray[np.int64],
+    n_sent: NDArray[np.int64],
     start_ns: int,
     end_ns: int,
     lsb: NDArray[np.float64],
@@ -131,13 +133,13 @@ def _babble(
     n = 0
     for i in active:
         while True:
-            draw = np.uint64(3 * said[i])
-            wait_ns = int(-math.log(uniform(keys[i], draw)) * gap_ns[i] + 0.5)
-            t_ns = said_ns[i] + max(wait_ns, 1)
+            draw = np.uint64(3 * n_sent[i])
+            wait_ns = int(-math.log(uniform(keys[i], draw)) * mean_interval_ns[i] + 0.5)
+            t_ns = last_sent_ns[i] + max(wait_ns, 1)
             if t_ns >= min(end_ns, until_ns[i]):
                 break
-            said_ns[i] = t_ns
-            said[i] += 1
+            last_sent_ns[i] = t_ns
+            n_sent[i] += 1
             if t_ns < start_ns:
                 continue
             if n == who.size:

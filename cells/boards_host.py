@@ -14,56 +14,56 @@ from cells.sheets.boards import Boards
 from skinnet.channels import Keys, Role
 from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARDS
+from skinnet.deployment.schema import BOARD_PROCESS
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import Config, decode, encode, unpack
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 from skinnet.record_messages import Counters
 from skinnet.sheet_messages import Pressures, Regions
 from skinnet.skin.sheet import place_sheets
 from skinnet.upstream import Upstream
 
-__all__ = ["BoardsNode"]
+__all__ = ["BoardProcess"]
 
-_KEPT_EVERY = 25
+_PATTERN_INTERVAL_FRAMES = 25
 """Scan frames between two patterns [kPa] that are kept for plots."""
 _LATENCY_BINS = 100_001
 """Latency bins of 1 µs up to 0.1 s; the last bin holds all longer latencies."""
 
 
-class BoardsNode:
+class BoardProcess:
     """Logical process of all boards of a robot and their network."""
 
     role = Role.CELLS.value
-    paced = False
+    follows_wall_clock = False
 
     def __init__(self, deployment: Deployment, name: str) -> None:
         self.name = name
         keys = Keys(deployment.robot)
-        self.subscriptions = (keys.of("pressures"), keys.of("config", BOARDS, "*"))
-        self._body = Upstream("body", "body", covered_ns=-1)
+        self.subscriptions = (keys.of("pressures"), keys.of("config", BOARD_PROCESS, "*"))
+        self._body = Upstream("body", "body", watermark_ns=-1)
         self.upstreams = {"body": self._body}
         self.senders = frozenset({"body"})
         self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
-        self.tolerated = frozenset(deployment.run.may_be_lost)
+        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
         self._n_boards = len(sheets)
-        self._requests: list[tuple[int, int]] = []
+        self._pattern_requests: list[tuple[int, int]] = []
         self._n_elements = sum(sheet.n_elements for sheet in sheets)
         self._boards = Boards(sheets, deployment.boards, deployment.board_network, deployment.seed)
-        self._key = keys.of("regions", BOARDS)
+        self._regions_key = keys.of("regions", BOARD_PROCESS)
         self._counters_key = keys.of("counters", name)
         self._period_ns = deployment.boards.period_ns
         self._end_ns = deployment.max_ns
         self._frame = 0
         self._pressures: dict[int, NDArray[np.float32]] = {}
         self._seq = 0
-        self._log = hashlib.sha256()
+        self._log_hash = hashlib.sha256()
         self._latency_us = np.zeros(_LATENCY_BINS, dtype=np.int64)
         self._latency_max_ns = 0
-        self._kept: list[tuple[int, NDArray[np.float32]]] = []
+        self._kept_patterns: list[tuple[int, NDArray[np.float32]]] = []
 
     def start(self, put: Put) -> None:
         """Publish nothing: boards start with the first pressures."""
@@ -84,7 +84,7 @@ class BoardsNode:
             ProtocolError: a wrong channel, number of elements, board or rate of patterns.
         """
         if channel == "config":
-            self._accept_request(decode(payload, Config))
+            self._accept_pattern_request(decode(payload, Config))
             return
         if channel != "pressures":
             raise ProtocolError(f"a host of boards does not read {channel}")
@@ -93,35 +93,35 @@ class BoardsNode:
         if len(values) != self._n_elements:
             raise ProtocolError(f"pressures of {len(values)} elements; there are {self._n_elements}")
         self._pressures[pressures.t_ns] = values
-        self._body.close(pressures.covered_ns)
+        self._body.end_period(pressures.covered_ns)
         if pressures.end_ns is not None:
             self._end_ns = min(self._end_ns, pressures.end_ns)
 
-    def _accept_request(self, config: Config) -> None:
-        if config.patch != BOARDS or not 0 <= config.cell < self._n_boards:
+    def _accept_pattern_request(self, config: Config) -> None:
+        if config.patch != BOARD_PROCESS or not 0 <= config.cell < self._n_boards:
             raise ProtocolError(f"config of board {config.cell}: there are boards 0 to {self._n_boards - 1}")
         if config.pattern_every is None or config.pattern_every < 0:
             raise ProtocolError(f"config of board {config.cell}: give pattern_every, 0 or more frames")
         self.counters["configs_from_outside"] += 1
-        self._requests.append((config.cell, config.pattern_every))
+        self._pattern_requests.append((config.cell, config.pattern_every))
 
-    def lose(self, upstream: Upstream) -> None:
+    def on_upstream_lost(self, upstream: Upstream) -> None:
         """Do nothing: the body is the only upstream, and its loss is never tolerated."""
 
     def step(self, put: Put) -> None:
         """Simulate one period and publish its frames, regions and patterns."""
         start_ns = self._frame * self._period_ns
         before, after = self._pressures.pop(start_ns), self._pressures[start_ns + self._period_ns]
-        for board, every in self._requests:
-            self._boards.request(start_ns, board, every)
-        self._requests.clear()
+        for board, every in self._pattern_requests:
+            self._boards.request_pattern(start_ns, board, every)
+        self._pattern_requests.clear()
         told = self._boards.step(self._frame, before, after)
-        if self._frame % _KEPT_EVERY == 0:
-            self._kept.append((start_ns, self._boards.readings_kpa.astype(np.float32)))
+        if self._frame % _PATTERN_INTERVAL_FRAMES == 0:
+            self._kept_patterns.append((start_ns, self._boards.readings_kpa.astype(np.float32)))
         self._frame += 1
         end_ns = start_ns + self._period_ns
         if end_ns % NS_PER_S < self._period_ns or end_ns + self._period_ns > self._end_ns:
-            put(self._counters_key, encode(self._counted(end_ns)))
+            put(self._counters_key, encode(self._counters_message(end_ns)))
         message = Regions(
             t_ns=start_ns,
             covered_ns=end_ns,
@@ -136,29 +136,29 @@ class BoardsNode:
             np.add.at(self._latency_us, np.minimum(latency_ns // 1000, _LATENCY_BINS - 1), 1)
             self._latency_max_ns = max(self._latency_max_ns, int(latency_ns.max()))
         payload = encode(message)
-        self._log.update(payload)
-        put(self._key, payload)
+        self._log_hash.update(payload)
+        put(self._regions_key, payload)
 
-    def _counted(self, t_ns: int) -> Counters:
+    def _counters_message(self, t_ns: int) -> Counters:
         """Return the counters of the board network and of this process up to `t_ns`."""
         messages = self._boards.counters()
         counts = {f"{kind}.{what}": n for kind, entry in messages.items() for what, n in entry.items()}
         return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
-    def news(self) -> tuple[()]:
+    def best_effort_messages(self) -> tuple[()]:
         """Return no best-effort publications: all output of boards is part of the run."""
         return ()
 
-    def result(self) -> Part:
+    def result(self) -> ProcessResult:
         """Return the counters, the latency histogram and the kept patterns."""
         facts = {
-            "logs": {self.name: self._log.hexdigest()},
+            "logs": {self.name: self._log_hash.hexdigest()},
             "boards": self._boards.counters(),
             "latency_max_ns": self._latency_max_ns,
         }
         arrays = {
             "latency_us": self._latency_us,
-            "pattern_t_ns": np.array([t_ns for t_ns, _ in self._kept], dtype=np.int64),
-            "pattern_kpa": np.array([kpa for _, kpa in self._kept]).reshape(-1, self._n_elements),
+            "pattern_t_ns": np.array([t_ns for t_ns, _ in self._kept_patterns], dtype=np.int64),
+            "pattern_kpa": np.array([kpa for _, kpa in self._kept_patterns]).reshape(-1, self._n_elements),
         }
-        return Part(self.name, "boards", facts, arrays)
+        return ProcessResult(self.name, "boards", facts, arrays)

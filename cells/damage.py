@@ -7,7 +7,7 @@ from typing import NamedTuple
 from cells.outages import Outage
 from cells.wiring import Wiring
 from skinnet.deployment.faults import BitErrors, BurstLoss, CellDead, GatewayLost, LinkCut, Loss
-from skinnet.network.faults import FaultSpan, Place, burst_phases
+from skinnet.network.faults import FaultLocation, FaultSpan, gilbert_elliott_phases
 
 __all__ = ["Impairment", "impairments", "outages_of"]
 
@@ -21,7 +21,7 @@ class Impairment(NamedTuple):
     bit_error_rate: float
 
 
-class _Share(NamedTuple):
+class _FaultContribution(NamedTuple):
     """Loss probability and bit error rate that one fault contributes to a link from `t_ns` on."""
 
     t_ns: int
@@ -38,67 +38,67 @@ def outages_of(spans: Iterable[FaultSpan], wiring: Wiring) -> Iterator[Outage]:
     """
     patches = {patch.name: p for p, patch in enumerate(wiring.patches)}
     for span in spans:
-        if span.place.patch not in patches:
+        if span.location.patch not in patches:
             continue
         match span.rule:
             case LinkCut(direction=direction):
-                link = _link(span.place, wiring, patches)
+                link = _link(span.location, wiring, patches)
                 yield Outage(span.t_ns, span.until_ns, (link,), cuts_power=direction == "both")
             case GatewayLost():
-                link = _link(span.place, wiring, patches)
+                link = _link(span.location, wiring, patches)
                 yield Outage(span.t_ns, span.until_ns, (link, link ^ 1), cuts_power=False)
             case CellDead():
-                assert span.place.cell is not None
-                cell = int(wiring.first_cell[patches[span.place.patch]]) + span.place.cell
+                assert span.location.cell is not None
+                cell = int(wiring.first_cell[patches[span.location.patch]]) + span.location.cell
                 yield Outage(span.t_ns, span.until_ns, cell=cell)
 
 
 def impairments(
-    spans: Iterable[FaultSpan], wiring: Wiring, *, loss: float, seed: int
+    spans: Iterable[FaultSpan], wiring: Wiring, *, baseline_loss: float, seed: int
 ) -> Iterator[Impairment]:
     """Yield link impairments lazily, in order of time; concurrent faults of a link are independent.
 
     Args:
         spans: Faults of the run.
         wiring: Links of the process.
-        loss: Baseline loss probability of every link.
+        baseline_loss: Baseline loss probability of every link.
         seed: Seed of the run.
     """
     patches = {patch.name: p for p, patch in enumerate(wiring.patches)}
     mine = [
-        _shares(number, span, _link(span.place, wiring, patches), seed)
+        _contributions(number, span, _link(span.location, wiring, patches), seed)
         for number, span in enumerate(spans)
-        if isinstance(span.rule, Loss | BitErrors | BurstLoss) and span.place.patch in patches
+        if isinstance(span.rule, Loss | BitErrors | BurstLoss) and span.location.patch in patches
     ]
-    present: dict[int, dict[int, _Share]] = {}
+    present: dict[int, dict[int, _FaultContribution]] = {}
     for share in heapq.merge(*mine):
         shares = present.setdefault(share.link, {})
         shares[share.fault] = share
-        spared, intact = 1.0 - loss, 1.0
+        spared, intact = 1.0 - baseline_loss, 1.0
         for other in shares.values():
             spared *= 1.0 - other.loss
             intact *= 1.0 - other.bit_errors
         yield Impairment(share.t_ns, share.link, 1.0 - spared, 1.0 - intact)
 
 
-def _shares(number: int, span: FaultSpan, link: int, seed: int) -> Iterator[_Share]:
+def _contributions(fault: int, span: FaultSpan, link: int, seed: int) -> Iterator[_FaultContribution]:
     match span.rule:
         case Loss(probability=probability):
-            yield _Share(span.t_ns, link, number, probability, 0.0)
+            yield _FaultContribution(span.t_ns, link, fault, probability, 0.0)
         case BitErrors(rate=rate):
-            yield _Share(span.t_ns, link, number, 0.0, rate)
+            yield _FaultContribution(span.t_ns, link, fault, 0.0, rate)
         case BurstLoss():
-            for t_ns, probability in burst_phases(span, seed):
-                yield _Share(t_ns, link, number, probability, 0.0)
-    yield _Share(span.until_ns, link, number, 0.0, 0.0)
+            for t_ns, probability in gilbert_elliott_phases(span, seed):
+                yield _FaultContribution(t_ns, link, fault, probability, 0.0)
+    yield _FaultContribution(span.until_ns, link, fault, 0.0, 0.0)
 
 
-def _link(place: Place, wiring: Wiring, patches: dict[str, int]) -> int:
+def _link(target: FaultLocation, wiring: Wiring, patches: dict[str, int]) -> int:
     """Return the directed link that leaves by the port of a fault target."""
-    patch = patches[str(place.patch)]
-    if place.gateway is not None:
-        node = int(wiring.interface[wiring.group_of_patch[patch]])
-        return int(wiring.link_out[node, wiring.gateway_port[patch] + place.gateway])
-    assert place.cell is not None
-    assert place.port is not None
-    return int(wiring.link_out[wiring.node_of_cell[wiring.first_cell[patch] + place.cell], place.port])
+    patch = patches[str(target.patch)]
+    if target.gateway is not None:
+        node = int(wiring.interface_node[wiring.group_of_patch[patch]])
+        return int(wiring.link_out[node, wiring.gateway_port[patch] + target.gateway])
+    assert target.cell is not None
+    assert target.port is not None
+    return int(wiring.link_out[wiring.node_of_cell[wiring.first_cell[patch] + target.cell], target.port])

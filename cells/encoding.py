@@ -10,31 +10,38 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cells.settings import DELTAS, LEVELS, MAX_LEVELS, checked_deltas, checked_hysteresis, checked_levels
+from cells.settings import (
+    DELTA_MODALITIES,
+    LEVEL_MODALITIES,
+    MAX_LEVELS,
+    validated_deltas,
+    validated_hysteresis,
+    validated_levels,
+)
 from skinnet.compiled import compiled
 from skinnet.deployment.schema import CellSpec
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.messages import FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
+from skinnet.messages import N_FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
 
-__all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Emission", "Encoder", "EncoderState"]
+__all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Encoder", "EncoderOutput", "EncoderState"]
 
 ENCODINGS = ("levels", "delta", "clock")
-_BY_LEVELS, _BY_DELTA, _BY_CLOCK = range(len(ENCODINGS))
+_LEVEL_CROSSING, _SEND_ON_DELTA, _PERIODIC = range(len(ENCODINGS))
 _N = len(READING_NAMES)
-_WIDTH = (FORCE_CHANNELS, 1, 3, 1)
-MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_WIDTH[modality]))
+_CHANNELS_PER_MODALITY = (N_FORCE_CHANNELS, 1, 3, 1)
+MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_CHANNELS_PER_MODALITY[modality]))
 """Modality of each column of a reading, (8,)."""
-CHANNEL_OF = tuple(channel for width in _WIDTH for channel in range(width))
+CHANNEL_OF = tuple(channel for width in _CHANNELS_PER_MODALITY for channel in range(width))
 """Channel index within its modality of each column of a reading, (8,)."""
-_LEVEL_CHANNELS = FORCE_CHANNELS + 1
+_LEVEL_CHANNELS = N_FORCE_CHANNELS + 1
 _LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL), int(EventKind.DELTA)
 
 
-class Emission(NamedTuple):
+class EncoderOutput(NamedTuple):
     """Encoder output of one period, ordered by cell and channel; valid until the next call.
 
     Event columns of equal length: `cell` int64, `modality`, `channel`, `kind` and `level` uint8, `value`
-    float32, as in `skinnet.messages.Events`. `full` int64: cells that send their full reading.
+    float32, as in `skinnet.messages.Events`. `full_cell` int64: cells that send their full reading.
     """
 
     cell: NDArray[np.int64]
@@ -43,7 +50,7 @@ class Emission(NamedTuple):
     kind: NDArray[np.uint8]
     level: NDArray[np.uint8]
     value: NDArray[np.float32]
-    full: NDArray[np.int64]
+    full_cell: NDArray[np.int64]
 
 
 class EncoderState(NamedTuple):
@@ -54,8 +61,8 @@ class EncoderState(NamedTuple):
     levels: NDArray[np.float32]
     hysteresis: NDArray[np.float64]
     deltas: NDArray[np.float64]
-    level: NDArray[np.uint8]
-    sent: NDArray[np.float64]
+    last_level: NDArray[np.uint8]
+    last_sent: NDArray[np.float64]
 
 
 class Encoder:
@@ -81,45 +88,47 @@ class Encoder:
         }
         try:
             # float32, as readings are: a reading that equals a threshold has reached it
-            thresholds = np.array([checked_levels(levels)[m] for m in LEVELS], dtype=np.float32)
-            margins = np.array([checked_hysteresis(hysteresis)[m] for m in LEVELS])
-            steps = np.array([checked_deltas(deltas)[m] for m in DELTAS])
+            thresholds = np.array([validated_levels(levels)[m] for m in LEVEL_MODALITIES], dtype=np.float32)
+            margins = np.array([validated_hysteresis(hysteresis)[m] for m in LEVEL_MODALITIES])
+            steps = np.array([validated_deltas(deltas)[m] for m in DELTA_MODALITIES])
         except ValueError as error:
             raise DeploymentError(f"cells: {error}") from error
-        self._fresh = EncoderState(
+        self._initial_state = EncoderState(
             encoding=np.array([ENCODINGS.index(spec.encoding.kind)], dtype=np.uint8),
             stream=np.zeros(1, dtype=np.bool_),
             levels=thresholds[None],
             hysteresis=margins[None],
             deltas=steps[None],
-            level=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
-            sent=np.full((1, _N), np.nan),
+            last_level=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
+            last_sent=np.full((1, _N), np.nan),
         )
-        self._state = EncoderState._make(np.repeat(column, n_cells, axis=0) for column in self._fresh)
+        self._state = EncoderState._make(np.repeat(column, n_cells, axis=0) for column in self._initial_state)
         room = n_cells * _N
-        self._columns = Emission(
+        self._columns = EncoderOutput(
             cell=np.empty(room, dtype=np.int64),
             modality=np.empty(room, dtype=np.uint8),
             channel=np.empty(room, dtype=np.uint8),
             kind=np.empty(room, dtype=np.uint8),
             level=np.empty(room, dtype=np.uint8),
             value=np.empty(room, dtype=np.float32),
-            full=np.empty(n_cells, dtype=np.int64),
+            full_cell=np.empty(n_cells, dtype=np.int64),
         )
 
     @property
-    def level(self) -> NDArray[np.uint8]:
+    def last_levels(self) -> NDArray[np.uint8]:
         """Last sent levels (n, 4) of three force sensors and proximity; a read-only view."""
-        view = self._state.level.view()
+        view = self._state.last_level.view()
         view.flags.writeable = False
         return view
 
-    def encode(self, readings: NDArray[np.float32]) -> Emission:
+    def encode(self, readings: NDArray[np.float32]) -> EncoderOutput:
         """Encode `readings` (n, 8), the next sample of every cell."""
-        assert readings.shape == self._state.sent.shape
+        assert readings.shape == self._state.last_sent.shape
         events, full = _encode(readings, *self._state, *self._columns)
         columns: tuple[NDArray[Any], ...] = self._columns
-        return Emission._make([*(column[:events] for column in columns[:-1]), self._columns.full[:full]])
+        return EncoderOutput._make(
+            [*(column[:events] for column in columns[:-1]), self._columns.full_cell[:full]]
+        )
 
     def configure(self, cell: int, config: Config) -> None:
         """Apply the settings of `config` to `cell`; fields that are None keep their value.
@@ -135,28 +144,28 @@ class Encoder:
                 f"config of cell {cell}: encoding {config.encoding!r}; use one of {ENCODINGS}"
             )
         try:
-            levels = checked_levels(config.levels or {})
-            hysteresis = checked_hysteresis(config.hysteresis or {})
-            deltas = checked_deltas(config.deltas or {})
+            levels = validated_levels(config.levels or {})
+            hysteresis = validated_hysteresis(config.hysteresis or {})
+            deltas = validated_deltas(config.deltas or {})
         except ValueError as error:
             raise ProtocolError(f"config of cell {cell}: {error}") from error
         for name, thresholds in levels.items():
-            state.levels[cell, LEVELS.index(name)] = thresholds
+            state.levels[cell, LEVEL_MODALITIES.index(name)] = thresholds
         for name, margin in hysteresis.items():
-            state.hysteresis[cell, LEVELS.index(name)] = margin
+            state.hysteresis[cell, LEVEL_MODALITIES.index(name)] = margin
         for name, delta in deltas.items():
-            state.deltas[cell, DELTAS.index(name)] = delta
+            state.deltas[cell, DELTA_MODALITIES.index(name)] = delta
         if config.stream is not None:
             state.stream[cell] = config.stream
         if config.encoding is not None:
             if ENCODINGS.index(config.encoding) != state.encoding[cell]:
-                state.sent[cell] = np.nan
+                state.last_sent[cell] = np.nan
             state.encoding[cell] = ENCODINGS.index(config.encoding)
 
     def reset(self, cells: NDArray[np.int64]) -> None:
         """Reset `cells` after a power cycle: settings of the deployment, nothing sent yet."""
         columns: tuple[NDArray[Any], ...] = self._state
-        for column, fresh in zip(columns, self._fresh, strict=True):
+        for column, fresh in zip(columns, self._initial_state, strict=True):
             column[cells] = fresh
 
     def snapshot(self) -> EncoderState:
@@ -190,7 +199,7 @@ def _encode(
     hysteresis: NDArray[np.float64],
     deltas: NDArray[np.float64],
     last_level: NDArray[np.uint8],
-    sent: NDArray[np.float64],
+    last_sent: NDArray[np.float64],
     event_cell: NDArray[np.int64],
     event_modality: NDArray[np.uint8],
     event_channel: NDArray[np.uint8],
@@ -203,19 +212,19 @@ def _encode(
     events = 0
     full = 0
     for cell in range(readings.shape[0]):
-        if stream[cell] or encoding[cell] == _BY_CLOCK:
+        if stream[cell] or encoding[cell] == _PERIODIC:
             full_cell[full] = cell
             full += 1
         channels = 0
-        if encoding[cell] == _BY_LEVELS:
+        if encoding[cell] == _LEVEL_CROSSING:
             channels = _LEVEL_CHANNELS
-        elif encoding[cell] == _BY_DELTA:
+        elif encoding[cell] == _SEND_ON_DELTA:
             channels = _N
         for channel in range(channels):
             reading = float(readings[cell, channel])
             modality = MODALITY_OF[channel]
             level = 0
-            if encoding[cell] == _BY_LEVELS:
+            if encoding[cell] == _LEVEL_CROSSING:
                 kind = _LEVEL_EVENT
                 old = int(last_level[cell, channel])
                 level = _next_level(reading, old, levels[cell, modality], hysteresis[cell, modality])
@@ -224,9 +233,9 @@ def _encode(
                 last_level[cell, channel] = level
             else:
                 kind = _DELTA_EVENT
-                if abs(reading - sent[cell, channel]) <= deltas[cell, modality]:
+                if abs(reading - last_sent[cell, channel]) <= deltas[cell, modality]:
                     continue  # never for the first sample: the last sent value is NaN
-                sent[cell, channel] = reading
+                last_sent[cell, channel] = reading
             event_cell[events] = cell
             event_modality[events] = modality
             event_channel[events] = CHANNEL_OF[channel]

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from cells.packets import PacketKind
 from skinnet.compiled import compiled
 
-__all__ = ["enter", "take_readings"]
+__all__ = ["read_stream_rows", "write_packets"]
 
 _EVENT, _READING = int(PacketKind.EVENT), int(PacketKind.READING)
 
 
 @compiled
-def enter(
+def write_packets(
     event_cell: NDArray[np.int64],
     modality: NDArray[np.uint8],
     channel: NDArray[np.uint8],
@@ -32,7 +32,7 @@ def enter(
     """Write packet payloads of events, then of full readings, and the cell and time of each packet.
 
     Args:
-        event_cell: (e,) cells of the events; the next five columns are those of `Emission`.
+        event_cell: (e,) cells of the events; the next five columns are those of `EncoderOutput`.
         modality: (e,) modality of the event.
         channel: (e,) channel within the modality.
         event_kind: (e,) `EventKind`: level crossing or delta.
@@ -67,8 +67,8 @@ def enter(
 
 
 @compiled
-def take_readings(
-    index: NDArray[np.int64],
+def read_stream_rows(
+    selected: NDArray[np.int64],
     packet_id: NDArray[np.int64],
     t_ns: NDArray[np.int64],
     patch: NDArray[np.int64],
@@ -80,7 +80,7 @@ def take_readings(
     """Write full readings as `STREAM_ROW` records, grouped by patch, each in order of delivery.
 
     Args:
-        index: (n,) indices of the finished packets to read.
+        selected: (n,) indices of the finished packets to read.
         packet_id: (k,) rows of the pool of all finished packets.
         t_ns: (k,) delivery times [ns].
         patch: (k,) patch of each packet's cell.
@@ -90,12 +90,12 @@ def take_readings(
         rows: (n,) out; `cell` is the index within the process, `seq` is zero.
     """
     start[:] = 0
-    for i in index:
+    for i in selected:
         start[patch[i] + 1] += 1
     for p in range(start.size - 1):
         start[p + 1] += start[p]
     fill = start.copy()
-    for i in index:
+    for i in selected:
         row = packet_id[i]
         to = fill[patch[i]]
         fill[patch[i]] += 1

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from skinnet.network.faults import FaultSpan
 
-__all__ = ["FaultTimes"]
+__all__ = ["FaultIntervals"]
 
 
-class FaultTimes:
+class FaultIntervals:
     """Fault intervals as columns: cell (index within the process), begin and end [ns].
 
     Args:
@@ -20,18 +20,18 @@ class FaultTimes:
     """
 
     def __init__(self, spans: Sequence[FaultSpan], first_cell: Mapping[str, int]) -> None:
-        cells = [first_cell[str(span.place.patch)] + (span.place.cell or 0) for span in spans]
+        cells = [first_cell[str(span.location.patch)] + (span.location.cell or 0) for span in spans]
         self.cell = np.array(cells, dtype=np.int64)
-        self.t_ns = np.array([span.t_ns for span in spans], dtype=np.int64)
-        self.until_ns = np.array([span.until_ns for span in spans], dtype=np.int64)
-        self._changes_ns = sorted({*self.t_ns.tolist(), *self.until_ns.tolist()})
-        self._between = (0, 0)
-        self._active = np.empty(0, dtype=np.int64)
+        self.begin_ns = np.array([span.t_ns for span in spans], dtype=np.int64)
+        self.end_ns = np.array([span.until_ns for span in spans], dtype=np.int64)
+        self._boundaries_ns = sorted({*self.begin_ns.tolist(), *self.end_ns.tolist()})
+        self._cached_interval = (0, 0)
+        self._cached_overlapping = np.empty(0, dtype=np.int64)
 
-    def active(self, start_ns: int, end_ns: int) -> NDArray[np.int64]:
+    def overlapping(self, start_ns: int, end_ns: int) -> NDArray[np.int64]:
         """Return the ascending indices of the faults that overlap [start_ns, end_ns)."""
-        between = bisect_right(self._changes_ns, start_ns), bisect_left(self._changes_ns, end_ns)
-        if between != self._between:
-            self._between = between
-            self._active = np.flatnonzero((self.t_ns < end_ns) & (self.until_ns > start_ns))
-        return self._active
+        between = bisect_right(self._boundaries_ns, start_ns), bisect_left(self._boundaries_ns, end_ns)
+        if between != self._cached_interval:
+            self._cached_interval = between
+            self._cached_overlapping = np.flatnonzero((self.begin_ns < end_ns) & (self.end_ns > start_ns))
+        return self._cached_overlapping

@@ -7,11 +7,11 @@ from skinnet.errors import ProtocolError
 from skinnet.messages import Topology
 from skinnet.skin.lattice import N_PORTS
 
-__all__ = ["Forest", "Member"]
+__all__ = ["ForestNode", "RoutingForest"]
 
 
 @dataclass
-class Member:
+class ForestNode:
     """Forest node of one cell, as the cell has reported it.
 
     Attributes:
@@ -31,66 +31,66 @@ class Member:
     neighbours: list[int] = field(default_factory=lambda: [0] * N_PORTS)
 
 
-class Forest:
+class RoutingForest:
     """Forest of all cells that have ever reported, by network ID, and the set of those now in the network.
 
     Attributes:
-        members: Cells by network ID.
+        nodes: Cells by network ID.
         joined: Network IDs of the cells that are in the network now.
-        told_in: Epoch of a cell's last LINKS report, by (network ID, first of two ports).
+        neighbours_epoch: Epoch of a cell's last LINKS report, by (network ID, first of two ports).
     """
 
     def __init__(self) -> None:
-        self.told_in: dict[tuple[int, int], int] = {}
-        self.members: dict[int, Member] = {}
+        self.neighbours_epoch: dict[tuple[int, int], int] = {}
+        self.nodes: dict[int, ForestNode] = {}
         self.joined: set[int] = set()
 
-    def id_of(self, uid: int) -> int:
+    def assign_id(self, uid: int) -> int:
         """Return the network ID of the cell with hardware ID `uid`; assign the next free one if it is new."""
-        known = next((i for i, member in self.members.items() if member.uid == uid), None)
+        known = next((i for i, member in self.nodes.items() if member.uid == uid), None)
         if known is not None:
             return known
-        network_id = max(self.members, default=0) + 1
-        self.members[network_id] = Member(uid)
+        network_id = max(self.nodes, default=0) + 1
+        self.nodes[network_id] = ForestNode(uid)
         return network_id
 
-    def join(self, network_id: int, gateway: int, master_port: int, parent: int, hops: int) -> bool:
+    def record_joined(self, network_id: int, gateway: int, master_port: int, parent: int, hops: int) -> bool:
         """Record the position in the forest that a cell reports (JOINED); return True if it is new."""
-        member = self.members[network_id]
+        member = self.nodes[network_id]
         now = replace(member, gateway=gateway, master_port=master_port, parent=parent, hops=hops)
         is_news = now != member or network_id not in self.joined
-        self.members[network_id] = now
+        self.nodes[network_id] = now
         self.joined.add(network_id)
         return is_news
 
-    def tell(self, network_id: int, port: int, pair: list[int], epoch: int) -> bool:
+    def record_neighbours(self, network_id: int, port: int, reported_ids: list[int], epoch: int) -> bool:
         """Record the neighbours that a cell reports at two of its ports (LINKS); return True if they are new.
 
         Reports of an earlier epoch may arrive late, over another route; they are stale and ignored.
         """
-        last = self.told_in.get((network_id, port))
+        last = self.neighbours_epoch.get((network_id, port))
         if epoch != last and not is_newer(epoch, last):
             return False
-        self.told_in[network_id, port] = epoch
-        neighbours = self.members[network_id].neighbours
-        is_news = neighbours[port : port + 2] != pair
-        neighbours[port : port + 2] = pair
+        self.neighbours_epoch[network_id, port] = epoch
+        neighbours = self.nodes[network_id].neighbours
+        is_news = neighbours[port : port + 2] != reported_ids
+        neighbours[port : port + 2] = reported_ids
         return is_news
 
-    def topology(self, patch: str, first: int, n_cells: int, version: int, t_ns: int) -> Topology:
-        """Return the topology message of one patch, whose cells have consecutive hardware IDs from `first`.
+    def topology_message(self, patch: str, first_uid: int, n_cells: int, version: int, t_ns: int) -> Topology:
+        """Return the topology message of one patch, with consecutive hardware IDs from `first_uid`.
 
         Cells that are not in the network have network ID 0, depth 0, and −1 elsewhere.
 
         Raises:
             ProtocolError: duplicate hardware IDs.
         """
-        by_uid = {self.members[i].uid: i for i in self.joined}
+        by_uid = {self.nodes[i].uid: i for i in self.joined}
         if len(by_uid) < len(self.joined):
             raise ProtocolError(f"patch {patch}: hardware numbers of cells repeat")
-        ids = [by_uid.get(first + cell, 0) for cell in range(n_cells)]
-        absent = Member(-1)
-        rows = [self.members.get(i, absent) for i in ids]
+        ids = [by_uid.get(first_uid + cell, 0) for cell in range(n_cells)]
+        absent = ForestNode(-1)
+        rows = [self.nodes.get(i, absent) for i in ids]
         return Topology(
             patch=patch,
             version=version,
@@ -98,20 +98,20 @@ class Forest:
             network_id=ids,
             gateway=[row.gateway for row in rows],
             master_port=[row.master_port for row in rows],
-            parent=[self._cell(row.parent, first, n_cells) for row in rows],
+            parent=[self._cell_index(row.parent, first_uid, n_cells) for row in rows],
             depth=[row.hops for row in rows],
-            neighbours=[[self._cell(i, first, n_cells) for i in row.neighbours] for row in rows],
+            neighbours=[[self._cell_index(i, first_uid, n_cells) for i in row.neighbours] for row in rows],
             bridged=[
-                [cell, port, self.members[i].uid]
+                [cell, port, self.nodes[i].uid]
                 for cell, row in enumerate(rows)
                 for port, i in enumerate(row.neighbours)
-                if i in self.joined and self._cell(i, first, n_cells) < 0
+                if i in self.joined and self._cell_index(i, first_uid, n_cells) < 0
             ],
         )
 
-    def _cell(self, network_id: int, first: int, n_cells: int) -> int:
+    def _cell_index(self, network_id: int, first_uid: int, n_cells: int) -> int:
         """Return the index within the patch of the cell with a network ID; −1 if it is not in the patch."""
         if network_id not in self.joined:
             return -1
-        cell = self.members[network_id].uid - first
+        cell = self.nodes[network_id].uid - first_uid
         return cell if 0 <= cell < n_cells else -1

@@ -12,18 +12,18 @@ from itertools import chain
 
 import numpy as np
 
-from cells.formation import CellFormation
-from cells.formation_gateway import GatewayFormation
-from cells.formation_packets import FormationPacket, Sends
+from cells.formation import CellAgent
+from cells.formation_gateway import GatewayAgent
+from cells.formation_packets import FormationPacket, OutgoingPackets
 from cells.packets import PacketKind, PacketPool
 from cells.wiring import Wiring
 from skinnet.messages import FOREVER_NS
-from skinnet.network.network import Network
+from skinnet.network.network import PacketNetwork
 from skinnet.network.routes import Routes
 
 __all__ = ["FormationDriver"]
 
-_Agent = CellFormation | GatewayFormation
+_Agent = CellAgent | GatewayAgent
 
 
 class FormationDriver:
@@ -40,13 +40,13 @@ class FormationDriver:
     def __init__(
         self,
         wiring: Wiring,
-        network: Network,
+        network: PacketNetwork,
         pool: PacketPool,
         *,
         reaction_ns: int,
-        resend_ns: int,
+        retransmission_timeout_ns: int,
         settle_ns: int,
-        detect_ns: int,
+        carrier_detect_ns: int,
         size_bytes: int,
     ) -> None:
         """Create the agents, all without power.
@@ -56,63 +56,64 @@ class FormationDriver:
             network: Kernel that carries the packets.
             pool: Rows of packets in flight.
             reaction_ns: Time from the arrival of a packet to the agent's answer [ns].
-            resend_ns: Retransmission timeout of a link [ns].
+            retransmission_timeout_ns: Retransmission timeout of a link [ns].
             settle_ns: Time for links to come up before the first epoch [ns].
-            detect_ns: Time from a change of carrier to its detection by the receiver [ns].
+            carrier_detect_ns: Time from a change of carrier to its detection by the receiver [ns].
             size_bytes: Size of a formation packet.
         """
         self._wiring = wiring
         self._network = network
         self._pool = pool
         self._reaction_ns = max(reaction_ns, 1)  # a reaction time of zero would leave no lookahead
-        self._resend_ns = resend_ns
-        self._detect_ns = detect_ns
+        self._retransmission_timeout_ns = retransmission_timeout_ns
+        self._carrier_detect_ns = carrier_detect_ns
         self._size_bytes = size_bytes
         self.sent = self.in_flight = 0
         n = wiring.n_cells
-        self.cells = [CellFormation(uid, resend_ns) for uid in wiring.uid_of_cell.tolist()]
+        self.cells = [CellAgent(uid, retransmission_timeout_ns) for uid in wiring.uid_of_cell.tolist()]
         self.gateways = [
-            GatewayFormation(ports, resend_ns=resend_ns, settle_ns=settle_ns) for ports in wiring.group_ports
+            GatewayAgent(ports, retransmission_timeout_ns=retransmission_timeout_ns, settle_ns=settle_ns)
+            for ports in wiring.group_ports
         ]
         self.powered = np.zeros(n, dtype=np.bool_)
-        self._lives = [0] * n
-        self._earlier = Counter[str]()  # counts of agents that a power cycle replaced
+        self._boot_count = [0] * n
+        self._replaced_counts = Counter[str]()  # counts of agents that a power cycle replaced
         self._agents: list[_Agent | None] = [None] * wiring.topology.n_nodes
         self._node_of_id: list[dict[int, int]] = [{} for _ in self.gateways]
-        for node, gateway in zip(wiring.interface.tolist(), self.gateways, strict=True):
+        for node, gateway in zip(wiring.interface_node.tolist(), self.gateways, strict=True):
             self._agents[node] = gateway
-        self._alarms: list[tuple[int, int]] = []
-        self._alarm_ns = [FOREVER_NS] * wiring.topology.n_nodes
-        self._lines: list[tuple[int, int, bool]] = []
+        self._timers: list[tuple[int, int]] = []
+        self._timer_ns = [FOREVER_NS] * wiring.topology.n_nodes
+        self._carrier_changes: list[tuple[int, int, bool]] = []
         self._outbox: list[tuple[int, int, int, int]] = []
 
-    def start(self, t_ns: int, cells: Sequence[int], links_up: Sequence[bool]) -> None:
+    def start(self, t_ns: int, cells: Sequence[int], carriers: Sequence[bool]) -> None:
         """Switch on all gateways and the given cells; carriers that are present are detected at once."""
         for cell in cells:
             self._switch_on(cell)
-        for node, gateway in zip(self._wiring.interface.tolist(), self.gateways, strict=True):
+        for node, gateway in zip(self._wiring.interface_node.tolist(), self.gateways, strict=True):
             self._send(t_ns, node, gateway.start(t_ns))
-        for link, up in enumerate(links_up):
+        for link, up in enumerate(carriers):
             if up:
-                self._hear(t_ns, link, True)
+                self._set_carrier(t_ns, link, True)
         self.flush()
 
-    def switch(self, cell: int, on: bool) -> None:
-        """Switch a cell's power; its agent loses all state. Carriers change separately (`line`)."""
+    def set_power(self, cell: int, on: bool) -> None:
+        """Switch a cell's power; its agent loses all state. Carriers change by `schedule_carrier`."""
         if on:
-            self._lives[cell] += 1
+            self._boot_count[cell] += 1
             self._switch_on(cell)
         else:
             self._agents[int(self._wiring.node_of_cell[cell])] = None
             self.powered[cell] = False
 
-    def line(self, t_ns: int, link: int, present: bool) -> None:
-        """Schedule a change of carrier on a link; its receiver detects it after `detect_ns`."""
-        heapq.heappush(self._lines, (t_ns + self._detect_ns, link, present))
+    def schedule_carrier(self, t_ns: int, link: int, present: bool) -> None:
+        """Schedule a change of carrier on a link; its receiver detects it after `carrier_detect_ns`."""
+        heapq.heappush(self._carrier_changes, (t_ns + self._carrier_detect_ns, link, present))
 
     def receive(self, t_ns: int, node: int, link: int, row: int) -> None:
         """Deliver a formation packet to the agent of `node`, which answers after its reaction time."""
-        packet: FormationPacket = self._pool.contents[row]
+        packet: FormationPacket = self._pool.objects[row]
         agent = self._agents[node]
         if agent is not None:
             port = int(self._wiring.topology.dst_port[link])
@@ -120,19 +121,19 @@ class FormationDriver:
 
     def horizon_ns(self, until_ns: int) -> int:
         """Return the lookahead horizon [ns], at most `until_ns`: no agent can send a packet before it."""
-        answer_ns = self._network.next_ns + self._reaction_ns if self.in_flight else FOREVER_NS
-        return max(self._network.now_ns, min(until_ns, answer_ns, self._next_alarm_ns()))
+        answer_ns = self._network.next_event_ns + self._reaction_ns if self.in_flight else FOREVER_NS
+        return max(self._network.now_ns, min(until_ns, answer_ns, self._next_timer_ns()))
 
-    def ring(self, t_ns: int) -> None:
+    def process_timers(self, t_ns: int) -> None:
         """Process the carrier changes, then the timers, that are due by `t_ns`."""
-        while self._lines and self._lines[0][0] <= t_ns:
-            at_ns, link, present = heapq.heappop(self._lines)
-            self._hear(at_ns, link, present)
-        while self._alarms and self._alarms[0][0] <= t_ns:
-            at_ns, node = heapq.heappop(self._alarms)
+        while self._carrier_changes and self._carrier_changes[0][0] <= t_ns:
+            at_ns, link, present = heapq.heappop(self._carrier_changes)
+            self._set_carrier(at_ns, link, present)
+        while self._timers and self._timers[0][0] <= t_ns:
+            at_ns, node = heapq.heappop(self._timers)
             agent = self._agents[node]
-            if at_ns == self._alarm_ns[node]:
-                self._alarm_ns[node] = FOREVER_NS
+            if at_ns == self._timer_ns[node]:
+                self._timer_ns[node] = FOREVER_NS
                 if agent is not None:
                     self._send(t_ns + self._reaction_ns, node, agent.on_deadline(t_ns))
         self.flush()
@@ -143,41 +144,45 @@ class FormationDriver:
             return
         t_ns, node, row, link = np.array(self._outbox, dtype=np.int64).T
         self._outbox.clear()
-        self._network.offer(t_ns, node, node, np.full(len(node), self._size_bytes), row, link)
+        self._network.enqueue(t_ns, node, node, np.full(len(node), self._size_bytes), row, link)
 
     @property
-    def repeated(self) -> int:
+    def retransmitted(self) -> int:
         """Number of retransmitted packets."""
-        return self._earlier["repeated"] + sum(agent.links.repeated for agent in self._everyone())
+        return self._replaced_counts["repeated"] + sum(
+            agent.links.retransmitted for agent in self._all_agents()
+        )
 
     @property
-    def ignored(self) -> int:
+    def dropped_packets(self) -> int:
         """Number of stale or unexpected packets that agents dropped."""
-        return self._earlier["ignored"] + sum(agent.ignored for agent in self._everyone())
+        return self._replaced_counts["ignored"] + sum(agent.dropped_packets for agent in self._all_agents())
 
-    def _everyone(self) -> Iterator[_Agent]:
+    def _all_agents(self) -> Iterator[_Agent]:
         return chain(self.cells, self.gateways)
 
     @property
-    def at_rest(self) -> bool:
+    def is_idle(self) -> bool:
         """True if no formation packet is in flight and no timer or carrier change is pending."""
-        return not self.in_flight and self._next_alarm_ns() == FOREVER_NS
+        return not self.in_flight and self._next_timer_ns() == FOREVER_NS
 
-    def _next_alarm_ns(self) -> int:
-        while self._alarms and self._alarms[0][0] != self._alarm_ns[self._alarms[0][1]]:
-            heapq.heappop(self._alarms)
-        alarm_ns = self._alarms[0][0] if self._alarms else FOREVER_NS
-        return min(alarm_ns, self._lines[0][0]) if self._lines else alarm_ns
+    def _next_timer_ns(self) -> int:
+        while self._timers and self._timers[0][0] != self._timer_ns[self._timers[0][1]]:
+            heapq.heappop(self._timers)
+        alarm_ns = self._timers[0][0] if self._timers else FOREVER_NS
+        return min(alarm_ns, self._carrier_changes[0][0]) if self._carrier_changes else alarm_ns
 
     def _switch_on(self, cell: int) -> None:
         node = int(self._wiring.node_of_cell[cell])
         uid = int(self._wiring.uid_of_cell[cell])
         before = self.cells[cell]
-        self._earlier.update(repeated=before.links.repeated, ignored=before.ignored)
-        self.cells[cell] = self._agents[node] = CellFormation(uid, self._resend_ns, self._lives[cell])
+        self._replaced_counts.update(repeated=before.links.retransmitted, ignored=before.dropped_packets)
+        self.cells[cell] = self._agents[node] = CellAgent(
+            uid, self._retransmission_timeout_ns, self._boot_count[cell]
+        )
         self.powered[cell] = True
 
-    def _hear(self, t_ns: int, link: int, present: bool) -> None:
+    def _set_carrier(self, t_ns: int, link: int, present: bool) -> None:
         topology = self._wiring.topology
         node = int(topology.dst[link])
         agent = self._agents[node]
@@ -185,17 +190,17 @@ class FormationDriver:
             sends = agent.set_carrier(int(topology.dst_port[link]), present, t_ns)
             self._send(t_ns + self._reaction_ns, node, sends)
 
-    def _send(self, t_ns: int, node: int, sends: Sends) -> None:
+    def _send(self, t_ns: int, node: int, sends: OutgoingPackets) -> None:
         agent = self._agents[node]
         assert agent is not None
-        if isinstance(agent, CellFormation) and agent.network_id:
+        if isinstance(agent, CellAgent) and agent.network_id:
             self._node_of_id[int(self._wiring.group_of_node[node])][agent.network_id] = node
         if agent.route_changes:
             self._set_routes(t_ns, node, agent)
         deadline_ns = agent.next_deadline()
-        if deadline_ns is not None and deadline_ns != self._alarm_ns[node]:
-            heapq.heappush(self._alarms, (deadline_ns, node))
-        self._alarm_ns[node] = FOREVER_NS if deadline_ns is None else deadline_ns
+        if deadline_ns is not None and deadline_ns != self._timer_ns[node]:
+            heapq.heappush(self._timers, (deadline_ns, node))
+        self._timer_ns[node] = FOREVER_NS if deadline_ns is None else deadline_ns
         links = self._wiring.link_out[node]
         wired = [
             (int(links[port]), packet) for port, packet in sends if links[port] >= 0
@@ -203,14 +208,14 @@ class FormationDriver:
         self.sent += len(wired)
         self.in_flight += len(wired)
         for link, packet in wired:
-            row = self._pool.put_content(PacketKind.FORMATION, node, packet)
+            row = self._pool.allocate_object(PacketKind.FORMATION, node, packet)
             self._outbox.append((t_ns, node, row, link))
 
     def _set_routes(self, t_ns: int, node: int, agent: _Agent) -> None:
         """Install an agent's new routes in the kernel at `t_ns`."""
         group = int(self._wiring.group_of_node[node])
         known = self._node_of_id[group]
-        interface = int(self._wiring.interface[group])
+        interface = int(self._wiring.interface_node[group])
         dest = np.array([known[i] if i else interface for i, _ in agent.route_changes], dtype=np.int64)
         link = self._wiring.link_out[node, [port for _, port in agent.route_changes]]
         agent.route_changes.clear()

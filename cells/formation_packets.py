@@ -35,10 +35,10 @@ __all__ = [
     "MAX_ID",
     "REPORTS_PER_CELL",
     "FormationPacket",
-    "Kind",
-    "Sends",
+    "FormationPacketKind",
+    "OutgoingPackets",
     "is_newer",
-    "round_trip_ns",
+    "max_round_trip_ns",
 ]
 
 ID_BITS = 14
@@ -46,10 +46,10 @@ ID_BITS = 14
 MAX_ID = 2**ID_BITS - 1
 REPORTS_PER_CELL = 1 + N_PORTS // 2
 """Reports of a cell in a cold epoch: one UNIT, and one LINKS for each two ports."""
-_EPOCHS = 2**12
+_EPOCH_MODULUS = 2**12
 
 
-class Kind(IntEnum):
+class FormationPacketKind(IntEnum):
     """Kind of a formation packet; see the table above."""
 
     HELLO = 0
@@ -59,18 +59,18 @@ class Kind(IntEnum):
     ASSIGN = 4
     IDENTITY = 5
     COLLECT = 6
-    UNIT = 7
-    LINKS = 8
-    CHANGE = 9
+    CELL_REPORT = 7
+    NEIGHBOUR_REPORT = 8
+    LINK_CHANGE = 9
     JOINED = 10
-    NEWCOMER = 11
-    ADOPT = 12
+    ID_REQUEST = 11
+    ID_GRANT = 12
 
 
 class FormationPacket(NamedTuple):
     """Formation packet, which travels over one link; `epoch` counts modulo 4096."""
 
-    kind: Kind
+    kind: FormationPacketKind
     epoch: int = 0
     cell: int = 0
     port: int = 0
@@ -90,22 +90,24 @@ class FormationPacket(NamedTuple):
             ProtocolError: not 8 bytes, or an unknown kind.
         """
         word = int.from_bytes(payload, "little")
-        if len(payload) != 8 or word & 0xF > max(Kind):
+        if len(payload) != 8 or word & 0xF > max(FormationPacketKind):
             raise ProtocolError(f"no packet of network formation: {payload.hex()}")
         cell, value = word >> 16 & MAX_ID, word >> 34 & (2**28 - 1)
-        return cls(Kind(word & 0xF), word >> 4 & 0xFFF, cell, word >> 30 & 0xF, value, word >> 62)
+        return cls(
+            FormationPacketKind(word & 0xF), word >> 4 & 0xFFF, cell, word >> 30 & 0xF, value, word >> 62
+        )
 
 
-Sends = list[tuple[int, FormationPacket]]
+OutgoingPackets = list[tuple[int, FormationPacket]]
 """Outgoing packets of a node, in order: (port, packet)."""
 
 
-def is_newer(epoch: int, than: int | None) -> bool:
-    """Compare epochs by serial-number arithmetic (RFC 1982): True if `epoch` is 1 to 2047 after `than`."""
-    return than is None or 0 < (epoch - than) % _EPOCHS < _EPOCHS // 2
+def is_newer(epoch: int, reference: int | None) -> bool:
+    """Compare epochs by serial numbers (RFC 1982): True if `epoch` is 1 to 2047 after `reference`."""
+    return reference is None or 0 < (epoch - reference) % _EPOCH_MODULUS < _EPOCH_MODULUS // 2
 
 
-def round_trip_ns(network: NetworkSpec, reaction_ns: int) -> int:
+def max_round_trip_ns(network: NetworkSpec, reaction_ns: int) -> int:
     """Return the maximum round-trip time over one link [ns], the reaction time included.
 
     Packet and answer each wait behind a full queue of the largest packets (an unbounded queue counts as 16),

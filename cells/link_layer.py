@@ -6,64 +6,64 @@ numbered, acknowledged and retransmitted (go-back-N), so that each arrives once 
 when it loses its carrier, when the peer restarts, or when acknowledgements stop.
 
 A *session* is one incarnation of one end of a link; HELLO carries its number, so that packets of an earlier
-incarnation are not accepted. No I/O: methods append outgoing packets to `out`.
+incarnation are not accepted. No I/O: methods append outgoing packets to `outgoing`.
 """
 
 from collections import deque
 from dataclasses import dataclass, field
 
-from cells.formation_packets import FormationPacket, Kind, Sends
+from cells.formation_packets import FormationPacket, FormationPacketKind, OutgoingPackets
 
 __all__ = ["LinkLayer"]
 
 _WINDOW = 3
 """Go-back-N send window [packets]: one less than the modulus of `seq`."""
-_NUMBERS = _WINDOW + 1
-_SESSIONS = 256
-_MAX_TRIES = 8
+_SEQ_MODULUS = _WINDOW + 1
+_SESSION_MODULUS = 256
+_MAX_RETRANSMISSIONS = 8
 """Retransmissions without an acknowledgement after which a link is down *(assumed)*."""
 _MAX_BACKOFF = 64
-_FAREWELLS = 3
+_DOWN_HELLOS = 3
 """HELLO packets that a port sends after losing its carrier: it cannot receive an acknowledgement."""
 
 
 @dataclass
-class _Port:
+class _PortState:
     session: int
-    peer: int | None = None
+    peer_session: int | None = None
     """Session of the peer, once received."""
     carrier: bool = False
     up: bool = False
-    expected: int = 0
+    expected_seq: int = 0
     next_seq: int = 0
     unacknowledged: deque[FormationPacket] = field(default_factory=deque)
-    waiting: deque[FormationPacket] = field(default_factory=deque)
+    send_queue: deque[FormationPacket] = field(default_factory=deque)
     timer_ns: int | None = None
-    tries: int = 0
+    retries: int = 0
 
 
 class LinkLayer:
     """Link layer of all ports of a node.
 
     Attributes:
-        out: Outgoing packets, in order; the reader empties the list.
-        changes: Link changes, in order: (port, is up); the reader empties the list.
-        repeated: Number of retransmitted packets.
+        outgoing: Outgoing packets, in order; the reader empties the list.
+        link_changes: Link changes, in order: (port, is up); the reader empties the list.
+        retransmitted: Number of retransmitted packets.
     """
 
-    def __init__(self, ports: int, resend_ns: int, life: int = 0) -> None:
+    def __init__(self, ports: int, retransmission_timeout_ns: int, boot_count: int = 0) -> None:
         """Create ports without carrier.
 
         Args:
             ports: Number of ports.
-            resend_ns: Retransmission timeout [ns].
-            life: Number of earlier power-ups of the node.
+            retransmission_timeout_ns: Retransmission timeout [ns].
+            boot_count: Number of earlier power-ups of the node.
         """
-        self.out: Sends = []
-        self.changes: list[tuple[int, bool]] = []
-        self.repeated = 0
-        self._resend_ns = resend_ns
-        self._ports = [_Port(session=16 * life % _SESSIONS) for _ in range(ports)]
+        self.outgoing: OutgoingPackets = []
+        self.link_changes: list[tuple[int, bool]] = []
+        self.retransmitted = 0
+        self._retransmission_timeout_ns = retransmission_timeout_ns
+        self._ports = [_PortState(session=16 * boot_count % _SESSION_MODULUS) for _ in range(ports)]
 
     def __len__(self) -> int:
         return len(self._ports)
@@ -87,32 +87,32 @@ class LinkLayer:
             return
         port.carrier = present
         if present:
-            port.tries = 0
-            self._greet(number, t_ns)
+            port.retries = 0
+            self._send_hello(number, t_ns)
         else:
-            self._restart(number, t_ns)
+            self._start_session(number, t_ns)
 
     def send(self, number: int, packet: FormationPacket, t_ns: int) -> None:
         """Queue `packet` for the link at a port, which must be up."""
         port = self._ports[number]
         assert port.up
-        port.waiting.append(packet)
+        port.send_queue.append(packet)
         self._fill_window(number, t_ns)
 
     def receive(self, number: int, packet: FormationPacket, t_ns: int) -> FormationPacket | None:
         """Receive a packet from a link; return it if it is the next in order, else None."""
         port = self._ports[number]
-        if packet.kind is Kind.HELLO:
+        if packet.kind is FormationPacketKind.HELLO:
             self._on_hello(number, packet.value, t_ns)
         elif not port.up:
             return None
-        elif packet.kind is Kind.ACK:
+        elif packet.kind is FormationPacketKind.ACK:
             self._on_ack(number, packet.value, t_ns)
         else:
-            is_next = packet.seq == port.expected
+            is_next = packet.seq == port.expected_seq
             if is_next:
-                port.expected = (port.expected + 1) % _NUMBERS
-            self.out.append((number, FormationPacket(Kind.ACK, value=port.expected)))
+                port.expected_seq = (port.expected_seq + 1) % _SEQ_MODULUS
+            self.outgoing.append((number, FormationPacket(FormationPacketKind.ACK, value=port.expected_seq)))
             return packet if is_next else None
         return None
 
@@ -121,73 +121,75 @@ class LinkLayer:
         for number, port in enumerate(self._ports):
             if port.timer_ns is None or port.timer_ns > t_ns:
                 continue
-            port.tries += 1
+            port.retries += 1
             if not port.up:
-                self._greet(number, t_ns)
-            elif port.tries > _MAX_TRIES:
-                self._restart(number, t_ns)
+                self._send_hello(number, t_ns)
+            elif port.retries > _MAX_RETRANSMISSIONS:
+                self._start_session(number, t_ns)
             else:
-                self.repeated += len(port.unacknowledged)
-                self.out += [(number, packet) for packet in port.unacknowledged]
-                port.timer_ns = t_ns + self._resend_ns
+                self.retransmitted += len(port.unacknowledged)
+                self.outgoing += [(number, packet) for packet in port.unacknowledged]
+                port.timer_ns = t_ns + self._retransmission_timeout_ns
 
-    def _greet(self, number: int, t_ns: int) -> None:
+    def _send_hello(self, number: int, t_ns: int) -> None:
         """Send HELLO, and schedule the next with exponential backoff while the link is not up."""
         port = self._ports[number]
-        heard = 0 if port.peer is None else 1 << 8 | port.peer
+        heard = 0 if port.peer_session is None else 1 << 8 | port.peer_session
         value = port.session | heard << 8 | port.up << 17
-        self.out.append((number, FormationPacket(Kind.HELLO, value=value)))
+        self.outgoing.append((number, FormationPacket(FormationPacketKind.HELLO, value=value)))
         if not port.up:
-            done = not port.carrier and port.tries >= _FAREWELLS - 1
-            port.timer_ns = None if done else t_ns + self._resend_ns * min(2**port.tries, _MAX_BACKOFF)
+            done = not port.carrier and port.retries >= _DOWN_HELLOS - 1
+            port.timer_ns = (
+                None if done else t_ns + self._retransmission_timeout_ns * min(2**port.retries, _MAX_BACKOFF)
+            )
 
     def _on_hello(self, number: int, value: int, t_ns: int) -> None:
         port = self._ports[number]
         session, heard, knows, peer_is_up = value & 0xFF, value >> 8 & 0xFF, value >> 16 & 1, value >> 17 & 1
-        if session != port.peer:
+        if session != port.peer_session:
             if port.up:
-                self._go_down(number)
-            port.peer, port.expected = session, 0
+                self._take_down(number)
+            port.peer_session, port.expected_seq = session, 0
         if knows and heard == port.session and port.carrier and not port.up:
-            port.up, port.tries, port.timer_ns = True, 0, None
-            self.changes.append((number, True))
+            port.up, port.retries, port.timer_ns = True, 0, None
+            self.link_changes.append((number, True))
         if not peer_is_up and port.carrier:
-            self._greet(number, t_ns)
+            self._send_hello(number, t_ns)
 
     def _on_ack(self, number: int, expected: int, t_ns: int) -> None:
         port = self._ports[number]
         n = len(port.unacknowledged)
-        acknowledged = (expected - (port.next_seq - n)) % _NUMBERS
+        acknowledged = (expected - (port.next_seq - n)) % _SEQ_MODULUS
         if not 0 < acknowledged <= n:
             return
         for _ in range(acknowledged):
             port.unacknowledged.popleft()
-        port.tries = 0
-        port.timer_ns = t_ns + self._resend_ns if port.unacknowledged else None
+        port.retries = 0
+        port.timer_ns = t_ns + self._retransmission_timeout_ns if port.unacknowledged else None
         self._fill_window(number, t_ns)
 
     def _fill_window(self, number: int, t_ns: int) -> None:
         port = self._ports[number]
-        while port.waiting and len(port.unacknowledged) < _WINDOW:
-            packet = port.waiting.popleft()._replace(seq=port.next_seq)
-            port.next_seq = (port.next_seq + 1) % _NUMBERS
+        while port.send_queue and len(port.unacknowledged) < _WINDOW:
+            packet = port.send_queue.popleft()._replace(seq=port.next_seq)
+            port.next_seq = (port.next_seq + 1) % _SEQ_MODULUS
             port.unacknowledged.append(packet)
-            self.out.append((number, packet))
+            self.outgoing.append((number, packet))
             if port.timer_ns is None:
-                port.timer_ns = t_ns + self._resend_ns
+                port.timer_ns = t_ns + self._retransmission_timeout_ns
 
-    def _restart(self, number: int, t_ns: int) -> None:
+    def _start_session(self, number: int, t_ns: int) -> None:
         """Begin a new session at this end and announce it."""
         port = self._ports[number]
         if port.up:
-            self._go_down(number)
-        port.session = (port.session + 1) % _SESSIONS
-        port.peer, port.tries = None, 0
-        self._greet(number, t_ns)
+            self._take_down(number)
+        port.session = (port.session + 1) % _SESSION_MODULUS
+        port.peer_session, port.retries = None, 0
+        self._send_hello(number, t_ns)
 
-    def _go_down(self, number: int) -> None:
+    def _take_down(self, number: int) -> None:
         port = self._ports[number]
         port.unacknowledged.clear()
-        port.waiting.clear()
-        port.up, port.expected, port.next_seq, port.tries, port.timer_ns = False, 0, 0, 0, None
-        self.changes.append((number, False))
+        port.send_queue.clear()
+        port.up, port.expected_seq, port.next_seq, port.retries, port.timer_ns = False, 0, 0, 0, None
+        self.link_changes.append((number, False))

@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 from cells.wiring import Wiring
 from skinnet.channels import Keys
 from skinnet.messages import encode
-from skinnet.network.network import Network
-from skinnet.watch_messages import LINK_INWARDS, LINK_ROW, LINK_UP, LinkLoad
+from skinnet.network.network import PacketNetwork
+from skinnet.watch_messages import LINK_INTO_CELL, LINK_ROW, LINK_UP, LinkLoad
 
-__all__ = ["LinkReport"]
+__all__ = ["LinkTelemetry"]
 
 
-class LinkReport:
+class LinkTelemetry:
     """Link telemetry of a process, grouped by patch; links of a bridge belong to the sender's patch.
 
     Args:
@@ -35,9 +35,11 @@ class LinkReport:
         self._rows = np.zeros(topology.n_links, dtype=LINK_ROW)
         self._rows["cell"] = self._cell - wiring.first_cell[patch]
         self._rows["port"] = np.where(inwards, topology.dst_port, topology.src_port)
-        self._inwards = np.where(inwards, LINK_INWARDS, 0).astype(np.uint8)
+        self._direction_flag = np.where(inwards, LINK_INTO_CELL, 0).astype(np.uint8)
 
-    def messages(self, network: Network, powered: NDArray[np.bool_], t_ns: int) -> list[tuple[str, bytes]]:
+    def messages(
+        self, network: PacketNetwork, powered: NDArray[np.bool_], t_ns: int
+    ) -> list[tuple[str, bytes]]:
         """Return keys and encoded `LinkLoad` messages of all patches.
 
         Args:
@@ -48,7 +50,7 @@ class LinkReport:
         counters = network.link_counters
         for name, column in counters._asdict().items():
             self._rows[name] = column
-        self._rows["state"] = self._inwards | np.where(network.link_up, LINK_UP, 0).astype(np.uint8)
+        self._rows["state"] = self._direction_flag | np.where(network.link_up, LINK_UP, 0).astype(np.uint8)
         rows = self._rows[self._order]
         told = []
         first_cell = self._wiring.first_cell.tolist()

@@ -4,55 +4,55 @@ from collections.abc import Iterable
 
 from skinnet.skin.lattice import N_PORTS
 
-__all__ = ["Neighbourhood"]
+__all__ = ["NeighbourTable"]
 
-_NOTHING = -1
+_UNREPORTED = -1
 
 
-class Neighbourhood:
+class NeighbourTable:
     """Neighbour table: network IDs at the ports of a cell.
 
     Attributes:
-        age: Count of cold epochs, modulo 8, for which IDs are valid; IDs of another age are void.
+        generation: Count of cold epochs, modulo 8, for which IDs are valid; IDs of another age are void.
     """
 
     def __init__(self) -> None:
-        self.age = 0
-        self._found: list[tuple[int, int] | None] = [None] * N_PORTS
-        self._told = [_NOTHING] * N_PORTS
+        self.generation = 0
+        self._entries: list[tuple[int, int] | None] = [None] * N_PORTS
+        self._reported = [_UNREPORTED] * N_PORTS
 
-    def at(self, port: int) -> int | None:
+    def id_at(self, port: int) -> int | None:
         """Return the network ID at a port; None while it is unknown or void."""
-        known = self._found[port]
-        return known[0] if known is not None and known[1] == self.age else None
+        known = self._entries[port]
+        return known[0] if known is not None and known[1] == self.generation else None
 
-    def complete(self, ports: Iterable[int]) -> bool:
+    def is_complete(self, ports: Iterable[int]) -> bool:
         """Return True if the IDs at all of these ports are known."""
-        return all(self.at(port) is not None for port in ports)
+        return all(self.id_at(port) is not None for port in ports)
 
-    def note(self, port: int, network_id: int, age: int) -> bool:
+    def update(self, port: int, network_id: int, generation: int) -> bool:
         """Record the neighbour's ID at a port; return True if the valid ID has changed."""
-        before = self.at(port)
-        self._found[port] = (network_id, age)
-        return self.at(port) != before
+        before = self.id_at(port)
+        self._entries[port] = (network_id, generation)
+        return self.id_at(port) != before
 
-    def lose(self, port: int) -> None:
+    def remove(self, port: int) -> None:
         """Remove the neighbour at a port, whose link is down."""
-        self._found[port] = None
+        self._entries[port] = None
 
-    def tell_all_again(self) -> None:
+    def mark_all_unreported(self) -> None:
         """Mark all neighbours as unreported, since earlier reports may have been lost."""
-        self._told = [_NOTHING] * N_PORTS
+        self._reported = [_UNREPORTED] * N_PORTS
 
-    def untold(self) -> list[tuple[int, int, int]]:
+    def take_unreported(self) -> list[tuple[int, int, int]]:
         """Return unreported neighbours, by pair of ports, and mark them as reported.
 
         Each entry is (first port, ID there, ID at the next port).
         """
         pairs = []
         for port in range(0, N_PORTS, 2):
-            now = [self.at(port) or 0, self.at(port + 1) or 0]
-            if now != self._told[port : port + 2]:
-                self._told[port : port + 2] = now
+            now = [self.id_at(port) or 0, self.id_at(port + 1) or 0]
+            if now != self._reported[port : port + 2]:
+                self._reported[port : port + 2] = now
                 pairs.append((port, *now))
         return pairs  # type: ignore[return-value]

@@ -15,7 +15,7 @@ from skinnet.deployment.power import PowerSpec
 from skinnet.messages import FOREVER_NS
 from skinnet.network.power import PowerGrid
 
-__all__ = ["Outage", "Transition", "outages"]
+__all__ = ["Outage", "TopologyChange", "compute_topology_changes"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Outage:
 
 
 @dataclass(frozen=True)
-class Transition:
+class TopologyChange:
     """Topology change at `t_ns` [ns]: links that go down or up, cells that lose or regain power."""
 
     t_ns: int
@@ -43,49 +43,49 @@ class Transition:
     cells_on: tuple[int, ...] = ()
 
 
-class _Schedule:
+class _NetworkState:
     """State of links and cells while the schedule is computed."""
 
-    def __init__(self, wiring: Wiring, power: PowerSpec | None, feeds: NDArray[np.int64]) -> None:
+    def __init__(self, wiring: Wiring, power: PowerSpec | None, fed_cells: NDArray[np.int64]) -> None:
         self._wiring = wiring
-        self._grid = None if power is None else PowerGrid(wiring.n_cells, wiring.skin.wires, feeds, power)
-        self._link_faults: Counter[int] = Counter()
-        self._wire_cuts: Counter[int] = Counter()
-        self._cell_faults: Counter[int] = Counter()
-        self.cell_on = np.ones(wiring.n_cells, dtype=np.bool_)
+        self._grid = None if power is None else PowerGrid(wiring.n_cells, wiring.skin.wires, fed_cells, power)
+        self._link_fault_count: Counter[int] = Counter()
+        self._wire_cut_count: Counter[int] = Counter()
+        self._cell_fault_count: Counter[int] = Counter()
+        self.powered = np.ones(wiring.n_cells, dtype=np.bool_)
         self.link_up = np.ones(wiring.topology.n_links, dtype=np.bool_)
 
-    def count(self, outage: Outage, step: int) -> None:
-        """Count an outage that begins (`step` 1) or ends (−1)."""
+    def apply(self, outage: Outage, increment: int) -> None:
+        """Count an outage that begins (`increment` 1) or ends (−1)."""
         for link in outage.links:
-            self._link_faults[link] += step
+            self._link_fault_count[link] += increment
             if outage.cuts_power:
-                self._wire_cuts[link // 2] += step
+                self._wire_cut_count[link // 2] += increment
         if outage.cell is not None:
-            self._cell_faults[outage.cell] += step
+            self._cell_fault_count[outage.cell] += increment
 
-    def settle(self, t_ns: int) -> Transition:
+    def resolve(self, t_ns: int) -> TopologyChange:
         """Compute which links are up and which cells have power at `t_ns`; return the change."""
-        cell_on = np.ones_like(self.cell_on)
-        cell_on[[cell for cell, n in self._cell_faults.items() if n]] = False
+        cell_on = np.ones_like(self.powered)
+        cell_on[[cell for cell, n in self._cell_fault_count.items() if n]] = False
         if self._grid is not None:
             wire_ok = np.ones(len(self._wiring.skin.wires), dtype=np.bool_)
-            wire_ok[[w for w, n in self._wire_cuts.items() if n and w < len(wire_ok)]] = False
+            wire_ok[[w for w, n in self._wire_cut_count.items() if n and w < len(wire_ok)]] = False
             cell_on &= ~self._grid.solve(cell_on, wire_ok).browned_out
         link_up = np.ones_like(self.link_up)
-        link_up[[link for link, n in self._link_faults.items() if n]] = False
+        link_up[[link for link, n in self._link_fault_count.items() if n]] = False
         topology = self._wiring.topology
         node_on = np.ones(topology.n_nodes, dtype=np.bool_)
         node_on[self._wiring.node_of_cell[~cell_on]] = False
         link_up &= node_on[topology.src] & node_on[topology.dst]
-        change = Transition(
+        change = TopologyChange(
             t_ns,
             links_down=_indices(self.link_up & ~link_up),
             links_up=_indices(link_up & ~self.link_up),
-            cells_off=_indices(self.cell_on & ~cell_on),
-            cells_on=_indices(cell_on & ~self.cell_on),
+            cells_off=_indices(self.powered & ~cell_on),
+            cells_on=_indices(cell_on & ~self.powered),
         )
-        self.cell_on, self.link_up = cell_on, link_up
+        self.powered, self.link_up = cell_on, link_up
         return change
 
 
@@ -93,26 +93,26 @@ def _indices(mask: NDArray[np.bool_]) -> tuple[int, ...]:
     return tuple(np.flatnonzero(mask).tolist())
 
 
-def outages(
-    wiring: Wiring, found: Iterable[Outage], power: PowerSpec | None, feeds: Sequence[int]
-) -> tuple[Transition, ...]:
+def compute_topology_changes(
+    wiring: Wiring, faults: Iterable[Outage], power: PowerSpec | None, fed_cells: Sequence[int]
+) -> tuple[TopologyChange, ...]:
     """Return all topology changes in order of time; the first, at 0, gives the initial state.
 
     Args:
         wiring: Cells and links.
-        found: Outages from faults.
+        faults: Outages from faults.
         power: Power grid; None if every cell has power.
-        feeds: Cells with a power feed.
+        fed_cells: Cells with a power feed.
     """
-    schedule = _Schedule(wiring, power, np.array(feeds, dtype=np.int64))
+    schedule = _NetworkState(wiring, power, np.array(fed_cells, dtype=np.int64))
     at: dict[int, list[tuple[Outage, int]]] = {0: []}
-    for outage in found:
+    for outage in faults:
         at.setdefault(outage.t_ns, []).append((outage, 1))
         if outage.until_ns < FOREVER_NS:
             at.setdefault(outage.until_ns, []).append((outage, -1))
     transitions = []
     for t_ns in sorted(at):
         for outage, step in at[t_ns]:
-            schedule.count(outage, step)
-        transitions.append(schedule.settle(t_ns))
+            schedule.apply(outage, step)
+        transitions.append(schedule.resolve(t_ns))
     return tuple(transitions)

@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from cells.boards_host import BoardsNode
-from cells.host import HostNode
+from cells.boards_host import BoardProcess
+from cells.host import CellProcess
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARDS, EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.schema import BOARD_PROCESS, EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.messages import STIMULUS_NAMES, Stimulus, encode
 
-__all__ = ["build", "rehearse"]
+__all__ = ["build", "warm_up"]
 
-_PERIODS = 40
+_WARM_UP_PERIODS = 40
 """Warm-up periods: more than two cells need to form their network and to stream."""
-_PATCH = PatchSpec(
+_WARM_UP_PATCH = PatchSpec(
     name="rehearsal",
     body="",
     lattice=LatticeSpec(columns=2, rows=1, origin_m=(0, 0, 0), normal=(0, 0, 1), up=(0, 1, 0)),
@@ -23,20 +23,20 @@ _PATCH = PatchSpec(
 )
 
 
-def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> HostNode | BoardsNode:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> CellProcess | BoardProcess:
     """Build the process `name` of `deployment`: of cells, or of the boards of tactile sheets."""
-    if name == BOARDS:
-        return BoardsNode(deployment, name)
-    rehearse(deployment)
-    return HostNode(deployment, name)
+    if name == BOARD_PROCESS:
+        return BoardProcess(deployment, name)
+    warm_up(deployment)
+    return CellProcess(deployment, name)
 
 
-def rehearse(deployment: Deployment) -> int:
+def warm_up(deployment: Deployment) -> int:
     """Warm up with two cells that stream; return the number of readings delivered."""
     stage = replace(
         deployment,
         hosts=1,
-        patches=(_PATCH,),
+        patches=(_WARM_UP_PATCH,),
         bridges=(),
         surfaces=(),
         sheets=(),
@@ -44,18 +44,18 @@ def rehearse(deployment: Deployment) -> int:
         power=None,
         cells=replace(deployment.cells, encoding=EncodingSpec(kind="clock")),
     )
-    node = HostNode(stage, "host0")
-    felt = np.zeros((_PATCH.n_cells, len(STIMULUS_NAMES)), dtype="<f4").tobytes()
-    node.start(_nowhere)
-    for frame in range(_PERIODS + 1):
+    node = CellProcess(stage, "host0")
+    felt = np.zeros((_WARM_UP_PATCH.n_cells, len(STIMULUS_NAMES)), dtype="<f4").tobytes()
+    node.start(_discard)
+    for frame in range(_WARM_UP_PERIODS + 1):
         t_ns = frame * stage.body.stimulus_ns
         stimulus = Stimulus(host="host0", t_ns=t_ns, covered_ns=t_ns, values=felt)
         node.accept("stimulus", ("host0",), encode(stimulus))
         if frame:
-            node.step(_nowhere)
+            node.step(_discard)
     delivered: int = node.result().facts["network"]["reading"]["delivered"]
     return delivered
 
 
-def _nowhere(_key: str, _payload: bytes) -> None:
+def _discard(_key: str, _payload: bytes) -> None:
     """Discard a message of the warm-up."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skinnet.channels import Keys
 from skinnet.loop import Put
-from skinnet.messages import Events, SkinFrame, Stream, Topology, encode
+from skinnet.messages import Events, PeriodEnd, Stream, Topology, encode
 
 __all__ = ["PatchPublisher"]
 
@@ -22,29 +22,29 @@ class PatchPublisher:
 
     def __init__(self, patch: str, keys: Keys, bundle: bool) -> None:
         self.patch = patch
-        self.version = 0
+        self.topology_version = 0
         self._bundle = bundle
         self._keys = keys
         self._stream_key = keys.of("stream", patch)
-        self._frame_key = keys.of("frame", patch)
-        self._log = hashlib.sha256()
+        self._period_end_key = keys.of("frame", patch)
+        self._log_hash = hashlib.sha256()
         self._seq = 0
-        self._events = 0
+        self._n_published = 0
 
     @property
     def log_sha256(self) -> str:
         """SHA-256 of all messages published so far, hexadecimal."""
-        return self._log.hexdigest()
+        return self._log_hash.hexdigest()
 
-    def topology(self, put: Put, topology: Topology) -> tuple[str, bytes]:
+    def publish_topology(self, put: Put, topology: Topology) -> tuple[str, bytes]:
         """Publish a topology as part of the period that ends next; return its key and payload."""
-        self.version = topology.version
-        self._events += 1
+        self.topology_version = topology.version
+        self._n_published += 1
         message = self._keys.of("topology", self.patch), encode(topology)
-        self._send(put, *message)
+        self._publish(put, *message)
         return message
 
-    def events(
+    def publish_events(
         self, put: Put, rows: NDArray[Any], gateway: NDArray[np.int64], t_ns: NDArray[np.int64]
     ) -> None:
         """Publish events in order of delivery, one message per cell, or per gateway if bundled.
@@ -57,7 +57,7 @@ class PatchPublisher:
         """
         if not len(rows):
             return
-        self._events += len(rows)
+        self._n_published += len(rows)
         seq = self._next_seq(len(rows))
         split, key_of = (gateway, self._bundle_key) if self._bundle else (rows["cell"], self._cell_key)
         order = np.argsort(split, kind="stable")
@@ -80,13 +80,13 @@ class PatchPublisher:
         for a, b in pairwise(ends):
             some = {name: column[a:b] for name, column in columns.items()}
             message = Events(patch=self.patch, gateway=ports[a], **some)
-            self._send(put, key_of(values[a]), encode(message))
+            self._publish(put, key_of(values[a]), encode(message))
 
-    def close(
+    def end_period(
         self,
         put: Put,
         t_ns: int,
-        covered_ns: int,
+        watermark_ns: int,
         stream: NDArray[Any] | None,
     ) -> None:
         """Publish the period end, alone or with the stream of the period.
@@ -94,20 +94,20 @@ class PatchPublisher:
         Args:
             put: Publishing function.
             t_ns: Begin of the period [ns].
-            covered_ns: Watermark: end of the period [ns].
+            watermark_ns: Watermark: end of the period [ns].
             stream: Full readings of the period in order of delivery, `STREAM_ROW` with cell indices within
                 this patch; sequence numbers are written here. None if no cell streams.
         """
-        events, self._events = self._events, 0
+        events, self._n_published = self._n_published, 0
         if stream is None:
-            frame = SkinFrame(patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events)
-            self._send(put, self._frame_key, encode(frame))
+            frame = PeriodEnd(patch=self.patch, t_ns=t_ns, covered_ns=watermark_ns, events=events)
+            self._publish(put, self._period_end_key, encode(frame))
             return
         stream["seq"] = self._next_seq(len(stream))
         message = Stream(
-            patch=self.patch, t_ns=t_ns, covered_ns=covered_ns, events=events, rows=stream.tobytes()
+            patch=self.patch, t_ns=t_ns, covered_ns=watermark_ns, events=events, rows=stream.tobytes()
         )
-        self._send(put, self._stream_key, encode(message))
+        self._publish(put, self._stream_key, encode(message))
 
     def _bundle_key(self, _gateway: int) -> str:
         return self._keys.of("bundle", self.patch)
@@ -119,6 +119,6 @@ class PatchPublisher:
         self._seq += n
         return np.arange(self._seq - n, self._seq, dtype=np.int64)
 
-    def _send(self, put: Put, key: str, payload: bytes) -> None:
-        self._log.update(payload)
+    def _publish(self, put: Put, key: str, payload: bytes) -> None:
+        self._log_hash.update(payload)
         put(key, payload)

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cells.formation_driver import FormationDriver
-from cells.formation_gateway import Phase
-from cells.outages import Transition
+from cells.formation_gateway import FormationPhase
+from cells.outages import TopologyChange
 from cells.wiring import Wiring
 
-__all__ = ["Recoveries", "Recovery"]
+__all__ = ["Recovery", "RecoveryLog"]
 
 
 @dataclass
@@ -33,59 +33,62 @@ class Recovery:
     lost_packets: int = 0
 
 
-class Recoveries:
+class RecoveryLog:
     """Log of the recoveries from topology changes.
 
     Attributes:
-        all: Recoveries in order of time.
+        recoveries: Recoveries in order of time.
     """
 
-    def __init__(self, wiring: Wiring, driver: FormationDriver, lost: NDArray[np.int64]) -> None:
-        """Start an empty log; `lost` (g,) is the live count of `Deliveries.lost`, by group."""
-        self.all: list[Recovery] = []
-        self._lost = lost
-        self._counted = lost.copy()
+    def __init__(self, wiring: Wiring, driver: FormationDriver, undeliverable: NDArray[np.int64]) -> None:
+        """Start an empty log; `undeliverable` (g,) is the live `Deliveries.undeliverable`, by group."""
+        self.recoveries: list[Recovery] = []
+        self._undeliverable = undeliverable
+        self._counted = undeliverable.copy()
         self._wiring = wiring
         self._driver = driver
         self._open: list[tuple[Recovery, int]] = []
 
-    def note(self, change: Transition) -> None:
+    def on_topology_change(self, change: TopologyChange) -> None:
         """Open a recovery for each group of patches that a topology change affects."""
         topology, wiring = self._wiring.topology, self._wiring
         links, cells = change.links_down + change.links_up, change.cells_off + change.cells_on
         nodes = [int(topology.src[link]) for link in links] + [int(wiring.node_of_cell[c]) for c in cells]
         for group in sorted({int(wiring.group_of_node[node]) for node in nodes}):
-            self._count(group)
+            self._attribute_losses(group)
             recovery = Recovery(group, change.t_ns)
-            self.all.append(recovery)
+            self.recoveries.append(recovery)
             self._open.append((recovery, self._driver.gateways[group].version))
 
-    def look(self, t_ns: int) -> None:
+    def update(self, t_ns: int) -> None:
         """Count lost packets, and complete the recoveries that are over by `t_ns`."""
         for group in sorted({recovery.group for recovery, _ in self._open}):
-            self._count(group)
+            self._attribute_losses(group)
         still = []
         for recovery, version in self._open:
             gateway = self._driver.gateways[recovery.group]
-            if gateway.version == version or gateway.phase not in (Phase.COMPLETE, Phase.FAILED):
+            if gateway.version == version or gateway.phase not in (
+                FormationPhase.COMPLETE,
+                FormationPhase.FAILED,
+            ):
                 still.append((recovery, version))
                 continue
             recovery.complete_ns = t_ns
-            recovery.back_ns = self._last_join_ns(recovery)
+            recovery.back_ns = self._rejoined_ns(recovery)
         self._open = still
 
-    def _count(self, group: int) -> None:
+    def _attribute_losses(self, group: int) -> None:
         """Attribute the packets a group has lost since the last call to its latest open recovery."""
         latest = next((recovery for recovery, _ in reversed(self._open) if recovery.group == group), None)
         if latest is not None:
-            latest.lost_packets += int(self._lost[group] - self._counted[group])
-        self._counted[group] = self._lost[group]
+            latest.lost_packets += int(self._undeliverable[group] - self._counted[group])
+        self._counted[group] = self._undeliverable[group]
 
-    def _last_join_ns(self, recovery: Recovery) -> int | None:
+    def _rejoined_ns(self, recovery: Recovery) -> int | None:
         """Return the last time [ns] after the change at which a cell of the group joined; None if none."""
         of_patch = self._wiring.group_of_patch[self._wiring.patch_of_cell] == recovery.group
         in_network = self._driver.gateways[recovery.group].forest
-        uids = {in_network.members[i].uid for i in in_network.joined}
+        uids = {in_network.nodes[i].uid for i in in_network.joined}
         agents = (self._driver.cells[cell] for cell in of_patch.nonzero()[0].tolist())
         joined = [a.joined_ns for a in agents if a.uid in uids and a.joined_ns is not None]
         return max((t_ns for t_ns in joined if t_ns > recovery.t_ns), default=None)

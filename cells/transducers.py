@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from skinnet.compiled import compiled
 from skinnet.deployment.schema import CellSpec
 from skinnet.errors import DeploymentError
-from skinnet.messages import FORCE_CHANNELS, READING_NAMES, STIMULUS_NAMES
-from skinnet.seeding import StreamName, gaussian, key_of, uniform
+from skinnet.messages import N_FORCE_CHANNELS, READING_NAMES, STIMULUS_NAMES
+from skinnet.seeding import StreamName, standard_normal, stream_key, uniform
 
 __all__ = [
     "STANDARD_GRAVITY_M_S2",
-    "Scales",
+    "ChannelScales",
     "TransducerState",
     "Transducers",
+    "channel_scales",
     "noise_keys",
     "phases_ns",
-    "scales",
 ]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity [m/s²], by definition (CGPM, 1901)."""
-_N = len(READING_NAMES)
+_N_CHANNELS = len(READING_NAMES)
 _PROXIMITY = STIMULUS_NAMES.index("distance_m")
 _TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
 
@@ -36,19 +36,19 @@ _TEMPERATURE = STIMULUS_NAMES.index("temperature_c")
 def noise_keys(seed: int, patch: str, n: int) -> NDArray[np.uint64]:
     """Return the noise keys (n,) of the cells of `patch`, one random stream per cell."""
     return np.array(
-        [key_of(seed, patch, cell, StreamName.SENSOR_NOISE) for cell in range(n)], dtype=np.uint64
+        [stream_key(seed, patch, cell, StreamName.SENSOR_NOISE) for cell in range(n)], dtype=np.uint64
     )
 
 
 def phases_ns(seed: int, patch: str, n: int, period_ns: int) -> NDArray[np.int64]:
     """Return the sampling phases (n,) [ns] of the cells of `patch` in [0, period_ns); clocks run freely."""
     shares = [
-        uniform(key_of(seed, patch, cell, StreamName.SAMPLING_PHASE), np.uint64(0)) for cell in range(n)
+        uniform(stream_key(seed, patch, cell, StreamName.SAMPLING_PHASE), np.uint64(0)) for cell in range(n)
     ]
     return np.array([int(share * period_ns) for share in shares], dtype=np.int64)
 
 
-class Scales(NamedTuple):
+class ChannelScales(NamedTuple):
     """Noise, quantisation and range of the channels, each (8,).
 
     `noise` (standard deviation) and `lsb` are in units of the reading; `lowest` and `highest` are the ends of
@@ -64,8 +64,8 @@ class Scales(NamedTuple):
 class TransducerState(NamedTuple):
     """Snapshot of the time-varying state of transducers; opaque, valid for the same cells."""
 
-    frame: int
-    warmth_c: NDArray[np.float64]
+    period_index: int
+    sensor_temperature_c: NDArray[np.float64]
 
 
 class Transducers:
@@ -89,71 +89,71 @@ class Transducers:
                 f"cells.proximity.reading_at_reach = {proximity.reading_at_reach}: must be below 1"
             )
         root = math.sqrt(proximity.reading_at_reach)
-        self._distance0_m = proximity.reach_m * root / (1.0 - root)
-        self._scales = scales(spec)
+        self._reference_distance_m = proximity.reach_m * root / (1.0 - root)
+        self._scales = channel_scales(spec)
         self._period_ns = spec.period_ns
-        self._rate = spec.period_ns * 1e-9 / spec.temperature.time_constant_s
+        self._lag_rate = spec.period_ns * 1e-9 / spec.temperature.time_constant_s
         self._keys = np.array(cell_keys, dtype=np.uint64)
         self._phases_ns = np.array(phases_ns, dtype=np.int64)
-        self._share = self._phases_ns / spec.period_ns
+        self._phase_fraction = self._phases_ns / spec.period_ns
         n = len(self._keys)
-        self._warmth_c = np.full(n, math.nan)
-        self._before, self._after = np.empty((n, _N)), np.empty((n, _N))
-        self._frame = -1
+        self._sensor_temperature_c = np.full(n, math.nan)
+        self._before, self._after = np.empty((n, _N_CHANNELS)), np.empty((n, _N_CHANNELS))
+        self._period_index = -1
 
-    def sample_times_ns(self, frame_index: int) -> NDArray[np.int64]:
-        """Return the sampling times (n,) [ns] of the cells in period `frame_index`."""
-        return frame_index * self._period_ns + self._phases_ns
+    def sample_times_ns(self, period_index: int) -> NDArray[np.int64]:
+        """Return the sampling times (n,) [ns] of the cells in period `period_index`."""
+        return period_index * self._period_ns + self._phases_ns
 
     def sample(
         self,
-        frame_index: int,
+        period_index: int,
         before: NDArray[np.floating],
         after: NDArray[np.floating],
         out: NDArray[np.float32],
     ) -> None:
-        """Sample all cells in period `frame_index` and write their readings into `out`.
+        """Sample all cells in period `period_index` and write their readings into `out`.
 
         Args:
-            frame_index: Index of the period; it increases from call to call, and may skip.
+            period_index: Index of the period; it increases from call to call, and may skip.
             before: Stimulus (n, 8) in `STIMULUS_NAMES` order at the start of the period.
             after: Stimulus (n, 8) at its end. In between, forces, accelerations and temperatures are linear
                 in time, and so is the *reading* of proximity (a distance may be inf).
             out: Readings (n, 8) float32 in `READING_NAMES` order.
         """
-        assert frame_index > self._frame, f"frame {frame_index} after frame {self._frame}"
+        assert period_index > self._period_index, f"frame {period_index} after frame {self._period_index}"
         assert before.shape == after.shape == out.shape == self._before.shape
         # copies, so that any dtype and read-only arrays use one compiled signature
         np.copyto(self._before, before)
         np.copyto(self._after, after)
-        warming = -math.expm1(-self._rate * (frame_index - self._frame))
-        self._frame = frame_index
+        warming = -math.expm1(-self._lag_rate * (period_index - self._period_index))
+        self._period_index = period_index
         _sample(
             self._before,
             self._after,
-            self._share,
+            self._phase_fraction,
             self._keys,
-            frame_index,
-            self._warmth_c,
+            period_index,
+            self._sensor_temperature_c,
             warming,
             self._calibration,
-            self._distance0_m,
+            self._reference_distance_m,
             *self._scales,
             out,
         )
 
     def reset(self, cells: NDArray[np.int64]) -> None:
         """Reset `cells` after a power cycle: their temperature sensors start at ambient temperature."""
-        self._warmth_c[cells] = math.nan
+        self._sensor_temperature_c[cells] = math.nan
 
     def snapshot(self) -> TransducerState:
         """Return a copy of the time-varying state."""
-        return TransducerState(self._frame, self._warmth_c.copy())
+        return TransducerState(self._period_index, self._sensor_temperature_c.copy())
 
     def restore(self, state: TransducerState) -> None:
         """Restore a snapshot of transducers of the same cells."""
-        self._frame = state.frame
-        self._warmth_c[:] = state.warmth_c
+        self._period_index = state.period_index
+        self._sensor_temperature_c[:] = state.sensor_temperature_c
 
 
 def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDArray[np.float64]:
@@ -177,7 +177,7 @@ def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDAr
     return np.array(table)
 
 
-def scales(spec: CellSpec) -> Scales:
+def channel_scales(spec: CellSpec) -> ChannelScales:
     """Return noise, quantisation and range of a cell's channels, in `READING_NAMES` order.
 
     Raises:
@@ -186,7 +186,7 @@ def scales(spec: CellSpec) -> Scales:
     force, proximity = spec.force, spec.proximity
     acceleration, temperature = spec.accelerometer, spec.temperature
     channels = (
-        (force.noise, force.lsb, 0.0, 1.0, FORCE_CHANNELS),
+        (force.noise, force.lsb, 0.0, 1.0, N_FORCE_CHANNELS),
         (proximity.noise, proximity.lsb, 0.0, 1.0, 1),
         (acceleration.noise_g, acceleration.lsb_g, -acceleration.range_g, acceleration.range_g, 3),
         (temperature.noise_c, temperature.lsb_c, temperature.min_c, temperature.max_c, 1),
@@ -195,7 +195,9 @@ def scales(spec: CellSpec) -> Scales:
     if np.any(low >= high):
         raise DeploymentError(f"cells: each sensor's range must rise; got {low.tolist()} to {high.tolist()}")
     # the tolerance keeps an end that is a whole number of steps; + 0.0 turns -0.0 into 0.0
-    return Scales(noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9))
+    return ChannelScales(
+        noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9)
+    )
 
 
 @compiled
@@ -212,9 +214,9 @@ def _force_reading(force_n: float, calibration: NDArray[np.float64]) -> float:
 
 
 @compiled
-def _proximity_reading(distance_m: float, distance0_m: float) -> float:
+def _proximity_reading(distance_m: float, reference_distance_m: float) -> float:
     """Return the proximity reading at a distance [m]: 1 at contact, 0 at infinity."""
-    share = distance0_m / (distance0_m + max(distance_m, 0.0))
+    share = reference_distance_m / (reference_distance_m + max(distance_m, 0.0))
     return share * share
 
 
@@ -222,13 +224,13 @@ def _proximity_reading(distance_m: float, distance0_m: float) -> float:
 def _sample(
     before: NDArray[np.float64],
     after: NDArray[np.float64],
-    share: NDArray[np.float64],
+    phase_fraction: NDArray[np.float64],
     keys: NDArray[np.uint64],
-    frame_index: int,
-    warmth_c: NDArray[np.float64],
-    warming: float,
+    period_index: int,
+    sensor_temperature_c: NDArray[np.float64],
+    lag_gain: float,
     calibration: NDArray[np.float64],
-    distance0_m: float,
+    reference_distance_m: float,
     noise: NDArray[np.float64],
     lsb: NDArray[np.float64],
     lowest: NDArray[np.float64],
@@ -236,23 +238,25 @@ def _sample(
     out: NDArray[np.float32],
 ) -> None:
     for cell in range(out.shape[0]):
-        for channel in range(_N):
+        for channel in range(_N_CHANNELS):
             start, end = before[cell, channel], after[cell, channel]
             if channel == _PROXIMITY:
-                start = _proximity_reading(start, distance0_m)
-                end = _proximity_reading(end, distance0_m)
-            value = start + share[cell] * (end - start)
+                start = _proximity_reading(start, reference_distance_m)
+                end = _proximity_reading(end, reference_distance_m)
+            value = start + phase_fraction[cell] * (end - start)
             if channel < _PROXIMITY:
                 value = _force_reading(value, calibration)
             elif channel == _TEMPERATURE:
-                if math.isnan(warmth_c[cell]):
-                    warmth_c[cell] = value  # ambient temperature at power-up
-                warmth_c[cell] += warming * (value - warmth_c[cell])
-                value = warmth_c[cell]
+                if math.isnan(sensor_temperature_c[cell]):
+                    sensor_temperature_c[cell] = value  # ambient temperature at power-up
+                sensor_temperature_c[cell] += lag_gain * (value - sensor_temperature_c[cell])
+                value = sensor_temperature_c[cell]
             elif channel > _PROXIMITY:
                 value /= STANDARD_GRAVITY_M_S2
             if noise[channel] > 0.0:
-                value += noise[channel] * gaussian(keys[cell], np.uint64(frame_index * _N + channel))
+                value += noise[channel] * standard_normal(
+                    keys[cell], np.uint64(period_index * _N_CHANNELS + channel)
+                )
             steps = np.floor(value / lsb[channel] + 0.5)
             if not steps > lowest[channel]:  # also for a NaN stimulus
                 steps = lowest[channel]

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.deployment.schema import NetworkSpec
-from skinnet.network.network import Network
+from skinnet.network.network import PacketNetwork
 from skinnet.network.topology import UNBOUNDED, Topology
-from skinnet.seeding import StreamName, key_of
+from skinnet.seeding import StreamName, stream_key
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import Bridge, PlacedPatch
-from skinnet.skin.whole import WholeSkin, join
+from skinnet.skin.whole import WholeSkin, join_patches
 
-__all__ = ["Wiring", "wire"]
+__all__ = ["Wiring", "wire_cells"]
 
 Ints = NDArray[np.int64]
 
@@ -33,7 +33,7 @@ class Wiring:
         first_patch: (g + 1,) index of the first patch of each group, then the number of patches.
         group_ports: (g,) number of ports of each group's interface.
         gateway_port: (p,) first port of each patch's gateways at its group's interface.
-        interface: (g,) node of each group's interface.
+        interface_node: (g,) node of each group's interface.
         node_of_cell: (cells,) node of each cell.
         uid_of_cell: (cells,) hardware ID: index of a cell within its group.
         group_of_node: (nodes,) group of each node.
@@ -45,7 +45,7 @@ class Wiring:
     first_patch: Ints
     group_ports: list[int]
     gateway_port: Ints
-    interface: Ints
+    interface_node: Ints
     node_of_cell: Ints
     uid_of_cell: Ints
     group_of_node: Ints
@@ -77,19 +77,21 @@ class Wiring:
         """Group of each patch, (p,)."""
         return np.repeat(np.arange(len(self.group_ports)), np.diff(self.first_patch))
 
-    def network(self, seed: int) -> Network:
+    def packet_network(self, seed: int) -> PacketNetwork:
         """Return the packet kernel over these nodes; random streams belong to nodes, not to the process."""
         keys = []
         for first, last in pairwise(self.first_patch.tolist()):
             group = self.patches[first:last]
             keys += [
-                key_of(seed, StreamName.NODE, patch.name, i) for patch in group for i in range(patch.n_cells)
+                stream_key(seed, StreamName.NODE, patch.name, i)
+                for patch in group
+                for i in range(patch.n_cells)
             ]
-            keys.append(key_of(seed, StreamName.NODE, group[0].name, group[0].n_cells))
-        return Network(self.topology, seed=seed, node_keys=np.array(keys, dtype=np.uint64))
+            keys.append(stream_key(seed, StreamName.NODE, group[0].name, group[0].n_cells))
+        return PacketNetwork(self.topology, seed=seed, node_keys=np.array(keys, dtype=np.uint64))
 
 
-def wire(
+def wire_cells(
     groups: Sequence[Sequence[PlacedPatch]], spec: NetworkSpec, bridges: Sequence[Bridge] = ()
 ) -> Wiring:
     """Index and wire the cells of groups of patches, with equal links.
@@ -101,7 +103,7 @@ def wire(
     """
     patches = tuple(patch for group in groups for patch in group)
     names = {patch.name for patch in patches}
-    skin = join(patches, [b for b in bridges if b.a_patch in names and b.b_patch in names])
+    skin = join_patches(patches, [b for b in bridges if b.a_patch in names and b.b_patch in names])
     first_cell, patch_of_cell, n_cells = skin.first_cell, skin.patch_of_cell, skin.n_cells
     first_patch = np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64)
     group_of_patch = np.repeat(np.arange(len(groups)), np.diff(first_patch))
@@ -132,7 +134,7 @@ def wire(
         first_patch=first_patch,
         group_ports=group_ports,
         gateway_port=gateway_port,
-        interface=interface,
+        interface_node=interface,
         node_of_cell=node_of_cell,
         uid_of_cell=uid_of_cell,
         group_of_node=np.repeat(np.arange(len(groups)), np.diff(first_node)),
@@ -148,13 +150,13 @@ def _topology(wires: Ints, n_nodes: int, interface: Ints, spec: NetworkSpec) -> 
         bits_per_s=spec.bits_per_s,
         bits_per_byte=spec.bits_per_byte,
         delay_ns=round(spec.hop_delay_us * 1e3),
-        queue_packets=_queues(wires, interface, spec.queue_packets),
+        queue_packets=_queue_capacities(wires, interface, spec.queue_packets),
         loss_probability=spec.loss,
         jitter_ns=round(spec.jitter_us * 1e3),
     )
 
 
-def _queues(wires: Ints, interface: Ints, queue_packets: int) -> Ints:
+def _queue_capacities(wires: Ints, interface: Ints, queue_packets: int) -> Ints:
     """Return the queue capacity of every link: a cell's, or unbounded if the computer sends (assumed)."""
     sender = wires[:, [0, 2]].ravel()
     return np.where(np.isin(sender, interface), UNBOUNDED, queue_packets)

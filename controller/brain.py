@@ -10,29 +10,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.drive_log import DriveLog
+from controller.drive_log import ReactionLog
 from controller.grasping.memory import LongTermMemory
-from controller.grasping.session import Session
-from controller.knowledge import Knowledge
+from controller.grasping.session import TeachAndGrasp
+from controller.knowledge import SelfModel
 from controller.offers import FORMING
-from controller.requests import Asked, Reply
-from controller.skin_input import SkinInput, SkinRows
+from controller.requests import Reply, RequestHandler
+from controller.skin_input import CellInput, CellRows
 from controller.stages import Stage, make_stage
-from controller.touch.fusion import TactilePicture
+from controller.touch.fusion import TactileState
 from controller.touch.safety import SafetyClamp, SafetyLimits
 from skinnet.deployment.schema import ControllerSpec
 from skinnet.messages import FOREVER_NS
 
-__all__ = ["Brain", "Tick"]
+__all__ = ["Controller", "TickOutput"]
 
-_PATIENCE_NS = 100_000_000
+_STREAM_TIMEOUT_NS = 100_000_000
 """Simulated time [ns] after which an ineffective stream request is repeated; an assumption."""
-_MEMORY_NS = 1_000_000_000
+_STOP_REPEAT_WINDOW_NS = 1_000_000_000
 """Simulated time [ns] after a stop request beyond which a stream counts as requested by another client."""
 _EVENT_FIELDS = ("t_sampled_ns", "modality", "channel", "kind", "level", "value")
 
 
-class Tick(NamedTuple):
+class TickOutput(NamedTuple):
     """Output of a tick: joint velocities (D,) [rad/s], and the cells whose stream is switched on or off."""
 
     velocity_rad_s: NDArray[np.float64]
@@ -40,35 +40,35 @@ class Tick(NamedTuple):
     streams_off: NDArray[np.int64]
 
 
-class Brain:
+class Controller:
     """Controller core: tactile state, stage program and safety clamp.
 
     Args:
-        control: Program, stages and limits.
-        skin: Input of the events and streams of all patches.
+        spec: Program, stages and limits.
+        cell_input: Input of the events and streams of all patches.
         n_cells: S, over all patches.
     """
 
-    def __init__(self, control: ControllerSpec, skin: SkinInput, n_cells: int) -> None:
-        self.skin = skin
-        self.knowledge = Knowledge(cut=control.map.cut)
-        self.memory = LongTermMemory(None, self.knowledge)
+    def __init__(self, spec: ControllerSpec, cell_input: CellInput, n_cells: int) -> None:
+        self.cell_input = cell_input
+        self.self_model = SelfModel(min_row_norm=spec.map.cut)
+        self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""
-        self.picture = TactilePicture(n_cells)
-        self.sessions: list[Session] = []
+        self.tactile_state = TactileState(n_cells)
+        self.teach_and_grasp_stages: list[TeachAndGrasp] = []
         self.stage_log: list[tuple[str, int]] = []
-        self.drives = DriveLog()
-        self._control = control
+        self.reaction_log = ReactionLog()
+        self._spec = spec
         self._n_cells = n_cells
         self._clamp: SafetyClamp | None = None
         self._home_rad = np.zeros(0)
-        self._program = list(control.program)
-        self._name = ""
+        self._program = list(spec.program)
+        self._stage_name = ""
         self._stage: Stage | None = None
         self._streaming = np.zeros(n_cells, dtype=np.bool_)
-        self._asked_ns = np.full(n_cells, -FOREVER_NS)
-        self._heard_ns = np.full(n_cells, -FOREVER_NS)
-        self.asked_again = 0
+        self._last_stream_request_ns = np.full(n_cells, -FOREVER_NS)
+        self._last_stream_ns = np.full(n_cells, -FOREVER_NS)
+        self.repeated_stream_requests = 0
         """Number of stream requests that were repeated because they had no effect."""
 
     @property
@@ -79,8 +79,8 @@ class Brain:
     @property
     def stage(self) -> str:
         """Name of the current stage, followed by a dot and its state if the stage has states."""
-        label = self._stage.label if self._stage is not None else ""
-        return f"{self._name}.{label}" if label else self._name
+        label = self._stage.state_name if self._stage is not None else ""
+        return f"{self._stage_name}.{label}" if label else self._stage_name
 
     @property
     def state(self) -> str:
@@ -88,9 +88,9 @@ class Brain:
         return self.stage or FORMING
 
     @property
-    def why(self) -> str:
+    def reason(self) -> str:
         """Event that led to the state of the current stage; empty without one."""
-        return self._stage.why if self._stage is not None else ""
+        return self._stage.reason if self._stage is not None else ""
 
     @property
     def progress(self) -> float:
@@ -98,35 +98,35 @@ class Brain:
         return self._stage.progress if self._stage is not None else float(self.done)
 
     @property
-    def felt(self) -> NDArray[np.float64] | None:
+    def tactile_input(self) -> NDArray[np.float64] | None:
         """Tactile input (S, 4) of the last tick's reaction; None without reactions."""
-        return self._stage.felt if self._stage is not None else None
+        return self._stage.tactile_input if self._stage is not None else None
 
     @property
-    def safety(self) -> SafetyClamp | None:
+    def safety_clamp(self) -> SafetyClamp | None:
         """Safety clamp; None before the first tick."""
         return self._clamp
 
-    def see_cells(self, cells: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
+    def update_presence(self, cells: NDArray[np.int64], present: NDArray[np.bool_]) -> None:
         """Update the network membership of cells (n,); absent cells read zero until they rejoin.
 
         Args:
             cells: (n,) cell indices through all patches.
             present: (n,) membership of each.
         """
-        gone, back = cells[~present], cells[present & ~self.picture.found[cells]]
-        self.picture.set_found(gone, False)
-        self.picture.set_found(back, True)
+        gone, back = cells[~present], cells[present & ~self.tactile_state.present[cells]]
+        self.tactile_state.set_present(gone, False)
+        self.tactile_state.set_present(back, True)
         self._streaming[gone] = False
 
-    def ask(self, t_ns: int, what: str, argument: str) -> Reply:
+    def handle_request(self, t_ns: int, name: str, argument: str) -> Reply:
         """Pass a request to the current stage, or refuse it, before the tick at `t_ns`."""
         stage = self._stage
         if stage is not None:
-            if isinstance(stage, Asked):
-                reply = stage.ask(t_ns, what, argument)
+            if isinstance(stage, RequestHandler):
+                reply = stage.handle_request(t_ns, name, argument)
                 return reply._replace(state=self.state)
-            why = f"stage {self._name!r} takes no requests"
+            why = f"stage {self._stage_name!r} takes no requests"
         elif self.done:
             why = "the program is over"
         else:
@@ -141,8 +141,8 @@ class Brain:
         t_skin_ns: int,
         *,
         ready: bool,
-        outside_rad_s: NDArray[np.float64] | None = None,
-    ) -> tuple[Tick, SkinRows, SkinRows]:
+        external_rad_s: NDArray[np.float64] | None = None,
+    ) -> tuple[TickOutput, CellRows, CellRows]:
         """Compute one control period.
 
         Args:
@@ -151,81 +151,83 @@ class Brain:
             t_joints_ns: Time at which they were measured.
             t_skin_ns: Lowest watermark of all patches.
             ready: True once the skin's network is formed and the program may begin.
-            outside_rad_s: (D,) finite velocities that an external client adds to a running program; if any.
+            external_rad_s: (D,) finite velocities that an external client adds to a running program; if any.
 
         Returns:
             The tick's output, and the events and full readings of this tick in the order of delivery.
         """
         if self._clamp is None:
             self._home_rad = position_rad.copy()
-            self._clamp = SafetyClamp(_limits(self._control), len(position_rad), self._control.period_ns)
-        events, stream = self.skin.take(t_ns)
-        self._feel(events, stream)
+            self._clamp = SafetyClamp(_safety_limits(self._spec), len(position_rad), self._spec.period_ns)
+        events, stream = self.cell_input.take_delivered(t_ns)
+        self._fuse_input(events, stream)
         if ready:
-            self._turn_page(t_ns)
+            self._advance_program(t_ns)
         wanted = np.zeros(len(position_rad))
         if ready and self._stage is not None:
-            wanted = self._stage.step(t_ns, position_rad, self.picture)
+            wanted = self._stage.step(t_ns, position_rad, self.tactile_state)
             if (thresholds := self._stage.thresholds) is not None:
-                self.drives.add(t_ns, len(self.stage_log) - 1, events, stream, thresholds)
-            if outside_rad_s is not None:
-                wanted = wanted + outside_rad_s
+                self.reaction_log.add(t_ns, len(self.stage_log) - 1, events, stream, thresholds)
+            if external_rad_s is not None:
+                wanted = wanted + external_rad_s
         velocity = self._clamp.clamp(t_ns, wanted, position_rad, t_joints_ns, t_skin_ns)
-        return Tick(velocity, *self._switch_streams(t_ns)), events, stream
+        return TickOutput(velocity, *self._switch_streams(t_ns)), events, stream
 
-    def _feel(self, events: SkinRows, stream: SkinRows) -> None:
+    def _fuse_input(self, events: CellRows, stream: CellRows) -> None:
         cell, rows = events
         if len(cell):
-            self.picture.apply_events(cell, *(rows[name] for name in _EVENT_FIELDS))
+            self.tactile_state.apply_events(cell, *(rows[name] for name in _EVENT_FIELDS))
         cell, rows = stream
         if len(cell):
-            self.picture.apply_stream(cell, rows["t_sampled_ns"], rows["values"])
-            self._heard_ns[cell] = rows["t_delivered_ns"]
+            self.tactile_state.apply_stream(cell, rows["t_sampled_ns"], rows["values"])
+            self._last_stream_ns[cell] = rows["t_delivered_ns"]
             if self._stage is not None:
-                self._stage.take(stream)
+                self._stage.add_readings(stream)
 
-    def _turn_page(self, t_ns: int) -> None:
+    def _advance_program(self, t_ns: int) -> None:
         """Finish the current stage if it is done, and start the next."""
         if self._stage is not None and self._stage.done:
             self._stage.finish(t_ns)
             self._stage = None
         if self._stage is None and self._program:
-            self._name = self._program.pop(0)
-            self.stage_log.append((self._name, t_ns))
+            self._stage_name = self._program.pop(0)
+            self.stage_log.append((self._stage_name, t_ns))
             self._stage = make_stage(
-                self._control.stages[self._name],
-                self._control,
-                self.knowledge,
+                self._spec.stages[self._stage_name],
+                self._spec,
+                self.self_model,
                 self.memory,
-                self.picture,
+                self.tactile_state,
                 t_ns=t_ns,
                 n_cells=self._n_cells,
                 home_rad=self._home_rad,
             )
-            if isinstance(self._stage, Session):
-                self.sessions.append(self._stage)
+            if isinstance(self._stage, TeachAndGrasp):
+                self.teach_and_grasp_stages.append(self._stage)
 
     def _switch_streams(self, t_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         stage = self._stage
         wanted = np.zeros(self._n_cells, dtype=np.bool_)
-        if stage is not None and stage.wants_stream:
+        if stage is not None and stage.needs_stream:
             wanted[:] = True
         elif stage is not None and stage.gains is not None:
-            wanted = self.picture.streams_wanted(t_ns, stage.gains)
-        wanted &= self.picture.found
+            wanted = self.tactile_state.cells_to_stream(t_ns, stage.gains)
+        wanted &= self.tactile_state.present
         on, off = wanted & ~self._streaming, self._streaming & ~wanted
-        since_ns = self._heard_ns - self._asked_ns
-        overdue = t_ns - np.maximum(self._asked_ns, self._heard_ns) > _PATIENCE_NS
+        since_ns = self._last_stream_ns - self._last_stream_request_ns
+        overdue = t_ns - np.maximum(self._last_stream_request_ns, self._last_stream_ns) > _STREAM_TIMEOUT_NS
         silent = wanted & self._streaming & overdue
-        talking = ~wanted & ~self._streaming & (since_ns > _PATIENCE_NS) & (since_ns < _MEMORY_NS)
-        self.asked_again += int(silent.sum() + talking.sum())
+        talking = (
+            ~wanted & ~self._streaming & (since_ns > _STREAM_TIMEOUT_NS) & (since_ns < _STOP_REPEAT_WINDOW_NS)
+        )
+        self.repeated_stream_requests += int(silent.sum() + talking.sum())
         on, off = on | silent, off | talking
         self._streaming = wanted
-        self._asked_ns[on | off] = t_ns
+        self._last_stream_request_ns[on | off] = t_ns
         return np.flatnonzero(on), np.flatnonzero(off)
 
 
-def _limits(control: ControllerSpec) -> SafetyLimits:
+def _safety_limits(control: ControllerSpec) -> SafetyLimits:
     safety = control.safety
     stale_ns = round(safety.stale_ms * 1e6)
     return SafetyLimits(

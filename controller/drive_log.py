@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.skin_input import SkinRows
+from controller.skin_input import CellRows
 from controller.touch.fusion import COLUMNS
 from skinnet.messages import Modality
 
-__all__ = ["DRIVE", "DriveLog"]
+__all__ = ["REACTION_ROW", "ReactionLog"]
 
-DRIVE = np.dtype(
+REACTION_ROW = np.dtype(
     [
         ("t_sampled_ns", np.int64),
         ("t_delivered_ns", np.int64),
@@ -26,7 +26,7 @@ DRIVE = np.dtype(
 _FIRST_COLUMN = np.array([COLUMNS[modality].start for modality in Modality])
 
 
-class DriveLog:
+class ReactionLog:
     """Log of the event and stream samples that trigger tactile reactions."""
 
     def __init__(self) -> None:
@@ -34,31 +34,36 @@ class DriveLog:
 
     @property
     def rows(self) -> NDArray[Any]:
-        """All logged samples, (n,) `DRIVE`."""
-        return np.concatenate(self._rows) if self._rows else np.zeros(0, dtype=DRIVE)
+        """All logged samples, (n,) `REACTION_ROW`."""
+        return np.concatenate(self._rows) if self._rows else np.zeros(0, dtype=REACTION_ROW)
 
     def add(
-        self, tick_ns: int, stage: int, events: SkinRows, stream: SkinRows, thresholds: NDArray[np.float64]
+        self,
+        tick_ns: int,
+        stage_index: int,
+        events: CellRows,
+        stream: CellRows,
+        thresholds: NDArray[np.float64],
     ) -> None:
         """Add the samples of a tick above `thresholds` (S, 4), which are inf where the gain is zero."""
         channels = thresholds.shape[1]
         if len(stream.cell):
             above = stream.rows["values"][:, :channels] > thresholds[stream.cell]
             row, channel = np.nonzero(above)
-            self._append(tick_ns, stage, stream.cell[row], channel, stream.rows[row])
+            self._append(tick_ns, stage_index, stream.cell[row], channel, stream.rows[row])
         if len(events.cell):
             column = _FIRST_COLUMN[events.rows["modality"]] + events.rows["channel"]
             index = np.flatnonzero(column < channels)
             cell, column = events.cell[index], column[index]
             driving = events.rows["value"][index] > thresholds[cell, column]
-            self._append(tick_ns, stage, cell[driving], column[driving], events.rows[index[driving]])
+            self._append(tick_ns, stage_index, cell[driving], column[driving], events.rows[index[driving]])
 
     def _append(
         self, tick_ns: int, stage: int, cell: NDArray[np.int64], channel: NDArray[Any], rows: NDArray[Any]
     ) -> None:
         if not len(cell):
             return
-        log = np.empty(len(cell), dtype=DRIVE)
+        log = np.empty(len(cell), dtype=REACTION_ROW)
         log["t_sampled_ns"], log["t_delivered_ns"] = rows["t_sampled_ns"], rows["t_delivered_ns"]
         log["tick_ns"], log["stage"], log["cell"], log["channel"] = tick_ns, stage, cell, channel
         self._rows.append(log)

@@ -7,29 +7,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.selforganisation.map_exploration import Deflections
-from controller.selforganisation.sensory_motor_map import SensoryMotorMap, fuse, normal_weights
-from controller.selforganisation.structure import Structure
+from controller.selforganisation.sensory_motor_map import SensoryMotorMap, fuse_with_activity, normal_weights
+from controller.selforganisation.structure import KinematicStructure
 
-__all__ = ["Knowledge"]
+__all__ = ["SelfModel"]
 
 
 @dataclass
-class Knowledge:
+class SelfModel:
     """Self-model acquired by exploration and by teaching, without a given robot model.
 
     Attributes:
-        cut: Norm of the fused map row below which a cell cannot move along its normal.
+        min_row_norm: Norm of the fused map row below which a cell cannot move along its normal.
         structure: Kinematic structure from structural exploration; None before.
-        map: Sensory-motor maps by pose.
+        sensory_motor_map: Sensory-motor maps by pose.
         map_problems: Measurements that the exploration of the map lacks, one line each.
         poses: Key poses by name, positions (D,) [rad].
         areas: Touch areas by label, cell indices (n,) in ascending order.
         parameters: Tuned state parameters by name.
     """
 
-    cut: float
-    structure: Structure | None = None
-    map: SensoryMotorMap = field(default_factory=SensoryMotorMap)
+    min_row_norm: float
+    structure: KinematicStructure | None = None
+    sensory_motor_map: SensoryMotorMap = field(default_factory=SensoryMotorMap)
     map_problems: tuple[str, ...] = ()
     poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     areas: dict[str, NDArray[np.int64]] = field(default_factory=dict)
@@ -49,8 +49,11 @@ class Knowledge:
                 "problems": structure.problems,
             }
             arrays["activity"] = structure.activity
-        if len(self.map):
-            arrays |= {"map_pose_rad": self.map.poses_rad, "map": self.map.weights}
+        if len(self.sensory_motor_map):
+            arrays |= {
+                "map_pose_rad": self.sensory_motor_map.poses_rad,
+                "map": self.sensory_motor_map.weights,
+            }
         return facts, arrays
 
     def activity(self, n_cells: int, n_dofs: int) -> NDArray[np.bool_]:
@@ -59,15 +62,18 @@ class Knowledge:
             return np.ones((n_cells, n_dofs), dtype=np.bool_)
         return self.structure.activity
 
-    def learn_map(self, found: Deflections) -> None:
+    def add_map(self, deflections: Deflections) -> None:
         """Add the map of an explored pose, fused with the activity matrix: equation (3) of [M14]."""
-        weights = normal_weights(found.deflection_m)
-        self.map_problems += found.problems
-        self.map.add(found.pose_rad, fuse(self.activity(*weights.shape), weights, self.cut))
+        weights = normal_weights(deflections.deflection_m)
+        self.map_problems += deflections.problems
+        self.sensory_motor_map.add(
+            deflections.pose_rad,
+            fuse_with_activity(self.activity(*weights.shape), weights, self.min_row_norm),
+        )
 
-    def learn_pose(self, name: str, found: Deflections) -> None:
+    def add_pose(self, name: str, deflections: Deflections) -> None:
         """Add a key pose with its map; replace an older pose of the same name."""
         if name in self.poses:
-            self.map.forget(self.poses[name])
-        self.poses[name] = found.pose_rad
-        self.learn_map(found)
+            self.sensory_motor_map.remove(self.poses[name])
+        self.poses[name] = deflections.pose_rad
+        self.add_map(deflections)

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
 from skinnet.messages import decode
-from skinnet.outside_messages import Velocity
+from skinnet.outside_messages import ExternalVelocity
 
-__all__ = ["OutsideVelocity"]
+__all__ = ["ExternalVelocityInput"]
 
-_FRESH_NS = 100_000_000
+_VALIDITY_NS = 100_000_000
 """Simulated time [ns] for which an external velocity is valid; an assumption."""
 
 
-class OutsideVelocity:
+class ExternalVelocityInput:
     """External velocity command, if the deployment allows it; an invalid message cancels it.
 
     Args:
@@ -27,27 +27,27 @@ class OutsideVelocity:
     def __init__(self, allowed: bool, n_dofs: int, counters: Counter[str]) -> None:
         self._allowed, self._n_dofs, self._counters = allowed, n_dofs, counters
         self._velocity_rad_s = np.zeros(n_dofs)
-        self._until_ns = -1
+        self._valid_until_ns = -1
 
-    def take(self, t_ns: int, payload: bytes) -> None:
+    def accept(self, t_ns: int, payload: bytes) -> None:
         """Accept a velocity message before the tick at `t_ns`.
 
         Raises:
             ProtocolError: the message is malformed, not allowed, of the wrong length or not finite.
         """
-        self._until_ns = -1
+        self._valid_until_ns = -1
         if not self._allowed:
             raise ProtocolError(
                 "this run takes no velocities; start it with controller.outside_velocity=true"
             )
-        wanted = np.array(decode(payload, Velocity).velocity_rad_s, dtype=np.float64)
+        wanted = np.array(decode(payload, ExternalVelocity).velocity_rad_s, dtype=np.float64)
         if len(wanted) != self._n_dofs:
             raise ProtocolError(f"velocities of {len(wanted)} joints; this run has {self._n_dofs}")
         if not np.isfinite(wanted).all():
             raise ProtocolError("joint velocities that are not finite")
         self._counters["velocities_from_outside"] += 1
-        self._velocity_rad_s, self._until_ns = wanted, t_ns + _FRESH_NS
+        self._velocity_rad_s, self._valid_until_ns = wanted, t_ns + _VALIDITY_NS
 
     def at(self, t_ns: int) -> NDArray[np.float64] | None:
         """Return the velocities (D,) [rad/s] to add at the tick at `t_ns`; None without fresh ones."""
-        return self._velocity_rad_s if t_ns < self._until_ns else None
+        return self._velocity_rad_s if t_ns < self._valid_until_ns else None

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.touch.fusion import TactilePicture
+from controller.touch.fusion import TactileState
 
 __all__ = ["PatchTrace"]
 
@@ -16,25 +16,25 @@ class PatchTrace:
     """Trace of the controller's newest readings, reduced to the maximum of each patch.
 
     Args:
-        sizes: Number of cells of each patch, by name, in order.
+        cell_counts: Number of cells of each patch, by name, in order.
     """
 
-    def __init__(self, sizes: dict[str, int]) -> None:
-        self._first = np.cumsum([0, *sizes.values()])[:-1]
-        self._n_patches = len(sizes)
+    def __init__(self, cell_counts: dict[str, int]) -> None:
+        self._first_cell = np.cumsum([0, *cell_counts.values()])[:-1]
+        self._n_patches = len(cell_counts)
         self._t_ns: list[int] = []
-        self._felt: list[NDArray[np.float32]] = []
+        self._readings: list[NDArray[np.float32]] = []
 
-    def add(self, t_ns: int, picture: TactilePicture) -> None:
+    def add(self, t_ns: int, tactile_state: TactileState) -> None:
         """Add the readings of a tick."""
-        touch = picture.touch(t_ns)
+        touch = tactile_state.reaction_readings(t_ns)
         felt = np.column_stack([touch[:, _FORCE].max(axis=1), touch[:, _PROXIMITY]])
         self._t_ns.append(t_ns)
-        self._felt.append(np.maximum.reduceat(felt, self._first, axis=0).astype(np.float32))
+        self._readings.append(np.maximum.reduceat(felt, self._first_cell, axis=0).astype(np.float32))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return times (n,) and largest force and proximity readings (n, P, 2)."""
         return {
             "patch_t_ns": np.array(self._t_ns, dtype=np.int64),
-            "patch_felt": np.array(self._felt, dtype=np.float32).reshape(-1, self._n_patches, 2),
+            "patch_felt": np.array(self._readings, dtype=np.float32).reshape(-1, self._n_patches, 2),
         }

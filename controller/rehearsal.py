@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from controller.brain import Brain
-from controller.skin_input import SkinInput
+from controller.brain import Controller
+from controller.skin_input import CellInput
 from skinnet.deployment import Deployment
 from skinnet.messages import STREAM_ROW, Events, Stream
 
-__all__ = ["rehearse"]
+__all__ = ["warm_up"]
 
 
-def rehearse(deployment: Deployment) -> None:
+def warm_up(deployment: Deployment) -> None:
     """Call the compiled functions once: loading their code takes half a second."""
-    skin = SkinInput({"none": 1})
+    skin = CellInput({"none": 1})
     one = [0]
     events = Events(
         patch="none", gateway=0, cell=one, t_sampled_ns=one, t_delivered_ns=one, seq=one,
@@ -22,4 +22,4 @@ def rehearse(deployment: Deployment) -> None:
     rows = np.zeros(1, dtype=STREAM_ROW).tobytes()
     skin.add_stream("none", Stream(patch="none", t_ns=0, covered_ns=0, events=0, rows=rows))
     still = np.zeros(len(deployment.body.joints))
-    Brain(deployment.controller, skin, 1).tick(1, still, 1, 1, ready=False)
+    Controller(deployment.controller, skin, 1).tick(1, still, 1, 1, ready=False)

@@ -13,11 +13,11 @@ import msgspec
 from skinnet.channels import Keys
 from skinnet.messages import Answer, Request, encode
 
-__all__ = ["Asked", "Reply", "Requests"]
+__all__ = ["Reply", "RequestHandler", "RequestQueue"]
 
-_MOST_WAITING = 64
-_MOST_PER_TICK = 8
-_MOST_KEPT = 10_000
+_MAX_PENDING = 64
+_MAX_PER_TICK = 8
+_MAX_LOGGED = 10_000
 """Number of requests listed in the facts of a run; all are counted."""
 
 
@@ -30,14 +30,14 @@ class Reply(NamedTuple):
 
 
 @runtime_checkable
-class Asked(Protocol):
+class RequestHandler(Protocol):
     """Stage that takes requests."""
 
-    def ask(self, t_ns: int, what: str, argument: str) -> Reply:
+    def handle_request(self, t_ns: int, name: str, argument: str) -> Reply:
         """Handle a request at `t_ns`, or refuse it and change nothing."""
 
 
-class Requests:
+class RequestQueue:
     """Queue of pending requests, and of answers that are not sent yet.
 
     Args:
@@ -50,22 +50,22 @@ class Requests:
         """Handled requests: time of the tick [ns], request, argument, accepted."""
         self._answer_key = keys.of("answer")
         self._counters = counters
-        self._waiting: deque[tuple[str, Request]] = deque()
+        self._pending: deque[tuple[str, Request]] = deque()
         self._answers: list[tuple[str, bytes]] = []
 
     @property
-    def answers(self) -> tuple[tuple[str, bytes], ...]:
-        """Answers not yet published to observers: those since the last call of `news`."""
+    def pending_answers(self) -> tuple[tuple[str, bytes], ...]:
+        """Answers not yet published to observers: those since the last call of `take_answers`."""
         return tuple(self._answers)
 
-    def add(self, what: str, request: Request) -> None:
+    def add(self, name: str, request: Request) -> None:
         """Queue a request, or drop it if the queue is full.
 
         The launcher's request server bounds open requests; clients that bypass it may be dropped.
         """
         self._counters["requests_from_outside"] += 1
-        if len(self._waiting) < _MOST_WAITING:
-            self._waiting.append((what, request))
+        if len(self._pending) < _MAX_PENDING:
+            self._pending.append((name, request))
         else:
             self._counters["dropped_requests"] += 1
 
@@ -80,18 +80,18 @@ class Requests:
             The accepted requests for the log hash, empty without any; a refused request changes nothing.
         """
         accepted = []
-        for _ in range(min(_MOST_PER_TICK, len(self._waiting))):
-            what, request = self._waiting.popleft()
+        for _ in range(min(_MAX_PER_TICK, len(self._pending))):
+            what, request = self._pending.popleft()
             reply = ask(t_ns, what, request.argument)
             answer = Answer(id=request.id, t_ns=t_ns, **reply._asdict())
             self._answers.append((self._answer_key, encode(answer)))
-            if len(self.log) < _MOST_KEPT:
+            if len(self.log) < _MAX_LOGGED:
                 self.log.append((t_ns, what, request.argument, reply.accepted))
             if reply.accepted:
                 accepted.append((t_ns, what, request.argument))
         return msgspec.msgpack.encode(accepted) if accepted else b""
 
-    def news(self) -> list[tuple[str, bytes]]:
+    def take_answers(self) -> list[tuple[str, bytes]]:
         """Return the answers since the last call, for observers."""
         news, self._answers = self._answers, []
         return news

@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 
 from skinnet.compiled import compiled
 from skinnet.errors import ProtocolError
-from skinnet.messages import FORCE_CHANNELS, STREAM_ROW, Events, Stream
+from skinnet.messages import N_FORCE_CHANNELS, STREAM_ROW, Events, Stream
 
-__all__ = ["EVENT_ROW", "SkinInput", "SkinRows"]
+__all__ = ["EVENT_ROW", "CellInput", "CellRows"]
 
 _EVENT_COLUMNS = ("t_sampled_ns", "t_delivered_ns", "seq", "cell", "modality", "channel", "kind", "level")
 _N_COLUMNS = len(_EVENT_COLUMNS)
 EVENT_ROW = np.dtype([(name, np.int64) for name in (*_EVENT_COLUMNS, "gateway")] + [("value", np.float64)])
 """Event row, with the cell's index within its patch."""
-_CHANNELS = (FORCE_CHANNELS, 1, 3, 1)
+_CHANNEL_COUNTS = (N_FORCE_CHANNELS, 1, 3, 1)
 """Number of channels of each modality."""
-_U2_PER_ROW = STREAM_ROW.itemsize // 2
-_U2_OF_CELL = STREAM_ROW.fields["cell"][1] // 2  # type: ignore[index]
+_UINT16_PER_ROW = STREAM_ROW.itemsize // 2
+_UINT16_OFFSET_OF_CELL = STREAM_ROW.fields["cell"][1] // 2  # type: ignore[index]
 
 
-class SkinRows(NamedTuple):
+class CellRows(NamedTuple):
     """Events (`EVENT_ROW`) or full readings (`STREAM_ROW`) in the order of delivery.
 
     `cell` (n,) is the index through all patches; `rows["cell"]` the index within its patch.
@@ -38,45 +38,47 @@ class SkinRows(NamedTuple):
     rows: NDArray[Any]
 
 
-class SkinInput:
+class CellInput:
     """Input buffer of the events and streams of all patches.
 
     A message is checked and buffered on arrival, as there are tens of thousands a second; rows are unpacked
     and sorted once a tick.
 
     Args:
-        sizes: Number of cells of each patch, by name, in order.
+        cell_counts: Number of cells of each patch, by name, in order.
     """
 
-    def __init__(self, sizes: dict[str, int]) -> None:
-        self._first = np.cumsum([0, *sizes.values()])
-        self._sizes = sizes
-        self._patch = {patch: i for i, patch in enumerate(sizes)}
-        self._events = _Ordered(EVENT_ROW)
-        self._stream = _Ordered(STREAM_ROW)
-        self._received = np.zeros(len(sizes), dtype=np.int64)
-        self._newest_seq = np.full(len(sizes), -1)
-        self._forget()
+    def __init__(self, cell_counts: dict[str, int]) -> None:
+        self._first_cell = np.cumsum([0, *cell_counts.values()])
+        self._cell_counts = cell_counts
+        self._patch_index = {patch: i for i, patch in enumerate(cell_counts)}
+        self._events = _DeliveryBuffer(EVENT_ROW)
+        self._stream = _DeliveryBuffer(STREAM_ROW)
+        self._received_counts = np.zeros(len(cell_counts), dtype=np.int64)
+        self._newest_seq = np.full(len(cell_counts), -1)
+        self._clear()
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._integers, self._values = array("q"), array("d")
         self._streams: list[bytes] = []
         self._stream_patch: list[int] = []
 
     @property
     def received(self) -> int:
-        """Number of events and full readings received until the last `take`."""
-        return int(self._received.sum())
+        """Number of events and full readings received until the last `take_due`."""
+        return int(self._received_counts.sum())
 
     @property
-    def gaps(self) -> int:
+    def missing(self) -> int:
         """Number of missing events and readings, by gaps in the sequence numbers."""
-        return int((self._newest_seq + 1 - self._received).sum())
+        return int((self._newest_seq + 1 - self._received_counts).sum())
 
     def cells(self, patch: str) -> NDArray[np.int64]:
         """Return the cell indices of `patch` through all patches; none if it is not in the run."""
-        index = self._patch.get(patch)
-        return np.arange(0) if index is None else np.arange(self._first[index], self._first[index + 1])
+        index = self._patch_index.get(patch)
+        return (
+            np.arange(0) if index is None else np.arange(self._first_cell[index], self._first_cell[index + 1])
+        )
 
     def add_events(self, patch: str, events: Events) -> int:
         """Add events of a patch; return their number.
@@ -93,10 +95,10 @@ class SkinInput:
             if len(column) != n:
                 raise ProtocolError(f"events of {patch} with columns of unequal length")
         for kind, number in zip(modality, channel, strict=True):
-            if not (0 <= kind < len(_CHANNELS) and 0 <= number < _CHANNELS[kind]):
+            if not (0 <= kind < len(_CHANNEL_COUNTS) and 0 <= number < _CHANNEL_COUNTS[kind]):
                 raise ProtocolError(f"events of {patch} of a modality or a channel that no cell has")
         self._check(patch, events.patch, cell)
-        integers = [self._patch[patch], events.gateway, n]
+        integers = [self._patch_index[patch], events.gateway, n]
         for column in (*columns, *more):
             integers += column
         try:
@@ -115,50 +117,50 @@ class SkinInput:
         n, rest = divmod(len(stream.rows), STREAM_ROW.itemsize)
         if rest:
             raise ProtocolError(f"{len(stream.rows)} bytes are no rows of {STREAM_ROW.itemsize}")
-        cell = np.frombuffer(stream.rows, dtype="<u2")[_U2_OF_CELL::_U2_PER_ROW]
+        cell = np.frombuffer(stream.rows, dtype="<u2")[_UINT16_OFFSET_OF_CELL::_UINT16_PER_ROW]
         self._check(patch, stream.patch, (np.maximum.reduce(cell),) if n else ())
         self._streams.append(stream.rows)
-        self._stream_patch.append(self._patch[patch])
+        self._stream_patch.append(self._patch_index[patch])
         return n
 
-    def _check(self, patch: str, named: str, cells: Sequence[int]) -> None:
-        if named != patch:
-            raise ProtocolError(f"a message of {named} under a key of {patch}")
-        if cells and not 0 <= min(cells) <= max(cells) < self._sizes[patch]:
-            raise ProtocolError(f"unknown cell of {patch}: it has cells 0 to {self._sizes[patch] - 1}")
+    def _check(self, patch: str, named_patch: str, cells: Sequence[int]) -> None:
+        if named_patch != patch:
+            raise ProtocolError(f"a message of {named_patch} under a key of {patch}")
+        if cells and not 0 <= min(cells) <= max(cells) < self._cell_counts[patch]:
+            raise ProtocolError(f"unknown cell of {patch}: it has cells 0 to {self._cell_counts[patch] - 1}")
 
-    def take(self, before_ns: int) -> tuple[SkinRows, SkinRows]:
+    def take_delivered(self, before_ns: int) -> tuple[CellRows, CellRows]:
         """Remove and return the events and full readings delivered before `before_ns`, in order."""
         n_events = len(self._values)
         event_patch, events = np.empty(n_events, dtype=np.int64), np.empty(n_events, dtype=EVENT_ROW)
         if n_events:
             values = np.frombuffer(self._values, dtype=np.int64)
             table = events.view(np.int64).reshape(n_events, -1)
-            _unfold(np.frombuffer(self._integers, dtype=np.int64), values, event_patch, table)
+            _unpack_events(np.frombuffer(self._integers, dtype=np.int64), values, event_patch, table)
         stream = np.frombuffer(b"".join(self._streams), dtype=STREAM_ROW)
         sizes = [len(payload) // STREAM_ROW.itemsize for payload in self._streams]
         stream_patch = np.repeat(np.array(self._stream_patch, dtype=np.int64), sizes)
-        self._forget()
+        self._clear()
         for patch, rows in ((event_patch, events), (stream_patch, stream)):
-            self._received += np.bincount(patch, minlength=len(self._received))
+            self._received_counts += np.bincount(patch, minlength=len(self._received_counts))
             np.maximum.at(self._newest_seq, patch, rows["seq"])
         return (
-            self._numbered(*self._events.take(event_patch, events, before_ns)),
-            self._numbered(*self._stream.take(stream_patch, stream, before_ns)),
+            self._with_cell_index(*self._events.take_due(event_patch, events, before_ns)),
+            self._with_cell_index(*self._stream.take_due(stream_patch, stream, before_ns)),
         )
 
-    def _numbered(self, patch: NDArray[np.int64], rows: NDArray[Any]) -> SkinRows:
-        return SkinRows(self._first[patch] + rows["cell"], rows)
+    def _with_cell_index(self, patch: NDArray[np.int64], rows: NDArray[Any]) -> CellRows:
+        return CellRows(self._first_cell[patch] + rows["cell"], rows)
 
 
-class _Ordered:
+class _DeliveryBuffer:
     """Sorted buffer of rows of one type, which keeps the rows that are not due."""
 
     def __init__(self, kind: np.dtype[Any]) -> None:
         self._patch = np.zeros(0, dtype=np.int64)
         self._rows = np.zeros(0, dtype=kind)
 
-    def take(
+    def take_due(
         self, patch: NDArray[np.int64], rows: NDArray[Any], before_ns: int
     ) -> tuple[NDArray[np.int64], NDArray[Any]]:
         """Return patch and rows delivered before `before_ns`, buffered and new ones; buffer the others."""
@@ -166,14 +168,14 @@ class _Ordered:
             return patch, rows
         if len(self._rows):
             patch, rows = np.concatenate([self._patch, patch]), np.concatenate([self._rows, rows])
-        order = _order(patch, rows)
+        order = _delivery_order(patch, rows)
         n_due = int(np.searchsorted(rows["t_delivered_ns"][order], before_ns))
         due, later = order[:n_due], order[n_due:]
         self._patch, self._rows = patch[later], rows[later]
         return patch[due], rows[due]
 
 
-def _order(patch: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[np.int64]:
+def _delivery_order(patch: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[np.int64]:
     """Sort indices by time of delivery, patch, gateway, sequence number, then arrival."""
     t_ns = rows["t_delivered_ns"]
     order = np.argsort(t_ns, kind="stable")  # timsort merges the sorted runs of the patches
@@ -188,7 +190,7 @@ def _order(patch: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[np.int64]:
 
 
 @compiled
-def _unfold(
+def _unpack_events(
     integers: NDArray[np.int64],
     value_bits: NDArray[np.int64],
     patch: NDArray[np.int64],

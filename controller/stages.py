@@ -6,22 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.grasping.memory import LongTermMemory
-from controller.grasping.session import Session
-from controller.knowledge import Knowledge
-from controller.selforganisation.exploration import Exploration, Hold
+from controller.grasping.session import TeachAndGrasp
+from controller.knowledge import SelfModel
+from controller.selforganisation.exploration import Exploration, PositionControl
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.selforganisation.structural_exploration import (
     StructuralExploration,
     StructuralExplorationConfig,
 )
-from controller.skin_input import SkinRows
-from controller.touch.fusion import TactilePicture
-from controller.touch.guidance import Guide
-from controller.touch.listening import Listen
-from controller.touch.posture import PoseTarget, Posture
-from skinnet.deployment.schema import ControllerSpec, MapSpec, StageSpec, StructureSpec
+from controller.skin_input import CellRows
+from controller.touch.fusion import TactileState
+from controller.touch.guidance import GuidanceStage
+from controller.touch.listening import ListenOnlyStage
+from controller.touch.posture import PoseTarget, PostureControl
+from skinnet.deployment.schema import ControllerSpec, MapExplorationSpec, StageSpec, StructureExplorationSpec
 
-__all__ = ["Explore", "Stage", "TakePosture", "make_stage"]
+__all__ = ["ExplorationStage", "PostureStage", "Stage", "make_stage"]
 
 _ACCELERATION = slice(4, 7)
 
@@ -30,11 +30,11 @@ class Stage(Protocol):
     """Stage of the program, ticked until it is done."""
 
     @property
-    def label(self) -> str:
+    def state_name(self) -> str:
         """State within the stage; empty for a stage without states."""
 
     @property
-    def why(self) -> str:
+    def reason(self) -> str:
         """Event of the last change of the label; empty before the first."""
 
     @property
@@ -46,7 +46,7 @@ class Stage(Protocol):
         """Completed fraction of the stage, 0 to 1."""
 
     @property
-    def wants_stream(self) -> bool:
+    def needs_stream(self) -> bool:
         """True while the full readings of all cells are needed."""
 
     @property
@@ -58,14 +58,14 @@ class Stage(Protocol):
         """Reaction thresholds (S, 4), inf where the gain is zero; None without reactions."""
 
     @property
-    def felt(self) -> NDArray[np.float64] | None:
+    def tactile_input(self) -> NDArray[np.float64] | None:
         """Tactile input (S, 4) of the last tick's reaction; None without reactions."""
 
-    def take(self, stream: SkinRows) -> None:
+    def add_readings(self, stream: CellRows) -> None:
         """Process the full readings of a tick."""
 
     def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+        self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
     ) -> NDArray[np.float64]:
         """Compute the joint velocities (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
 
@@ -73,23 +73,23 @@ class Stage(Protocol):
         """Store the result in the self-model."""
 
 
-class Explore:
+class ExplorationStage:
     """Exploration stage of self-organisation: kinematic structure or sensory-motor map."""
 
-    label = why = ""
+    state_name = reason = ""
     gains = None
     thresholds = None
-    felt = None
+    tactile_input = None
 
     def __init__(
         self,
         program: StructuralExploration | MapExploration,
-        knowledge: Knowledge,
+        self_model: SelfModel,
         memory: LongTermMemory,
     ) -> None:
         self._program: Exploration = program
-        self._own = program
-        self._knowledge, self._memory = knowledge, memory
+        self._exploration = program
+        self._self_model, self._memory = self_model, memory
 
     @property
     def done(self) -> bool:
@@ -102,48 +102,48 @@ class Explore:
         return self._program.progress
 
     @property
-    def wants_stream(self) -> bool:
+    def needs_stream(self) -> bool:
         """True while the accelerations of all cells are needed."""
-        return self._program.wants_stream
+        return self._program.needs_stream
 
-    def take(self, stream: SkinRows) -> None:
+    def add_readings(self, stream: CellRows) -> None:
         """Add accelerations to the averages and lock-in detectors."""
         acceleration_g = stream.rows["values"][:, _ACCELERATION].astype(np.float64)
         self._program.add_samples(stream.cell, stream.rows["t_sampled_ns"], acceleration_g)
 
     def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+        self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
     ) -> NDArray[np.float64]:
         """Compute the velocities of the motion program."""
-        if isinstance(self._own, MapExploration):
-            self._own.add_positions(t_ns, position_rad)
+        if isinstance(self._exploration, MapExploration):
+            self._exploration.add_positions(t_ns, position_rad)
         return self._program.step(t_ns, position_rad)
 
     def finish(self, t_ns: int) -> None:
         """Store the structure, or the map fused with the activity matrix."""
-        knowledge = self._knowledge
-        if isinstance(self._own, StructuralExploration):
-            knowledge.structure = self._own.result
-            self._memory.remember_structure()
+        knowledge = self._self_model
+        if isinstance(self._exploration, StructuralExploration):
+            knowledge.structure = self._exploration.result
+            self._memory.store_structure()
             return
-        knowledge.learn_map(self._own.result)
+        knowledge.add_map(self._exploration.result)
 
 
-class TakePosture:
+class PostureStage:
     """Posture stage: moves to a pose by equation (5) of [M14]."""
 
-    label = why = ""
+    state_name = reason = ""
     gains = None
     thresholds = None
-    felt = None
-    wants_stream = False
+    tactile_input = None
+    needs_stream = False
 
     def __init__(self, target: PoseTarget) -> None:
-        self._posture = Posture()
-        self._posture.go(target)
+        self._posture = PostureControl()
+        self._posture.set_target(target)
         self._target = target
-        self._way_rad = 0.0
-        self._left_rad = np.inf
+        self._initial_distance_rad = 0.0
+        self._distance_rad = np.inf
         self.done = False
 
     @property
@@ -151,18 +151,22 @@ class TakePosture:
         """Completed fraction of the largest joint distance."""
         if self.done:
             return 1.0
-        return max(0.0, 1.0 - self._left_rad / self._way_rad) if self._way_rad > 0.0 else 0.0
+        return (
+            max(0.0, 1.0 - self._distance_rad / self._initial_distance_rad)
+            if self._initial_distance_rad > 0.0
+            else 0.0
+        )
 
-    def take(self, stream: SkinRows) -> None:
+    def add_readings(self, stream: CellRows) -> None:
         """Ignore the readings: a posture uses no tactile input."""
 
     def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+        self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
     ) -> NDArray[np.float64]:
         """Compute the velocities towards the pose; the completion event ends the stage."""
         velocity, event = self._posture.step(t_ns, position_rad)
-        self._left_rad = float(np.abs(self._target.position_rad - position_rad).max())
-        self._way_rad = max(self._way_rad, self._left_rad)
+        self._distance_rad = float(np.abs(self._target.position_rad - position_rad).max())
+        self._initial_distance_rad = max(self._initial_distance_rad, self._distance_rad)
         self.done = self.done or event is not None
         return velocity
 
@@ -173,9 +177,9 @@ class TakePosture:
 def make_stage(
     spec: StageSpec,
     control: ControllerSpec,
-    knowledge: Knowledge,
+    self_model: SelfModel,
     memory: LongTermMemory,
-    picture: TactilePicture,
+    tactile_state: TactileState,
     *,
     t_ns: int,
     n_cells: int,
@@ -186,35 +190,37 @@ def make_stage(
     match spec.kind:
         case "structure":
             exploration = StructuralExploration(_structure_config(control.structure), n_dofs, n_cells, t_ns)
-            return Explore(exploration, knowledge, memory)
+            return ExplorationStage(exploration, self_model, memory)
         case "map":
-            return Explore(MapExploration(_map_config(control.map), n_dofs, n_cells, t_ns), knowledge, memory)
+            return ExplorationStage(
+                MapExploration(_map_config(control.map), n_dofs, n_cells, t_ns), self_model, memory
+            )
         case "posture":
             pose = home_rad if spec.pose == "home" else np.array(control.poses_rad[spec.pose])
-            return TakePosture(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.accuracy_rad))
+            return PostureStage(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.accuracy_rad))
         case "guide":
-            return Guide(spec, control, knowledge, n_cells, t_ns)
+            return GuidanceStage(spec, control, self_model, n_cells, t_ns)
         case "listen":
             assert spec.duration_s is not None
-            return Listen(spec.duration_s, t_ns)
+            return ListenOnlyStage(spec.duration_s, t_ns)
         case "session":
-            return Session(
-                control, knowledge, memory, _map_config(control.map), picture, n_dofs, n_cells, t_ns
+            return TeachAndGrasp(
+                control, self_model, memory, _map_config(control.map), tactile_state, n_dofs, n_cells, t_ns
             )
 
 
-def _structure_config(spec: StructureSpec) -> StructuralExplorationConfig:
+def _structure_config(spec: StructureExplorationSpec) -> StructuralExplorationConfig:
     return StructuralExplorationConfig(
         step_rad=spec.step_rad,
         average_ns=round(spec.average_s * 1e9),
         settle_ns=round(spec.settle_s * 1e9),
         threshold_g=spec.threshold_g,
-        hold=Hold(speed_rad_s=spec.speed_rad_s),
+        position_control=PositionControl(speed_rad_s=spec.speed_rad_s),
         min_samples=max(1, round(25 * spec.average_s)),
     )
 
 
-def _map_config(spec: MapSpec) -> MapExplorationConfig:
+def _map_config(spec: MapExplorationSpec) -> MapExplorationConfig:
     return MapExplorationConfig(
         amplitude_rad_s=spec.amplitude_rad_s,
         frequency_hz=spec.frequency_hz,

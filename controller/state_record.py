@@ -6,12 +6,12 @@ from skinnet.channels import Keys
 from skinnet.loop import Put
 from skinnet.messages import ControllerState, encode
 
-__all__ = ["StateRecord"]
+__all__ = ["StateRecorder"]
 
-_EVERY_NS = 100_000_000
+_PERIOD_NS = 100_000_000
 
 
-class StateRecord:
+class StateRecorder:
     """Recorder output of states and answers: a state on change, every 0.1 s, and at the end.
 
     Args:
@@ -20,23 +20,23 @@ class StateRecord:
 
     def __init__(self, keys: Keys) -> None:
         self._state_key = keys.of("state")
-        self._told = ""
+        self._last_stage = ""
         self._next_ns = 0
 
     def tick(
-        self, put: Put, state: ControllerState, news: Iterable[tuple[str, bytes]], *, last: bool
+        self, put: Put, state: ControllerState, messages: Iterable[tuple[str, bytes]], *, last: bool
     ) -> None:
         """Send the messages of the tick at `state.t_ns`, before the command that ends it.
 
         Args:
             put: Adds a message to the period.
             state: Controller state.
-            news: Keys and payloads of answers and capabilities.
+            messages: Keys and payloads of answers and capabilities.
             last: True at the last tick.
         """
-        for key, payload in news:
+        for key, payload in messages:
             put(key, payload)
-        if state.stage != self._told or state.t_ns >= self._next_ns or last:
-            self._told = state.stage
-            self._next_ns = state.t_ns + _EVERY_NS
+        if state.stage != self._last_stage or state.t_ns >= self._next_ns or last:
+            self._last_stage = state.stage
+            self._next_ns = state.t_ns + _PERIOD_NS
             put(self._state_key, encode(state))

@@ -18,14 +18,14 @@ import numpy as np
 from msgspec import NODEFAULT, Struct, to_builtins
 from msgspec import inspect as reflect
 
-from controller.grasping.directives import Area, Directive, Gains, directives
-from controller.grasping.state_machine import State, diagram
+from controller.grasping.directives import Area, ReactionParameters, StateParameters, merge_state_parameters
+from controller.grasping.state_machine import State, mermaid_diagram
 from skinnet.channels import ALIVE, CHANNELS, Keys, Role
 from skinnet.deployment.schema import Deployment
-from skinnet.deployment.session import SessionSpec
+from skinnet.deployment.session import TeachAndGraspSpec
 from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
-from skinnet.outside_messages import Deployed
-from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW
+from skinnet.outside_messages import DeploymentInfo
+from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW
 
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
 
@@ -33,7 +33,9 @@ _HERE = Path(__file__).parent
 PAGES = (_HERE / "deployment.md", _HERE / "grasping.md", _HERE / "wire.md")
 _PART = re.compile(r"(<!-- generated: (?P<name>\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _COMMANDING = [
-    state for state in State if any(any(own) for own in directives(SessionSpec())[state].gains.values())
+    state
+    for state in State
+    if any(any(own) for own in merge_state_parameters(TeachAndGraspSpec())[state].reactions.values())
 ]
 _NAME_PATTERN = r"^[A-Za-z0-9_\-]+$"
 
@@ -102,7 +104,7 @@ def _channels() -> str:
         (
             f"`{prefix}{row.pattern}`",
             f"[{row.message.__name__}](#{row.message.__name__.lower()})",
-            row.origin,
+            row.sender_name,
             ", ".join(role.value for role in row.receivers),
             row.period,
             "yes" if row.public else "",
@@ -111,7 +113,7 @@ def _channels() -> str:
         for row in CHANNELS
     ]
     roles = ", ".join(role.value for role in Role if role is not Role.LAUNCHER)
-    told = f"[{Deployed.__name__}](#{Deployed.__name__.lower()})"
+    told = f"[{DeploymentInfo.__name__}](#{DeploymentInfo.__name__.lower()})"
     rows.append((f"`{Keys('<robot>').deployment}`", told, "launcher", "", "when asked", "yes", ""))
     rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", "", ""))
     return _table(("key", "message", "from", "to", "period", "watchers", "recorded"), rows)
@@ -119,7 +121,7 @@ def _channels() -> str:
 
 def _messages() -> str:
     parts = []
-    for kind in dict.fromkeys([*(row.message for row in CHANNELS), Deployed]):
+    for kind in dict.fromkeys([*(row.message for row in CHANNELS), DeploymentInfo]):
         struct = reflect.type_info(kind)
         assert isinstance(struct, reflect.StructType)
         rows = ((f"`{f.name}`", _kind(f.type), _default(f)) for f in struct.fields)
@@ -134,7 +136,7 @@ def _stream_row() -> str:
 
 
 def _sheet_rows() -> str:
-    records = (("BOARD_FRAME", BOARD_FRAME), ("REGION_ROW", REGION_ROW), ("PATTERN_ROW", PATTERN_ROW))
+    records = (("SCAN_FRAME_ROW", SCAN_FRAME_ROW), ("REGION_ROW", REGION_ROW), ("PATTERN_ROW", PATTERN_ROW))
     return "\n\n".join(f"`{name}`, {row.itemsize} bytes:\n\n{_record(row)}" for name, row in records)
 
 
@@ -168,19 +170,26 @@ def _numbers() -> str:
 
 
 def _states() -> str:
-    return f"```mermaid\n{diagram()}```\n"
+    return f"```mermaid\n{mermaid_diagram()}```\n"
 
 
 def _directives() -> str:
     """Table II as the code has it."""
     head = ("state", "force CA", "CHA", "NCA", "proximity CA", "CHA", "NCA", "pose", "rad/s", "times out [s]")
     return _table(
-        head, (_directive(*row) for row in directives(SessionSpec()).items() if row[0] in _COMMANDING)
+        head,
+        (
+            _directive(*row)
+            for row in merge_state_parameters(TeachAndGraspSpec()).items()
+            if row[0] in _COMMANDING
+        ),
     )
 
 
-def _directive(state: State, directive: Directive) -> tuple[str, ...]:
-    gains = [directive.gains.get(area, Gains()) for area in (Area.CONTACT, Area.CHEST, Area.OTHER)]
+def _directive(state: State, directive: StateParameters) -> tuple[str, ...]:
+    gains = [
+        directive.reactions.get(area, ReactionParameters()) for area in (Area.CONTACT, Area.CHEST, Area.OTHER)
+    ]
     forces = [f"{own.force_threshold:g}, {own.force_gain:g}" if own.force_gain else "–" for own in gains]
     nears = [
         f"{own.proximity_threshold:g}, {own.proximity_gain:g}" if own.proximity_gain else "–" for own in gains

@@ -20,8 +20,8 @@ from msgspec import Meta, Struct
 from PIL import Image
 
 from skinnet.files import write_bytes
-from skinnet.recording.format import RECORDED
-from skinnet.report.pictures import pictures_of
+from skinnet.recording.format import FILE_NAME
+from skinnet.report.pictures import read_pictures
 
 __all__ = ["MANIFEST", "Drawn", "Entry", "Script", "make", "read"]
 
@@ -106,12 +106,12 @@ def make(entries: dict[str, Entry], images: Path, work: Path, say: Callable[[str
             _call(["skinnet", "report", str(folder)])
         drawn = {name: entry for name, entry in mine.items() if isinstance(entry, Drawn)}
         views = {name: entry for name, entry in mine.items() if isinstance(entry, View)}
-        for name, data in (*_drawn(drawn, folder), *_viewed(views, folder / RECORDED)):
+        for name, data in (*_drawn(drawn, folder), *_viewed(views, folder / FILE_NAME)):
             write_bytes(images / f"{name}.png", _scaled(data, mine[name].width_px))
 
 
 def _drawn(entries: dict[str, Drawn], folder: Path) -> Iterator[tuple[str, bytes]]:
-    shown = {picture.name: picture.data for picture in pictures_of(folder)[0]}
+    shown = {picture.name: picture.data for picture in read_pictures(folder)[0]}
     for name, entry in entries.items():
         if entry.picture not in shown:
             made = shlex.join(entry.command)

@@ -16,24 +16,24 @@ from skinnet.messages import (
     Events,
     Joints,
     Message,
+    PeriodEnd,
     Request,
-    SkinFrame,
     Stimulus,
     Stream,
     Topology,
 )
-from skinnet.outside_messages import Velocity
-from skinnet.record_messages import Counters, Fault, World
+from skinnet.outside_messages import ExternalVelocity
+from skinnet.record_messages import Counters, FaultEvent, FreeBodyPoses
 from skinnet.sheet_messages import Pressures, Regions
-from skinnet.watch_messages import LinkLoad, Machine, ProcessLoad
+from skinnet.watch_messages import LinkLoad, ProcessLoad, StateMachineDescription
 
 __all__ = [
     "ALIVE",
     "CHANNELS",
     "DEPLOYMENT",
-    "OUTSIDE",
+    "EXTERNAL",
+    "OBSERVERS",
     "RECORDER",
-    "WATCHERS",
     "Channel",
     "Keys",
     "Role",
@@ -64,7 +64,7 @@ class Channel:
         period: Publication period or condition.
         public: Observers get best-effort copies; the newest topology and state also answer queries.
         recorded: A recording of the run holds every message.
-        told: Published best-effort to observers, outside the loop.
+        best_effort: Published best-effort to observers, outside the loop.
     """
 
     name: str
@@ -75,53 +75,69 @@ class Channel:
     period: str
     public: bool = True
     recorded: bool = True
-    told: bool = False
+    best_effort: bool = False
 
     @property
-    def origin(self) -> str:
+    def sender_name(self) -> str:
         """Sender role as text; "outside" for external clients."""
-        return OUTSIDE if self.sender is None else self.sender.value
+        return EXTERNAL if self.sender is None else self.sender.value
 
 
 _GROUND_TRUTH = {"public": False, "recorded": False}
-_TOLD = {"recorded": False, "told": True}
+_TELEMETRY = {"recorded": False, "best_effort": True}
 CHANNELS = (
     Channel(
         "stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
     ),
     Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH),
-    Channel("world", "body/world", World, Role.BODY, (), "joints"),
+    Channel("world", "body/world", FreeBodyPoses, Role.BODY, (), "joints"),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
     Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
     Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("bundle", "skin/<patch>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("stream", "skin/<patch>/stream", Stream, Role.CELLS, (Role.CONTROLLER,), "on request"),
-    Channel("frame", "skin/<patch>/frame", SkinFrame, Role.CELLS, (Role.CONTROLLER,), "cells"),
+    Channel("frame", "skin/<patch>/frame", PeriodEnd, Role.CELLS, (Role.CONTROLLER,), "cells"),
     Channel("regions", "skin/<network>/regions", Regions, Role.CELLS, (Role.CONTROLLER,), "boards"),
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
     Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
-    Channel("velocity", "controller/velocity", Velocity, None, (Role.CONTROLLER,), "at will"),
-    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", told=True),
-    Channel("state", "controller/state", ControllerState, Role.CONTROLLER, (), "on change, 10 Hz", told=True),
-    Channel("machine", "controller/machine", Machine, Role.CONTROLLER, (), "on change", told=True),
-    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if watched", **_TOLD),
-    Channel("processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if watched", **_TOLD),
+    Channel("velocity", "controller/velocity", ExternalVelocity, None, (Role.CONTROLLER,), "at will"),
+    Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", best_effort=True),
+    Channel(
+        "state",
+        "controller/state",
+        ControllerState,
+        Role.CONTROLLER,
+        (),
+        "on change, 10 Hz",
+        best_effort=True,
+    ),
+    Channel(
+        "machine",
+        "controller/machine",
+        StateMachineDescription,
+        Role.CONTROLLER,
+        (),
+        "on change",
+        best_effort=True,
+    ),
+    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if watched", **_TELEMETRY),
+    Channel("processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if watched", **_TELEMETRY),
     Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
-    Channel("fault", "run/fault", Fault, Role.RECORDER, (), "on change", public=False),
+    Channel("fault", "run/fault", FaultEvent, Role.RECORDER, (), "on change", public=False),
 )
 """Channels in the order of the sensorimotor loop."""
 
 ALIVE = "alive"
 DEPLOYMENT = "skinnet/*/deployment"
 """Key expression that an observer endpoint answers with its deployment, for any robot."""
-OUTSIDE = "outside"
+EXTERNAL = "outside"
 """Sender name of external clients in the loop: configurations, requests to the controller, velocities."""
 RECORDER = "recorder"
 """Process name of the recorder."""
-WATCHERS = "watchers"
+OBSERVERS = "watchers"
 """Route group of channels without receivers in the loop; put only if an observer subscribes."""
-_KNOWN_KEYS = 100_000
+_MAX_CACHED_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}
 _BY_SHAPE: dict[tuple[str | None, ...], tuple[Channel, tuple[int, ...]]] = {}
 for _row in CHANNELS:
@@ -145,7 +161,7 @@ class Keys:
     def __init__(self, robot: str) -> None:
         self.prefix = f"skinnet/{robot}/"
         self._parsed: dict[str, tuple[Channel, tuple[str, ...]]] = {}
-        self._lanes: dict[str, str] = {}
+        self._route_groups: dict[str, str] = {}
 
     def of(self, name: str, *fields: str | int) -> str:
         """Build the key of channel `name` from its fields; "*" and "**" make it a key expression."""
@@ -153,21 +169,21 @@ class Keys:
         values = iter(fields)
         return self.prefix + "/".join(str(next(values)) if p.startswith("<") else p for p in parts)
 
-    def lane(self, key: str) -> str:
+    def route_group(self, key: str) -> str:
         """Return the route group of a key or expression: its receivers, whose messages share a batch."""
-        lane = self._lanes.get(key)
+        lane = self._route_groups.get(key)
         if lane is None:
             row = self.parse(key)[0]
-            lane = "-".join(role.value for role in row.receivers) or WATCHERS
-            if len(self._lanes) < _KNOWN_KEYS:
-                self._lanes[key] = lane
+            lane = "-".join(role.value for role in row.receivers) or OBSERVERS
+            if len(self._route_groups) < _MAX_CACHED_KEYS:
+                self._route_groups[key] = lane
         return lane
 
-    def alive(self, role: Role | str, name: str) -> str:
+    def liveliness(self, role: Role | str, name: str) -> str:
         """Build the key of a liveliness token; "*" stands for any."""
         return f"{self.prefix}{ALIVE}/{role.value if isinstance(role, Role) else role}/{name}"
 
-    def claim(self, name: str, process: str) -> str:
+    def name_claim(self, name: str, process: str) -> str:
         """Build the token key by which `process` claims the name `name`; "*" stands for any process."""
         return f"{self.prefix}claim/{name}/{process}"
 
@@ -192,7 +208,7 @@ class Keys:
                     s in (None, p) for s, p in zip(shape, parts, strict=True)
                 ):
                     parsed = row, tuple(parts[i] for i in fields)
-                    if len(self._parsed) < _KNOWN_KEYS:  # external clients may send any number of keys
+                    if len(self._parsed) < _MAX_CACHED_KEYS:  # external clients may send any number of keys
                         self._parsed[key] = parsed
                     return parsed
         raise ProtocolError(f"key {key}: no channel of this robot")

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass
 
-__all__ = ["NS_PER_MS", "NS_PER_S", "WallPace", "next_multiple"]
+__all__ = ["NS_PER_MS", "NS_PER_S", "WallClockPace", "next_multiple"]
 
 NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
@@ -15,7 +15,7 @@ def next_multiple(t_ns: int, period_ns: int, offset_ns: int = 0) -> int:
 
 
 @dataclass
-class WallPace:
+class WallClockPace:
     """Wall-clock pacing of simulated time from its first use on, for `pace = "realtime"`."""
 
     start_wall_ns: int | None = None

@@ -14,10 +14,10 @@ from typing import TypeVar
 
 import numba
 
-__all__ = ["borrowing", "compiled", "inlined"]
+__all__ = ["compiled", "compiled_inline", "compiled_without_nrt"]
 
 F = TypeVar("F", bound=Callable[..., object])
-_MARKS = (b"@borrowing", b"@compiled", b"@inlined")
+_DECORATORS = (b"@compiled",)  # and those whose names begin so
 _PACKAGES = ("skinnet", "cells", "controller")
 
 
@@ -28,7 +28,7 @@ def _fingerprint() -> str:
     for package in _PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
             content = path.read_bytes()
-            if any(mark in content for mark in _MARKS):
+            if any(mark in content for mark in _DECORATORS):
                 digest.update(str(path.relative_to(root)).encode() + content)
     return digest.hexdigest()[:16]
 
@@ -53,7 +53,7 @@ def compiled(function: F) -> F:
     return result
 
 
-def borrowing(function: F) -> F:
+def compiled_without_nrt(function: F) -> F:
     """Compile `function` without the Numba runtime (NRT): no reference counts, no array allocation.
 
     Atomic reference counting takes longer than the work on a few points of skin. Numba refuses to compile a
@@ -63,7 +63,7 @@ def borrowing(function: F) -> F:
     return result
 
 
-def inlined(function: F) -> F:
+def compiled_inline(function: F) -> F:
     """Compile `function` inlined into its compiled callers.
 
     For functions that a hot loop calls with arrays: a real call counts references to them atomically, which

@@ -9,14 +9,14 @@ from typing import IO, Any
 
 import msgspec
 
-__all__ = ["replacing", "write_bytes", "write_json"]
+__all__ = ["atomic_replacement", "write_bytes", "write_json"]
 
 _UMASK = os.umask(0)
 os.umask(_UMASK)
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
+def atomic_replacement(path: Path) -> Iterator[IO[bytes]]:
     """Open a temporary binary file that atomically replaces `path` if the block ends without an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -34,7 +34,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write `content` to `path` atomically."""
-    with replacing(path) as file:
+    with atomic_replacement(path) as file:
         file.write(content)
 
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from skinnet.errors import ProtocolError
 
 __all__ = [
-    "FORCE_CHANNELS",
     "FOREVER_NS",
+    "N_FORCE_CHANNELS",
     "READING_NAMES",
     "SCHEMA",
     "STIMULUS_NAMES",
@@ -33,8 +33,8 @@ __all__ = [
     "Joints",
     "Message",
     "Modality",
+    "PeriodEnd",
     "Request",
-    "SkinFrame",
     "Stimulus",
     "Stream",
     "Topology",
@@ -46,7 +46,7 @@ __all__ = [
 
 SCHEMA = 1
 FOREVER_NS = 2**62
-FORCE_CHANNELS = 3
+N_FORCE_CHANNELS = 3
 STIMULUS_NAMES = (
     "force0_n",
     "force1_n",
@@ -179,7 +179,7 @@ class Events(Message, frozen=True, kw_only=True, tag="events"):
 class Stream(Message, frozen=True, kw_only=True, tag="stream"):
     """Stream of full readings, in the order of delivery: bytes of `STREAM_ROW` records.
 
-    It ends its period as a `SkinFrame` does, so that a patch that streams sends one message less.
+    It ends its period as a `PeriodEnd` does, so that a patch that streams sends one message less.
     """
 
     patch: str
@@ -189,7 +189,7 @@ class Stream(Message, frozen=True, kw_only=True, tag="stream"):
     rows: bytes
 
 
-class SkinFrame(Message, frozen=True, kw_only=True, tag="skin_frame"):
+class PeriodEnd(Message, frozen=True, kw_only=True, tag="skin_frame"):
     """Period end (null message) of a patch without streamed readings; `events` counts its deliveries."""
 
     patch: str

@@ -2,10 +2,10 @@
 
 from skinnet.messages import Message
 
-__all__ = ["Deployed", "Velocity"]
+__all__ = ["DeploymentInfo", "ExternalVelocity"]
 
 
-class Velocity(Message, frozen=True, kw_only=True, tag="velocity"):
+class ExternalVelocity(Message, frozen=True, kw_only=True, tag="velocity"):
     """External joint velocities [rad/s], added to the controller's command, (n_dof,) in joint order.
 
     They hold for 100 ms of simulated time unless newer ones arrive. The safety clamp limits the sum. A run
@@ -15,7 +15,7 @@ class Velocity(Message, frozen=True, kw_only=True, tag="velocity"):
     velocity_rad_s: list[float]
 
 
-class Deployed(Message, frozen=True, kw_only=True, tag="deployed"):
+class DeploymentInfo(Message, frozen=True, kw_only=True, tag="deployed"):
     """Deployment of a run as JSON, as in its run folder; its relative paths start from folder `base`."""
 
     deployment: str

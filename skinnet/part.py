@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.files import replacing, write_json
+from skinnet.files import atomic_replacement, write_json
 
-__all__ = ["Part"]
+__all__ = ["ProcessResult"]
 
 
 @dataclass
-class Part:
+class ProcessResult:
     """Process result: facts (JSON values) and arrays by name.
 
     `facts["logs"]` holds the SHA-256 of the log of each source, so that the hash of a run does not depend on
@@ -28,12 +28,12 @@ class Part:
 
     def save(self, folder: Path) -> None:
         """Write `<name>.npz` and, last, `<name>.json`."""
-        with replacing(folder / f"{self.name}.npz") as file:
+        with atomic_replacement(folder / f"{self.name}.npz") as file:
             np.savez(file, **self.arrays)  # type: ignore[arg-type]
         write_json(folder / f"{self.name}.json", {"name": self.name, "role": self.role, "facts": self.facts})
 
     @classmethod
-    def load(cls, folder: Path, name: str) -> "Part":
+    def load(cls, folder: Path, name: str) -> "ProcessResult":
         """Load the files that `save` wrote.
 
         Raises:

@@ -2,10 +2,10 @@
 
 from skinnet.messages import Message
 
-__all__ = ["Counters", "Fault", "World"]
+__all__ = ["Counters", "FaultEvent", "FreeBodyPoses"]
 
 
-class World(Message, frozen=True, kw_only=True, tag="world"):
+class FreeBodyPoses(Message, frozen=True, kw_only=True, tag="world"):
     """Poses of the free bodies at `t_ns`, by name: position [m] and quaternion (w, x, y, z), world frame.
 
     The bodies are the teacher's `finger`, `object`, `stand` and `payload`, each if the deployment has it.
@@ -25,7 +25,7 @@ class Counters(Message, frozen=True, kw_only=True, tag="counters"):
     counts: dict[str, int]
 
 
-class Fault(Message, frozen=True, kw_only=True, tag="fault"):
+class FaultEvent(Message, frozen=True, kw_only=True, tag="fault"):
     """Fault event: an injected fault begins or ends at `t_ns` at one target.
 
     `rule` is the index of its rule in `[[faults]]`. A fault that lasts to the end of the run has no end

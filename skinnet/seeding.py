@@ -12,7 +12,7 @@ import numpy as np
 
 from skinnet.compiled import compiled
 
-__all__ = ["StreamName", "gaussian", "hash64", "key_of", "stream", "uniform"]
+__all__ = ["StreamName", "generator", "hash64", "standard_normal", "stream_key", "uniform"]
 
 _TWO_PI = 2.0 * math.pi
 
@@ -41,15 +41,15 @@ class StreamName:
     SWAY = "sway"
 
 
-def key_of(seed: int, *names: str | int) -> np.uint64:
+def stream_key(seed: int, *names: str | int) -> np.uint64:
     """Return the 64-bit key of the stream `names` under `seed`, the same on every platform."""
     digest = hashlib.sha256(repr((seed, *names)).encode()).digest()
     return np.uint64(int.from_bytes(digest[:8], "little"))
 
 
-def stream(seed: int, *names: str | int) -> np.random.Generator:
+def generator(seed: int, *names: str | int) -> np.random.Generator:
     """Return the NumPy generator of the stream `names` under `seed`, for set-up outside hot loops."""
-    return np.random.default_rng(int(key_of(seed, *names)))
+    return np.random.default_rng(int(stream_key(seed, *names)))
 
 
 @compiled
@@ -70,7 +70,7 @@ def uniform(key: np.uint64, counter: np.uint64) -> float:
 
 
 @compiled
-def gaussian(key: np.uint64, counter: np.uint64) -> float:
+def standard_normal(key: np.uint64, counter: np.uint64) -> float:
     """Draw a standard normal value (Box and Muller, 1958) from counters 2 × counter and the next."""
     even = counter * np.uint64(2)
     radius = math.sqrt(-2.0 * math.log(uniform(key, even)))

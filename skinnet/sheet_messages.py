@@ -4,9 +4,9 @@ import numpy as np
 
 from skinnet.messages import Message
 
-__all__ = ["BOARD_FRAME", "PATTERN_ROW", "REGION_ROW", "Pressures", "Regions"]
+__all__ = ["PATTERN_ROW", "REGION_ROW", "SCAN_FRAME_ROW", "Pressures", "Regions"]
 
-_SHEET_ELEMENTS = 64
+_MAX_BOARD_ELEMENTS = 64
 REGION_ROW = np.dtype(
     [
         ("t_sampled_ns", "<i8"),
@@ -29,7 +29,7 @@ REGION_ROW = np.dtype(
 `kin` is the id of the region that it merged into. Otherwise `kin` is 0.
 """
 
-BOARD_FRAME = np.dtype(
+SCAN_FRAME_ROW = np.dtype(
     [
         ("t_sampled_ns", "<i8"),
         ("t_delivered_ns", "<i8"),
@@ -51,7 +51,7 @@ PATTERN_ROW = np.dtype(
         ("frame", "<i8"),
         ("board", "<u2"),
         ("elements", "<u2"),
-        ("pressure_kpa", "<f4", _SHEET_ELEMENTS),
+        ("pressure_kpa", "<f4", _MAX_BOARD_ELEMENTS),
     ]
 )
 """Raw pressure pattern [kPa] as received: readings of the board's `elements` in order, then zeros."""
@@ -72,9 +72,9 @@ class Pressures(Message, frozen=True, kw_only=True, tag="pressures"):
 class Regions(Message, frozen=True, kw_only=True, tag="regions"):
     """Contact regions that the boards sent to the main PC in a period; also its period end.
 
-    `frames`: bytes of `BOARD_FRAME`, one for each features message received, in the order of delivery, with
-    or without regions; `rows`: bytes of `REGION_ROW`, grouped by frame in the same order; `patterns`: bytes
-    of `PATTERN_ROW`. `seq` counts the frames delivered before this message.
+    `frames`: bytes of `SCAN_FRAME_ROW`, one for each features message received, in the order of delivery,
+    with or without regions; `rows`: bytes of `REGION_ROW`, grouped by frame in the same order; `patterns`:
+    bytes of `PATTERN_ROW`. `seq` counts the frames delivered before this message.
     """
 
     t_ns: int

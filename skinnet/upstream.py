@@ -15,35 +15,35 @@ class Upstream:
     Attributes:
         name: Source name, e.g. a patch.
         process: Name of the process whose loss is the loss of this source.
-        covered_ns: Watermark [ns]: every message about the time before it has arrived.
+        watermark_ns: Watermark [ns]: every message about the time before it has arrived.
         lost: The source is lost and no longer waited for.
     """
 
-    def __init__(self, name: str, process: str, covered_ns: int = 0) -> None:
+    def __init__(self, name: str, process: str, watermark_ns: int = 0) -> None:
         self.name = name
         self.process = process
-        self.covered_ns = covered_ns
+        self.watermark_ns = watermark_ns
         self.lost = False
         self._arrived = 0
         self._announced = 0
-        self._open: deque[tuple[int, int]] = deque()
+        self._open_periods: deque[tuple[int, int]] = deque()
 
-    def arrive(self, count: int = 1) -> None:
+    def count_arrivals(self, count: int = 1) -> None:
         """Count `count` messages that arrived from the source."""
         self._arrived += count
-        self._settle()
+        self._advance_watermark()
 
-    def close(self, covered_ns: int, count: int = 0) -> None:
-        """Record the end of a period of `count` messages, with its watermark `covered_ns` [ns]."""
+    def end_period(self, watermark_ns: int, count: int = 0) -> None:
+        """Record the end of a period of `count` messages, with its watermark `watermark_ns` [ns]."""
         self._announced += count
-        self._open.append((covered_ns, self._announced))
-        self._settle()
+        self._open_periods.append((watermark_ns, self._announced))
+        self._advance_watermark()
 
-    def _settle(self) -> None:
-        while self._open and self._open[0][1] <= self._arrived:
-            self.covered_ns = max(self.covered_ns, self._open.popleft()[0])
+    def _advance_watermark(self) -> None:
+        while self._open_periods and self._open_periods[0][1] <= self._arrived:
+            self.watermark_ns = max(self.watermark_ns, self._open_periods.popleft()[0])
 
     @property
-    def missing(self) -> int:
+    def n_missing(self) -> int:
         """Messages announced by period ends that have not arrived."""
         return max(0, self._announced - self._arrived)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 __all__ = ["USAGE_ROW", "UsageTrace"]
 
-_EVERY_NS = 50_000_000
+_SAMPLE_PERIOD_NS = 50_000_000
 
 USAGE_ROW = np.dtype(
     [
@@ -34,10 +34,10 @@ class UsageTrace:
         self._next_ns = 0
         self._rows: list[tuple[int, float, float, int, int]] = []
 
-    def note(self, t_ns: int) -> None:
+    def sample(self, t_ns: int) -> None:
         """Take a sample after the period that ends at `t_ns`, if one is due."""
         if t_ns >= self._next_ns:
-            self._next_ns = t_ns - t_ns % _EVERY_NS + _EVERY_NS
+            self._next_ns = t_ns - t_ns % _SAMPLE_PERIOD_NS + _SAMPLE_PERIOD_NS
             self._rows.append((t_ns, time.process_time(), time.monotonic(), *self._traffic()))
 
     @property

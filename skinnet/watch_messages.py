@@ -8,9 +8,9 @@ import numpy as np
 
 from skinnet.messages import Message
 
-__all__ = ["LINK_INWARDS", "LINK_ROW", "LINK_UP", "LinkLoad", "Machine", "ProcessLoad"]
+__all__ = ["LINK_INTO_CELL", "LINK_ROW", "LINK_UP", "LinkLoad", "ProcessLoad", "StateMachineDescription"]
 
-LINK_UP, LINK_INWARDS = 1, 2
+LINK_UP, LINK_INTO_CELL = 1, 2
 """Bits of `state` in a `LINK_ROW`: link up, link from the computer into the cell."""
 
 LINK_ROW = np.dtype(
@@ -54,7 +54,7 @@ class ProcessLoad(Message, frozen=True, kw_only=True, tag="process_load"):
     memory_mb: list[float]
 
 
-class Machine(Message, frozen=True, kw_only=True, tag="machine"):
+class StateMachineDescription(Message, frozen=True, kw_only=True, tag="machine"):
     """State machine of the controller: states, transitions, accepted requests.
 
     `states` are the stages of `ControllerState`; `moves` are transitions (state, event, next state).

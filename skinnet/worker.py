@@ -23,25 +23,25 @@ import msgspec
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.loop import Keeping, Node, run_loop
-from skinnet.part import Part
+from skinnet.loop import Closeable, LogicalProcess, run_loop
+from skinnet.part import ProcessResult
 from skinnet.transport.zenoh import ZenohTransport
 from skinnet.usage import UsageTrace
 
-__all__ = ["STOPPED", "NodeModule", "build_node", "main", "part_of"]
+__all__ = ["EXIT_STOPPED", "ProcessModule", "build_process", "main", "result_of"]
 
-STOPPED = 3
+EXIT_STOPPED = 3
 _STDIN = 0
-_LINGER_S = 5.0
+_HUB_LINGER_S = 5.0
 _GC_THRESHOLD = 50_000
 """Garbage-collection threshold: periods allocate many short-lived objects without reference cycles."""
 log = logging.getLogger(__name__)
 
 
-class NodeModule(Protocol):
+class ProcessModule(Protocol):
     """Process package: `python -m <package>` runs its logical process."""
 
-    def build(self, deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
+    def build(self, deployment: Deployment, name: str, base: Path, out: Path | None) -> LogicalProcess:
         """Build the logical process `name` of `deployment`, compiled and ready.
 
         `base` is the deployment's folder, `out` the run folder, to which the process may write files of its
@@ -49,9 +49,11 @@ class NodeModule(Protocol):
         """
 
 
-def build_node(module: str, deployment: Deployment, name: str, base: Path, out: Path | None) -> Node:
+def build_process(
+    module: str, deployment: Deployment, name: str, base: Path, out: Path | None
+) -> LogicalProcess:
     """Import `<module>.process` and build its logical process."""
-    process: NodeModule = importlib.import_module(f"{module}.process")
+    process: ProcessModule = importlib.import_module(f"{module}.process")
     return process.build(deployment, name, base, out)
 
 
@@ -73,7 +75,7 @@ def _arguments(module: str) -> argparse.Namespace:
     return parser.parse_args()
 
 
-class _Stop(BaseException):
+class _StopSignal(BaseException):
     """Stop signal: the launcher stopped this process, or is gone."""
 
 
@@ -83,34 +85,34 @@ def main(module: str) -> int:
     logging.basicConfig(
         level=logging.INFO, stream=sys.stderr, format=f"{args.name}: %(levelname)s %(message)s"
     )
-    _obey_launcher()
+    _install_stop_handlers()
     if args.cpus:
-        _settle_on(args.cpus)
+        _pin_to_cores(args.cpus)
     try:
         asyncio.run(_run(module, args))
     except SkinnetError as error:
         log.error("%s", error)
         return 1
-    except _Stop:
-        return STOPPED
+    except _StopSignal:
+        return EXIT_STOPPED
     return 0
 
 
-def _settle_on(cpus: list[int]) -> None:
+def _pin_to_cores(cores: list[int]) -> None:
     """Pin this process to cores and set the scheduling policy SCHED_BATCH.
 
     Each period end wakes threads in several processes. If they preempt each other, all compute with cold
     caches (measurements in docs/decisions.md).
     """
-    os.sched_setaffinity(0, cpus)
+    os.sched_setaffinity(0, cores)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def _obey_launcher() -> None:
+def _install_stop_handlers() -> None:
     """Stop on SIGTERM and when standard input closes; ignore SIGINT, which the launcher handles."""
 
     def stop(_signal: int, _frame: object) -> None:
-        raise _Stop
+        raise _StopSignal
 
     def outlive_nobody() -> None:
         while os.read(_STDIN, 1):  # not through a buffer, whose lock would outlive the interpreter
@@ -126,9 +128,9 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     deployment = msgspec.json.decode(args.deployment.read_bytes(), type=Deployment)
     keys = Keys(deployment.robot)
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
-    node: Node | None = None
+    node: LogicalProcess | None = None
     try:
-        node = build_node(module, deployment, args.name, args.base, args.parts.parent)
+        node = build_process(module, deployment, args.name, args.base, args.parts.parent)
         node.peers |= frozenset(args.also)
         usage = UsageTrace(lambda: (transport.received_bytes, transport.sent_bytes))
         gc.freeze()
@@ -139,37 +141,37 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             keys,
             deadline_s=deployment.run.deadline_s,
             realtime=deployment.run.pace == "realtime",
-            on_period=usage.note,
+            on_period=usage.sample,
         )
-        if transport.malformed:
-            node.counters["malformed_envelopes"] += transport.malformed
-        part = part_of(node)
-        part.arrays |= {"usage": usage.rows, "transit_us": transport.transit_us}
+        if transport.malformed_batches:
+            node.counters["malformed_envelopes"] += transport.malformed_batches
+        part = result_of(node)
+        part.arrays |= {"usage": usage.rows, "transit_us": transport.transit_histogram}
         part.save(args.parts)
         if args.listen:
-            await _outlast(transport, present - {node.name})
+            await _wait_for_clients(transport, present - {node.name})
     finally:
-        if isinstance(node, Keeping):
-            node.end()
+        if isinstance(node, Closeable):
+            node.close()
         transport.close()
 
 
-async def _outlast(transport: ZenohTransport, there: set[str]) -> None:
+async def _wait_for_clients(transport: ZenohTransport, present: set[str]) -> None:
     """Keep the hub, which relays for the others, open until their liveliness tokens are gone."""
-    deadline_s = time.monotonic() + _LINGER_S
-    while there and time.monotonic() < deadline_s:
+    deadline_s = time.monotonic() + _HUB_LINGER_S
+    while present and time.monotonic() < deadline_s:
         for key, payload in await transport.receive(0.1):
             if payload is None:
-                there.discard(key.rsplit("/", 1)[-1])
+                present.discard(key.rsplit("/", 1)[-1])
 
 
-def part_of(node: Node) -> Part:
+def result_of(process: LogicalProcess) -> ProcessResult:
     """Return the process result with CPU time [s], peak memory [MB] and counters added."""
-    part = node.result()
+    part = process.result()
     usage = resource.getrusage(resource.RUSAGE_SELF)
     part.facts["cpu_s"] = usage.ru_utime + usage.ru_stime
     part.facts["peak_mb"] = _peak_mb(usage.ru_maxrss)
-    part.facts["counters"] = dict(sorted(node.counters.items()))
+    part.facts["counters"] = dict(sorted(process.counters.items()))
     return part
 
 

@@ -2,17 +2,17 @@
 
 from pathlib import Path
 
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.load import load
 from skinnet.deployment.schema import (
     BodySpec,
+    CellPoseSpec,
     CellSpec,
     ControllerSpec,
     Deployment,
     InterfaceSpec,
     LatticeSpec,
     PatchSpec,
-    PlacedCell,
     StageSpec,
     TeacherSpec,
     TouchSpec,
@@ -44,13 +44,13 @@ ARM = """
 """An arm that turns and lifts, with a flat top at z = 0.01 of its frame."""
 
 ARM_CELLS = (
-    PlacedCell(position_m=(0.30, 0.0, 0.01), normal=(0, 0, 1), x_axis=(0, 1, 0)),
-    PlacedCell(position_m=(0.40, 0.0, 0.01), normal=(0, 0, 1), x_axis=(1, 0.3, 0)),
-    PlacedCell(position_m=(0.35, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0.2, 0, 1)),
+    CellPoseSpec(position_m=(0.30, 0.0, 0.01), normal=(0, 0, 1), x_axis=(0, 1, 0)),
+    CellPoseSpec(position_m=(0.40, 0.0, 0.01), normal=(0, 0, 1), x_axis=(1, 0.3, 0)),
+    CellPoseSpec(position_m=(0.35, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0.2, 0, 1)),
 )
 
 
-def patch(name: str, body: str, *cells: PlacedCell) -> PatchSpec:
+def patch(name: str, body: str, *cells: CellPoseSpec) -> PatchSpec:
     return PatchSpec(name=name, body=body, cells=cells, interfaces=(InterfaceSpec(cell=0, port=0),))
 
 
@@ -68,10 +68,12 @@ def body_of(
     cells: CellSpec | None = None,
     teacher: TeacherSpec | None = None,
     **body: object,
-) -> Body:
+) -> BodySimulation:
     """Body of `mjcf`, which is written into `folder`; `touches`, or all that a teacher does."""
     (folder / "scene.xml").write_text(mjcf)
-    return Body(deployment_of(patches, joints, touches, cells or CellSpec(), teacher, **body), folder)
+    return BodySimulation(
+        deployment_of(patches, joints, touches, cells or CellSpec(), teacher, **body), folder
+    )
 
 
 def deployment_of(
@@ -94,12 +96,12 @@ def deployment_of(
     )
 
 
-def arm(folder: Path, more: str = "", touches: tuple[TouchSpec, ...] = (), **body: object) -> Body:
+def arm(folder: Path, more: str = "", touches: tuple[TouchSpec, ...] = (), **body: object) -> BodySimulation:
     """The arm with three cells: two on its flat top, one on its side."""
     mjcf = ARM.format(more=more, sensors="")
     return body_of(folder, mjcf, (patch("skin", "arm", *ARM_CELLS),), ("turn", "lift"), touches, **body)
 
 
-def hrp2(*overrides: str) -> Body:
+def hrp2(*overrides: str) -> BodySimulation:
     """The body of the HRP-2 touch deployment."""
-    return Body(load(HRP2, overrides), DEPLOYMENTS)
+    return BodySimulation(load(HRP2, overrides), DEPLOYMENTS)

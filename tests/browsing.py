@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from skinnet.body.shapes import Figure
+from skinnet.body.shapes import VisualModel
 from skinnet.deployment import Deployment
-from skinnet.view.atlas import Atlas, draw_atlas
-from skinnet.view.gate import Gate
+from skinnet.view.atlas import SkinLayout, build_skin_layout
+from skinnet.view.gate import AuthProxy
 from skinnet.view.page import Page
-from skinnet.view.source import Source
-from skinnet.view.state import Scene, Told
+from skinnet.view.source import MessageSource
+from skinnet.view.state import ReceivedMessage, RunState
 
 _SCREENSHOTS = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "screenshots.py"))
 CHROMIUM: str | None = _SCREENSHOTS["CHROMIUM"]
@@ -98,23 +98,23 @@ def visit(browser: Any, url: str, width: int = 1200, height: int = 800) -> Itera
 class Pushed:
     """A source that tells what a test pushes."""
 
-    over = ""
+    end_reason = ""
 
     def __init__(self, deployment: Deployment) -> None:
         self.deployment, self.base, self.title = deployment, DEPLOYMENTS, "a test"
-        self._waiting: deque[Told] = deque()
+        self._waiting: deque[ReceivedMessage] = deque()
 
-    def push(self, *told: Told) -> None:
+    def push(self, *told: ReceivedMessage) -> None:
         self._waiting.extend(told)
 
-    def feed(self, scene: Scene, now_s: float) -> int:
+    def deliver(self, run_state: RunState, now_s: float) -> int:
         count = 0
         while self._waiting:
-            scene.take(self._waiting.popleft(), now_s)
+            run_state.apply(self._waiting.popleft(), now_s)
             count += 1
         return count
 
-    def facts(self) -> Mapping[str, str]:
+    def properties(self) -> Mapping[str, str]:
         return {}
 
     def close(self) -> None:
@@ -127,20 +127,20 @@ class Served:
 
     url: str
     page: Page
-    atlas: Atlas
+    atlas: SkinLayout
     said: list[str]
 
 
 @contextmanager
-def served(source: Source, token: str | None = None, **options: Any) -> Iterator[Served]:
+def served(source: MessageSource, token: str | None = None, **options: Any) -> Iterator[Served]:
     """Serves the page of a source until the block ends; an error of its loop is one of the test."""
-    atlas = draw_atlas(source.deployment)
-    page = Page(source, atlas, Figure(source.deployment, source.base), **options)
+    atlas = build_skin_layout(source.deployment)
+    page = Page(source, atlas, VisualModel(source.deployment, source.base), **options)
     broken: list[BaseException] = []
 
     def run() -> None:
         try:
-            page.run(keep=True)
+            page.run(keep_open=True)
         except BaseException as error:
             broken.append(error)
             raise
@@ -148,7 +148,7 @@ def served(source: Source, token: str | None = None, **options: Any) -> Iterator
     said: list[str] = []
     thread = threading.Thread(target=run)
     try:
-        with closing(Gate("127.0.0.1", 0, page.port, token, said.append)) as gate:
+        with closing(AuthProxy("127.0.0.1", 0, page.port, token, said.append)) as gate:
             thread.start()
             yield Served(gate.url, page, atlas, said)
     finally:

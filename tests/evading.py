@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from skinnet.body.evasion import evading_weights
-from skinnet.body.kinematics import jacobian
+from skinnet.body.evasion import ideal_sensory_motor_map
+from skinnet.body.kinematics import cell_jacobian
 from skinnet.deployment.schema import CellSpec
 from skinnet.messages import STIMULUS_NAMES
 
@@ -18,7 +18,7 @@ class Evader:
     def __init__(self, body, force_gain=0.0, proximity_gain=0.4, fixed_map=False, asleep=()):
         """`fixed_map`: the map of the first pose, as a robot that explored no other; `asleep`: dead cells."""
         self._body, self._force_gain, self._proximity_gain = body, force_gain, proximity_gain
-        self._map = evading_weights(jacobian(body)) if fixed_map else None
+        self._map = ideal_sensory_motor_map(cell_jacobian(body)) if fixed_map else None
         self._asleep = list(asleep)
         self._due = np.zeros(body.n_dofs)
 
@@ -29,7 +29,9 @@ class Evader:
             activation = self._activation(body.stimulus())
             velocity = np.zeros(body.n_dofs)
             if activation.any():
-                velocity = activation @ (evading_weights(jacobian(body)) if self._map is None else self._map)
+                velocity = activation @ (
+                    ideal_sensory_motor_map(cell_jacobian(body)) if self._map is None else self._map
+                )
             velocity *= min(1.0, _SPEED_RAD_S / max(np.abs(velocity).max(), 1e-9))
             body.set_command(self._due)
             self._due = velocity

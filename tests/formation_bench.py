@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 
-from cells.formation import CellFormation
-from cells.formation_gateway import GatewayFormation, Phase
-from cells.formation_packets import FormationPacket, Kind
+from cells.formation import CellAgent
+from cells.formation_gateway import FormationPhase, GatewayAgent
+from cells.formation_packets import FormationPacket, FormationPacketKind
 from skinnet.deployment.schema import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.messages import Topology
-from skinnet.skin.placement import place
+from skinnet.skin.placement import place_patch
 
 SERIAL_NS, DELAY_NS, REACTION_NS, DETECT_NS = 40_000, 185_000, 50_000, 500_000
 RESEND_NS = 4 * (SERIAL_NS + DELAY_NS + REACTION_NS)
@@ -37,9 +37,9 @@ class Bench:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        self.cells = [CellFormation(uid, RESEND_NS) for uid in range(self.n_cells)]
+        self.cells = [CellAgent(uid, RESEND_NS) for uid in range(self.n_cells)]
         ports = max(len(self.interfaces), 1)
-        self.gateway = GatewayFormation(ports, resend_ns=RESEND_NS, settle_ns=SETTLE_NS)
+        self.gateway = GatewayAgent(ports, retransmission_timeout_ns=RESEND_NS, settle_ns=SETTLE_NS)
         self.far: dict[End, End] = {}
         for a, port_a, b, port_b in self.wires:
             self.far[a, port_a], self.far[b, port_b] = (b, port_b), (a, port_a)
@@ -57,7 +57,7 @@ class Bench:
         self._serial = itertools.count()
         self._deadline: dict[int, int | None] = {}
 
-    def agent(self, node: int) -> CellFormation | GatewayFormation:
+    def agent(self, node: int) -> CellAgent | GatewayAgent:
         return self.gateway if node == GATEWAY else self.cells[node]
 
     def start(self) -> "Bench":
@@ -75,7 +75,7 @@ class Bench:
             if node in self.off:
                 continue
             agent = self.agent(node)
-            was_complete = self.gateway.phase is Phase.COMPLETE
+            was_complete = self.gateway.phase is FormationPhase.COMPLETE
             if what is None:
                 sends = agent.on_deadline(self.t_ns)
             elif isinstance(what, bool):
@@ -84,7 +84,7 @@ class Bench:
                 continue  # the link broke while the packet was on it
             else:
                 sends = agent.handle(what, port, self.t_ns)
-            if self.gateway.phase is Phase.COMPLETE and not was_complete:
+            if self.gateway.phase is FormationPhase.COMPLETE and not was_complete:
                 self.complete_ns = self.t_ns
             self._emit(node, sends, self.t_ns + REACTION_NS)
         return self
@@ -97,7 +97,7 @@ class Bench:
         before = {end for end in self.far if self._is_heard(end)}
         for cell in self.off - off:
             self._life[cell] = self._life.get(cell, 0) + 1
-            self.cells[cell] = CellFormation(cell, RESEND_NS, self._life[cell])
+            self.cells[cell] = CellAgent(cell, RESEND_NS, self._life[cell])
             self._deadline[cell] = None
         self.dead, self.off = set(dead), set(off)
         after = {end for end in self.far if self._is_heard(end)}
@@ -161,14 +161,14 @@ class Bench:
         return hops
 
     def topology(self) -> Topology:
-        return self.gateway.forest.topology("p", 0, self.n_cells, 1, self.t_ns)
+        return self.gateway.forest.topology_message("p", 0, self.n_cells, 1, self.t_ns)
 
 
 def check(bench: Bench, *, alike: bool = True) -> Topology:
     """Everything that holds once a network has settled, whatever has happened before."""
     truth = bench.distances()
     topology, ids = bench.topology(), bench.topology().network_id
-    assert bench.gateway.phase is (Phase.COMPLETE if truth else Phase.FAILED)
+    assert bench.gateway.phase is (FormationPhase.COMPLETE if truth else FormationPhase.FAILED)
     assert {cell for cell in range(bench.n_cells) if ids[cell]} == set(truth)
     assert len({ids[cell] for cell in truth}) == len(truth)
     children: dict[End, list[int]] = {}
@@ -226,13 +226,22 @@ def check_first(bench: Bench) -> Topology:
         stack += [child for _, child in sorted(below.get(cell, []), reverse=True)]
     assert order == expected  # IDs are what a walk of the trees, depth first and by port, numbers
     links = [(node, p) for node in (*truth, GATEWAY) for p in bench.working(node)]
-    kinds = [packet.kind for packet in bench.sent if packet.kind not in (Kind.HELLO, Kind.ACK)]
-    assert kinds.count(Kind.EXPLORE) + kinds.count(Kind.DONE) == len(links)
-    assert kinds.count(Kind.DONE) == kinds.count(Kind.ASSIGN) == kinds.count(Kind.COLLECT) == len(truth)
-    assert kinds.count(Kind.IDENTITY) == len(links)
-    assert kinds.count(Kind.UNIT) == sum(topology.depth)
-    assert kinds.count(Kind.LINKS) == 2 * sum(topology.depth)
-    assert bench.gateway.links.repeated == sum(cell.links.repeated for cell in bench.cells) == 0
+    kinds = [
+        packet.kind
+        for packet in bench.sent
+        if packet.kind not in (FormationPacketKind.HELLO, FormationPacketKind.ACK)
+    ]
+    assert kinds.count(FormationPacketKind.EXPLORE) + kinds.count(FormationPacketKind.DONE) == len(links)
+    assert (
+        kinds.count(FormationPacketKind.DONE)
+        == kinds.count(FormationPacketKind.ASSIGN)
+        == kinds.count(FormationPacketKind.COLLECT)
+        == len(truth)
+    )
+    assert kinds.count(FormationPacketKind.IDENTITY) == len(links)
+    assert kinds.count(FormationPacketKind.CELL_REPORT) == sum(topology.depth)
+    assert kinds.count(FormationPacketKind.NEIGHBOUR_REPORT) == 2 * sum(topology.depth)
+    assert bench.gateway.links.retransmitted == sum(cell.links.retransmitted for cell in bench.cells) == 0
     return topology
 
 
@@ -245,7 +254,7 @@ def lattice(columns: int, rows: int) -> tuple[list[Wire], list[End]]:
         lattice=LatticeSpec(columns=columns, rows=rows, origin_m=(0, 0, 0), normal=(0, 0, 1), up=(0, 1, 0)),
         interfaces=(InterfaceSpec(cell=0, port=2),),
     )
-    wires = [tuple(map(int, row)) for row in place(free, CellSpec()).wires]
+    wires = [tuple(map(int, row)) for row in place_patch(free, CellSpec()).wires]
     taken = {(a, p) for a, p, _, _ in wires} | {(b, p) for _, _, b, p in wires}
     ends = [(c, p) for c in range(columns * rows) for p in range(4) if (c, p) not in taken]
     return wires, ends  # type: ignore[return-value]

@@ -7,9 +7,9 @@ import msgspec
 import numpy as np
 from body_scenes import deployment_of
 
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.schema import Deployment, InterfaceSpec, LatticeSpec, PatchSpec
-from skinnet.deployment.things import THINGS, ObjectName
+from skinnet.deployment.things import OBJECTS, ObjectName
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -55,7 +55,7 @@ def _paddle(name: str, inwards: float) -> PatchSpec:
 def rig_deployment(thing: ObjectName = "delivery_box", seed: int = 1, **stand: Any) -> Deployment:
     """The rig with an object between the paddles, the middle of which lies at x = 0.4 m."""
     scene = deployment_of((_paddle("left", -1.0), _paddle("right", 1.0)), ("left", "right"), servo=_SERVO)
-    depth_m, nearer_m = (0.3, 0.0) if thing == "none" else (THINGS[thing].size_m[0], THINGS[thing].nearer_m)
+    depth_m, nearer_m = (0.3, 0.0) if thing == "none" else (OBJECTS[thing].size_m[0], OBJECTS[thing].nearer_m)
     defaults = {"near_x_m": _AT_X_M - 0.5 * depth_m + nearer_m, "plate_near_x_m": 0.25, "lower_stage": "hold"}
     keys = {"object": thing, "seed": seed, "stand": defaults | stand}
     return msgspec.convert(msgspec.to_builtins(scene) | keys, Deployment)
@@ -67,17 +67,17 @@ def rig(
     bare_m: float = 0.01,
     round_link: bool = False,
     **stand: Any,
-) -> Body:
+) -> BodySimulation:
     """The body of the rig.
 
     With `bare_m` below -0.012 a bare block stands out from the left paddle's foam; with `round_link` the link
     under that foam is a cylinder.
     """
     (folder / "scene.xml").write_text(_RIG.format(bare_m=bare_m, left=_ROUND if round_link else _FLAT))
-    return Body(rig_deployment(thing, **stand), folder)
+    return BodySimulation(rig_deployment(thing, **stand), folder)
 
 
-def close(body: Body, overlap_m: float, width_m: float) -> None:
+def close(body: BodySimulation, overlap_m: float, width_m: float) -> None:
     """Closes both paddles until each lies `overlap_m` deep in an object of `width_m`, and waits."""
     way_m = 0.5 * (_APART_M - width_m) - body.thickness_m + overlap_m
     for share, speed_m_s in ((0.9, _CLOSING_M_S), (0.1, 0.1 * _CLOSING_M_S)):

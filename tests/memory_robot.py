@@ -6,24 +6,24 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from skinnet.memory.record import KeyPose, Memory, Robot
+from skinnet.memory.record import KeyPose, MemoryContents, RobotIdentity
 
-ROBOT = Robot("bot", ("elbow", "wrist pitch/2"), {"arm": 3, "hand": 2})
+ROBOT = RobotIdentity("bot", ("elbow", "wrist pitch/2"), {"arm": 3, "hand": 2})
 
 names = st.text(string.ascii_letters + string.digits + "_-", min_size=1, max_size=64)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def same(one: Memory, other: Memory) -> bool:
+def same(one: MemoryContents, other: MemoryContents) -> bool:
     """Equal to the bit, and in the order of poses; parameters and areas have none."""
-    one.robot.require_same(other.robot)
+    one.robot.require_match(other.robot)
     return one.digest() == other.digest()
 
 
-def known() -> Memory:
+def known() -> MemoryContents:
     """What the small robot has learnt."""
     weights = np.array([[0.0, 0.0], [0.6, -0.8], [1.0, 0.0], [0.0, 0.0], [1 / 3, 2 / 3]])
-    return Memory(
+    return MemoryContents(
         ROBOT,
         activity=np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1]], dtype=bool),
         poses={"open": KeyPose(np.array([0.1, -1.5]), weights), "home": KeyPose(np.array([0.0, 1e-300]))},
@@ -33,7 +33,7 @@ def known() -> Memory:
     )
 
 
-def numbered(number: int, robot: Robot = ROBOT) -> Memory:
+def numbered(number: int, robot: RobotIdentity = ROBOT) -> MemoryContents:
     """A memory of which every part tells its number."""
     rng = np.random.default_rng(number)
     poses = {
@@ -42,13 +42,13 @@ def numbered(number: int, robot: Robot = ROBOT) -> Memory:
     }
     cells = np.flatnonzero(rng.random(robot.n_cells) < 0.5)
     areas = {"pat": cells} if len(cells) else {}
-    return Memory(robot, rng.random(robot.shape) < 0.5, poses, areas, {"number": number})
+    return MemoryContents(robot, rng.random(robot.shape) < 0.5, poses, areas, {"number": number})
 
 
 @st.composite
-def robots(draw: st.DrawFn) -> Robot:
+def robots(draw: st.DrawFn) -> RobotIdentity:
     joints = st.text(min_size=1, max_size=5).filter(str.isprintable)
-    return Robot(
+    return RobotIdentity(
         draw(names),
         tuple(draw(st.lists(joints, min_size=1, max_size=3, unique=True))),
         draw(st.dictionaries(names, st.integers(1, 4), min_size=1, max_size=3)),
@@ -56,7 +56,7 @@ def robots(draw: st.DrawFn) -> Robot:
 
 
 @st.composite
-def memories(draw: st.DrawFn) -> Memory:
+def memories(draw: st.DrawFn) -> MemoryContents:
     robot = draw(robots())
     cells = st.sets(st.integers(0, robot.n_cells - 1)).map(
         lambda found: np.array(sorted(found), dtype=np.int64)
@@ -68,7 +68,7 @@ def memories(draw: st.DrawFn) -> Memory:
     if activity is not None:
         unmeasured = draw(cells)
         activity[unmeasured] = False
-    return Memory(
+    return MemoryContents(
         robot,
         activity,
         draw(st.dictionaries(names, st.builds(KeyPose, positions, st.none() | weights), max_size=3)),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skinnet.bench import ns3_network
 from skinnet.bench.heapq_network import simulate
 from skinnet.bench.patches import Workload
-from skinnet.network.routes import NO_LINK, Routes, fewest_hops
+from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
 from skinnet.network.topology import Topology
 
 GOLDEN = Path(__file__).parent / "ns3" / "golden"
@@ -31,7 +31,7 @@ def workload(
 ) -> Workload:
     """Packets of 11 to 80 bytes between these (node, dest), with routes of fewest hops."""
     order = np.argsort(t_ns, kind="stable")
-    routes = fewest_hops(topology, np.unique(ends[:, 1]))
+    routes = min_hop_routes(topology, np.unique(ends[:, 1]))
     kept = routes.link != NO_LINK
     return Workload(
         topology,

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.deployment.schema import NetworkSpec
-from skinnet.network.network import Network
+from skinnet.network.network import PacketNetwork
 from skinnet.network.records import Outcome
-from skinnet.network.routes import fewest_hops
+from skinnet.network.routes import min_hop_routes
 from skinnet.network.topology import Topology
-from skinnet.plan.forest import Forest
+from skinnet.plan.forest import RoutingForest
 
 Ints = NDArray[np.int64]
 
@@ -30,7 +30,13 @@ class Played(NamedTuple):
 
 
 def play(
-    forest: Forest, wires: Ints, gateways: Ints, network: NetworkSpec, t_ns: Ints, cell: Ints, size: Ints
+    forest: RoutingForest,
+    wires: Ints,
+    gateways: Ints,
+    network: NetworkSpec,
+    t_ns: Ints,
+    cell: Ints,
+    size: Ints,
 ) -> Played:
     """Lets `cell` (packets,) send packets of `size` at `t_ns` over links whose queues have no end."""
     n = len(forest.parent)
@@ -43,10 +49,10 @@ def play(
         delay_ns=round(network.hop_delay_us * 1e3),
         jitter_ns=round(network.jitter_us * 1e3),
     )
-    kernel = Network(topology, seed=1)
-    kernel.set_routes(0, fewest_hops(topology, [n]))
+    kernel = PacketNetwork(topology, seed=1)
+    kernel.set_routes(0, min_hop_routes(topology, [n]))
     ids = np.arange(len(cell))
-    kernel.offer(t_ns, cell, np.full(len(cell), n), size, ids)
+    kernel.enqueue(t_ns, cell, np.full(len(cell), n), size, ids)
     ended = kernel.advance(int(t_ns.max()) + 10**12)
     assert (ended.outcome == Outcome.DELIVERED).all()
     assert len(ended.t_ns) == len(cell)

@@ -12,8 +12,8 @@ import pytest
 from launching import ROOT
 from rich.console import Console
 
-from skinnet.run.launch import Order, prepare, run_once
-from skinnet.run.progress import Progress
+from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.progress import ProgressDisplay
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 SHORT = (
@@ -28,9 +28,9 @@ _VOID = {"br", "hr", "img", "link", "meta"}
 
 def small_run(folder: Path, *settings: str, seed: int = 1, plots: bool = True) -> dict[str, Any]:
     """Three simulated seconds of the two-link arm, in this process; returns the summary."""
-    order = Order(ARM, (*SHORT, *settings), in_process=True, plots=plots)
-    progress = Progress(Console(quiet=True), quiet=True)
-    return run_once(order, prepare(order, seed), folder, progress)
+    order = RunOptions(ARM, (*SHORT, *settings), in_process=True, plots=plots)
+    progress = ProgressDisplay(Console(quiet=True), quiet=True)
+    return run_once(order, load_and_check(order, seed), folder, progress)
 
 
 def png(width: int = 3, height: int = 2) -> bytes:

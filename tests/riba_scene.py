@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.load import load
 
 DEPLOYMENTS = Path(__file__).parents[1] / "deployments"
 CYLINDER = DEPLOYMENTS / "riba_cylinder.toml"
 
 
-def riba(*overrides: str) -> Body:
+def riba(*overrides: str) -> BodySimulation:
     """The robot when its arms have closed and the world still holds the cylinder."""
     spec = ("payload.mass_kg=3.0", "payload.grip_n=60.0", 'payload.release_stage="hold"', *overrides)
-    return Body(load(CYLINDER, spec), DEPLOYMENTS)
+    return BodySimulation(load(CYLINDER, spec), DEPLOYMENTS)

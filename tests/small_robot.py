@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.load import build
+from skinnet.deployment.load import from_document
 
 SHIPPED = Path(__file__).parents[1] / "deployments" / "hrp2_touch.toml"
 
@@ -36,4 +36,4 @@ def small(*patches: dict[str, Any], **tables: Any) -> Deployment:
     for table, value in tables.items():
         own = raw.get(table)
         raw[table] = own | value if isinstance(own, dict) and isinstance(value, dict) else value
-    return build(raw, "small")
+    return from_document(raw, "small")

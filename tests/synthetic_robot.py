@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.seeding import stream
+from skinnet.seeding import generator
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -60,7 +60,7 @@ class SkinnedArms:
         mirror = np.where([1, 0, 0, 1, 0, 1, 0], 1, sides[:, None])
         self.home_rad = (HOME_RAD * mirror).ravel()
         self.shoulder_m = np.stack([0 * sides, 0.25 * sides, 0 * sides + 1.2], axis=1)
-        rng = stream(7, "cells")
+        rng = generator(7, "cells")
         outward = rotation(
             np.array([0.0, 1.0, 0.0]), np.pi / 2
         )  # the normal of a cell, z, to the x of its link
@@ -162,7 +162,7 @@ def run(
     stuck_dof: int | None = None,
 ) -> Servos:
     """Ticks a motion program on the robot until it is done; every cell samples each 4 ms in its own phase."""
-    rng = stream(11, "noise")
+    rng = generator(11, "noise")
     phase_ms = rng.integers(0, SAMPLE_MS, arms.n_cells)
     phase_ms[list(dead_cells)] = -1
     # ticks and samples meet again after four ticks: (slots, cells) that are due in each of the four

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from small_robot import small
 
-from skinnet.run.processes import processes
+from skinnet.run.processes import process_list
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("skinnet", "cells", "controller")
@@ -112,6 +112,6 @@ def test_modules_are_small() -> None:
 
 
 def test_the_processes_of_a_run_can_be_started_by_name() -> None:
-    for spec in processes(small()):
+    for spec in process_list(small()):
         assert importlib.util.find_spec(f"{spec.module}.__main__") is not None
         assert callable(importlib.import_module(f"{spec.module}.process").build)

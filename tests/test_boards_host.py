@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from small_robot import small
 
-from cells.boards_host import BoardsNode
-from controller.nursing.skin_input import BoardInput, sheets_of
+from cells.boards_host import BoardProcess
+from controller.nursing.skin_input import BoardInput, sheet_surfaces
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.messages import Config, decode, encode, unpack
-from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW, Pressures, Regions
+from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW, Pressures, Regions
 from skinnet.skin.sheet import place_sheets
 
 PERIOD_NS = 4_000_000
@@ -45,7 +45,7 @@ def pressed(*elements: int) -> bytes:
     return kpa.tobytes()
 
 
-def told(node: BoardsNode, *frames: bytes) -> list[Regions]:
+def told(node: BoardProcess, *frames: bytes) -> list[Regions]:
     sent: list[tuple[str, bytes]] = []
     for i, values in enumerate(frames):
         message = Pressures(t_ns=i * PERIOD_NS, covered_ns=i * PERIOD_NS, values=values)
@@ -58,12 +58,12 @@ def told(node: BoardsNode, *frames: bytes) -> list[Regions]:
 
 
 def test_what_is_pressed_is_told_and_every_period_is_closed() -> None:
-    node = BoardsNode(skinned(), "boards")
+    node = BoardProcess(skinned(), "boards")
     regions = told(node, *[pressed(5, 6, 21)] * 6)
     assert [(r.t_ns, r.covered_ns) for r in regions] == [
         (i * PERIOD_NS, (i + 1) * PERIOD_NS) for i in range(5)
     ]
-    frames = np.concatenate([unpack(r.frames, BOARD_FRAME) for r in regions])
+    frames = np.concatenate([unpack(r.frames, SCAN_FRAME_ROW) for r in regions])
     rows = np.concatenate([unpack(r.rows, REGION_ROW) for r in regions])
     assert int(frames["rows"].sum()) == len(rows)
     area_m2 = 0.0215**2
@@ -71,15 +71,15 @@ def test_what_is_pressed_is_told_and_every_period_is_closed() -> None:
         last = rows[rows["board"] == board][-1]
         assert last["force_n"] == pytest.approx(n * 30e3 * area_m2, rel=0.02)
         assert last["elements"] == n
-    assert [r.seq for r in regions] == np.cumsum([0, *(len(unpack(r.frames, BOARD_FRAME)) for r in regions)])[
-        :-1
-    ].tolist()
+    assert [r.seq for r in regions] == np.cumsum(
+        [0, *(len(unpack(r.frames, SCAN_FRAME_ROW)) for r in regions)]
+    )[:-1].tolist()
     counters = node.result().facts["boards"]["regions"]
     assert counters["offered"] == counters["delivered"] + counters["in_flight"]
 
 
 def test_pressures_of_another_skin_are_refused() -> None:
-    node = BoardsNode(skinned(), "boards")
+    node = BoardProcess(skinned(), "boards")
     with pytest.raises(ProtocolError, match="3 elements; there are 32"):
         node.accept("pressures", (), encode(Pressures(t_ns=0, covered_ns=0, values=bytes(12))))
     with pytest.raises(ProtocolError, match="does not read"):
@@ -87,7 +87,7 @@ def test_pressures_of_another_skin_are_refused() -> None:
 
 
 def test_a_raw_pattern_comes_to_who_asks_for_it() -> None:
-    node = BoardsNode(skinned(), "boards")
+    node = BoardProcess(skinned(), "boards")
     node.accept("config", ("boards", "1"), encode(Config(patch="boards", cell=1, pattern_every=2)))
     patterns = np.concatenate([unpack(r.patterns, PATTERN_ROW) for r in told(node, *[pressed(21)] * 9)])
     assert set(patterns["board"]) == {1}
@@ -102,13 +102,13 @@ def test_a_raw_pattern_comes_to_who_asks_for_it() -> None:
 def test_a_contact_over_the_seam_of_two_boards_is_one() -> None:
     deployment = skinned()
     sheets = place_sheets(deployment.surfaces, deployment.sheets)
-    ear = BoardInput(sheets, join_m=0.043)
+    ear = BoardInput(sheets, merge_distance_m=0.043)
     bottom_of_a, top_of_b = 13, 16 + 1  # neighbours across the seam
     assert np.linalg.norm(sheets[0].xi_m[13] - sheets[1].xi_m[1]) < 0.043
-    for message in told(BoardsNode(deployment, "boards"), *[pressed(bottom_of_a, top_of_b)] * 4):
+    for message in told(BoardProcess(deployment, "boards"), *[pressed(bottom_of_a, top_of_b)] * 4):
         ear.add(message)
-    assert ear.take(0) is None
-    felt = ear.take(12_000_000)
+    assert ear.latest_input(0) is None
+    felt = ear.latest_input(12_000_000)
     assert felt is not None
     (region,) = felt.regions
     assert region.sheet == "left"
@@ -119,25 +119,25 @@ def test_a_contact_over_the_seam_of_two_boards_is_one() -> None:
 
 def test_nothing_is_taken_before_its_time() -> None:
     deployment = skinned()
-    ear = BoardInput(place_sheets(deployment.surfaces, deployment.sheets), join_m=0.043)
-    messages = told(BoardsNode(deployment, "boards"), *[pressed(5)] * 8)
+    ear = BoardInput(place_sheets(deployment.surfaces, deployment.sheets), merge_distance_m=0.043)
+    messages = told(BoardProcess(deployment, "boards"), *[pressed(5)] * 8)
     for message in reversed(messages[:1]):
         ear.add(message)
     for message in messages[1:]:
         ear.add(message)
     last = -1
     for t_ns in range(0, 8 * PERIOD_NS, 1_000_000):
-        felt = ear.take(t_ns)
+        felt = ear.latest_input(t_ns)
         if felt is not None:
             assert last <= felt.t_ns < t_ns
             last = felt.t_ns
-    assert ear.received == sum(len(unpack(m.frames, BOARD_FRAME)) for m in messages)
+    assert ear.received_frames == sum(len(unpack(m.frames, SCAN_FRAME_ROW)) for m in messages)
 
 
 def test_messages_that_contradict_themselves_are_refused() -> None:
     deployment = skinned()
-    ear = BoardInput(place_sheets(deployment.surfaces, deployment.sheets), join_m=0.043)
-    frame = np.zeros(1, dtype=BOARD_FRAME)
+    ear = BoardInput(place_sheets(deployment.surfaces, deployment.sheets), merge_distance_m=0.043)
+    frame = np.zeros(1, dtype=SCAN_FRAME_ROW)
     frame["board"] = 7
     with pytest.raises(ProtocolError, match="board 7; there are 2"):
         ear.add(Regions(t_ns=0, covered_ns=0, frames=frame.tobytes(), rows=b""))
@@ -149,8 +149,8 @@ def test_messages_that_contradict_themselves_are_refused() -> None:
 def test_the_controller_knows_one_sheet_for_each_surface() -> None:
     deployment = skinned()
     sheets = place_sheets(deployment.surfaces, deployment.sheets)
-    (sheet,) = sheets_of(sheets, height_m=0.012).values()
-    point = sheet.at((0.0, 0.043))
+    (sheet,) = sheet_surfaces(sheets, height_m=0.012).values()
+    point = sheet.surface_point((0.0, 0.043))
     np.testing.assert_allclose(point.position_m, (0.0, 0.043, 0.012), atol=1e-9)
     np.testing.assert_allclose(point.R_body_surface, np.eye(3), atol=1e-9)
 

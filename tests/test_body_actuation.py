@@ -54,11 +54,11 @@ def test_a_bad_command_is_refused_counted_and_stops_the_motion(tmp_path, command
     body.advance(200 * MS)
     targets = body.data.ctrl.copy()
     assert not body.set_command(command)
-    assert body.actuation.refused == 1
+    assert body.actuation.refused_commands == 1
     body.advance(400 * MS)
     np.testing.assert_array_equal(body.data.ctrl, targets)
     assert body.set_command([0.4, 0.0]), "a good command is taken again"
-    assert body.actuation.refused == 1
+    assert body.actuation.refused_commands == 1
 
 
 @settings(max_examples=60, deadline=None)

@@ -6,7 +6,7 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.surface import N_SAMPLES, element_centre_m, hexagon_m, sample_points_m
+from skinnet.body.surface import N_SAMPLES_PER_CELL, force_cell_centre_m, hexagon_m, sample_points_m
 from skinnet.deployment.schema import FoamSpec
 
 PLATE = """
@@ -113,14 +113,14 @@ def test_action_equals_reaction_and_elements_add_up_to_the_force(tmp_path, seed)
 
 def test_samples_stand_for_equal_areas_of_the_hexagon():
     samples = sample_points_m(SIDE_M)
-    assert samples.shape == (N_SAMPLES, 2)
+    assert samples.shape == (N_SAMPLES_PER_CELL, 2)
     np.testing.assert_allclose(samples.mean(axis=0), 0.0, atol=1e-15)
     # polar moment of a hexagon over its area: 5/12 side²; each of the 27 rhombi holds (side/3)²/6 of its own
     moment_m2 = (samples**2).sum(axis=1).mean()
     assert moment_m2 == pytest.approx(SIDE_M**2 * (5 / 12 - 1 / 54))
     for element in range(3):
         mine = samples[9 * element : 9 * element + 9]
-        centre = element_centre_m(element, 1.0)
+        centre = force_cell_centre_m(element, 1.0)
         np.testing.assert_allclose(mine.mean(axis=0), centre * SIDE_M / 2, atol=1e-12)
     rim = hexagon_m(SIDE_M)
     inward = np.roll(rim, -1, axis=0) + rim

@@ -16,7 +16,7 @@ SOLIDS = (geometry.SPHERE, geometry.CAPSULE, geometry.ELLIPSOID, geometry.CYLIND
 
 def entry(kind: int, origin, direction, triangles=NO_TRIANGLES) -> float:
     ray = (*map(float, origin), *map(float, direction))
-    return geometry.entry_m(kind, *SIZE, triangles, 0, len(triangles), *ray)
+    return geometry.entry_distance_m(kind, *SIZE, triangles, 0, len(triangles), *ray)
 
 
 def rays(seed: int, count: int, reach: float):

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from skinnet.body.kinematics import cell_poses, jacobian, moved_by
+from skinnet.body.kinematics import activity_matrix, cell_jacobian, cell_poses
 from skinnet.body.surface import hexagon_m
 from skinnet.deployment.schema import SwaySpec, TouchSpec
 from skinnet.errors import DeploymentError, ModelError
@@ -41,7 +41,7 @@ def test_the_robot_has_74_cells_on_seven_bodies_and_14_dofs(robot):
 
 def test_the_true_activity_is_seven_parts_with_the_torso_as_root(robot):
     """The body parts and joints of Fig. 4 [M14], as an activity matrix."""
-    activity = moved_by(robot)
+    activity = activity_matrix(robot)
     parts = {name: activity[rows] for name, rows in robot.cells.items()}
     assert all((part == part[0]).all() for part in parts.values())
     assert not parts["torso"].any()
@@ -54,7 +54,7 @@ def test_the_true_activity_is_seven_parts_with_the_torso_as_root(robot):
 
 def test_at_home_every_joint_axis_is_visible_to_gravity(robot):
     """|Δg| ≈ 0.1 sin β must be above 0.01 g: β > 5.7° (FACTS.md); 12° keep a margin."""
-    axes = robot.data.xaxis[robot.model.joint]
+    axes = robot.data.xaxis[robot.model.joint_id]
     from_gravity_deg = np.degrees(np.arccos(np.abs(axes[:, 2])))
     assert from_gravity_deg.min() > 12.0
 
@@ -70,7 +70,7 @@ def test_cells_lie_on_the_shells_and_not_in_them(robot):
     """No corner of a cell's face, and no point of its axis, is inside a solid of its own body."""
     mj, data = robot.model.mj, robot.data
     position_m, R_world_cell = cell_poses(robot)
-    for cell, owner in enumerate(robot.surface.body.tolist()):
+    for cell, owner in enumerate(robot.surface.body_id.tolist()):
         normal = R_world_cell[cell][:, 2]
         below = position_m[cell] - 0.012 * normal
         geom = np.array([-1], dtype=np.int32)
@@ -93,23 +93,23 @@ def test_faces_of_neighbouring_bodies_do_not_overlap(robot):
 
 def test_jacobian_equals_finite_differences(robot):
     mj, data = robot.model.mj, mujoco.MjData(robot.model.mj)
-    expected = jacobian(robot)
+    expected = cell_jacobian(robot)
     _, R_world_cell = cell_poses(robot)
     step_rad = 1e-6
 
     def faces(d, shift):
         data.qpos[:] = robot.data.qpos
-        data.qpos[robot.model.qpos[d]] += shift
+        data.qpos[robot.model.qpos_address[d]] += shift
         mujoco.mj_kinematics(mj, data)
-        R_world_body = data.xmat[robot.surface.body].reshape(-1, 3, 3)
+        R_world_body = data.xmat[robot.surface.body_id].reshape(-1, 3, 3)
         lifted = robot.surface.position_m + 0.012 * robot.surface.R_body_cell[:, :, 2]
-        return data.xpos[robot.surface.body] + np.einsum("nij,nj->ni", R_world_body, lifted)
+        return data.xpos[robot.surface.body_id] + np.einsum("nij,nj->ni", R_world_body, lifted)
 
     for d in range(robot.n_dofs):
         moved = (faces(d, step_rad) - faces(d, -step_rad)) / (2 * step_rad)
         in_cell = np.einsum("nji,nj->ni", R_world_cell, moved)
         np.testing.assert_allclose(expected[:, d], in_cell, atol=1e-8)
-    np.testing.assert_array_equal(np.abs(expected).max(axis=2) > 1e-9, moved_by(robot))
+    np.testing.assert_array_equal(np.abs(expected).max(axis=2) > 1e-9, activity_matrix(robot))
 
 
 def test_the_reference_sways_a_little_and_the_arms_hold_their_pose(robot):

@@ -4,7 +4,7 @@ import body_scenes
 import matplotlib.image
 import numpy as np
 
-from skinnet.body.render import picture
+from skinnet.body.render import render_body
 
 
 def test_the_picture_shows_the_cells_in_their_colours(tmp_path):
@@ -14,7 +14,7 @@ def test_the_picture_shows_the_cells_in_their_colours(tmp_path):
         values = np.zeros(74)
         values[:18] = level
         out = tmp_path / f"{name}.png"
-        file, why = picture(deployment, body_scenes.DEPLOYMENTS, out, values, size=(320, 240))
+        file, why = render_body(deployment, body_scenes.DEPLOYMENTS, out, values, size=(320, 240))
         if file is None:
             assert why.startswith("no picture")
             return
@@ -30,7 +30,7 @@ def test_the_picture_shows_the_cells_in_their_colours(tmp_path):
 def test_a_machine_that_cannot_draw_says_why(tmp_path, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     deployment = body_scenes.load(body_scenes.HRP2)
-    file, why = picture(deployment, body_scenes.DEPLOYMENTS, tmp_path / "no.png", np.zeros(74))
+    file, why = render_body(deployment, body_scenes.DEPLOYMENTS, tmp_path / "no.png", np.zeros(74))
     assert file is None
     assert "nonsense" in why
 
@@ -43,7 +43,7 @@ def test_the_picture_shows_the_object_where_it_is(tmp_path):
     images = []
     for number, (pose, top_m) in enumerate([(up, 0.93), (down, 0.43), (None, None)]):
         out = tmp_path / f"{number}.png"
-        file, why = picture(
+        file, why = render_body(
             deployment, body_scenes.DEPLOYMENTS, out, np.zeros(74), None, pose, top_m, size=(320, 240)
         )
         if file is None:

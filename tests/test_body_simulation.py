@@ -6,7 +6,7 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.truth import CrossingTruth, distance_thresholds_m, force_thresholds_n
+from skinnet.body.truth import CrossingDetector, distance_thresholds_m, force_thresholds_n
 from skinnet.deployment.schema import ForceSpec, ProximitySpec, TouchSpec
 from skinnet.errors import ModelError
 from skinnet.messages import STIMULUS_NAMES, Modality
@@ -54,7 +54,7 @@ def test_the_seed_moves_the_sway_and_nothing_else():
     one, two = body_scenes.hrp2(), body_scenes.hrp2("seed=2")
     for body in (one, two):
         body.advance(100 * MS)
-    sway = one.model.sway_qpos
+    sway = one.model.sway_qpos_address
     assert np.abs(one.data.qpos[sway] - two.data.qpos[sway]).max() > 1e-5
     np.testing.assert_allclose(one.joints(), two.joints(), atol=1e-3)
 
@@ -80,9 +80,9 @@ def test_force_crossings_are_exact_between_physics_steps(tmp_path):
 
 
 def test_crossings_are_upward_only_and_interpolated():
-    truth = CrossingTruth(np.array([1.0, 2.0]), np.array([0.05, 0.02]))
+    truth = CrossingDetector(np.array([1.0, 2.0]), np.array([0.05, 0.02]))
     for t_ms, force in enumerate([0.0, 0.5, 2.5, 0.0, 1.5]):
-        truth.see_forces(t_ms * MS, MS, np.array([[0.0, force, 0.0]]), force > 0)
+        truth.observe_forces(t_ms * MS, MS, np.array([[0.0, force, 0.0]]), force > 0)
     found = [(c.t_ns, c.cell, c.channel, c.level) for c in truth.crossings]
     assert found == [
         (1 * MS + MS // 4, 0, 1, 1),
@@ -93,7 +93,7 @@ def test_crossings_are_upward_only_and_interpolated():
     for t_ms, distance in ((0, math.inf), (4, 0.06), (8, 0.03), (12, 0.06), (16, math.inf), (20, 0.01)):
         stimulus = np.zeros((1, len(STIMULUS_NAMES)))
         stimulus[0, STIMULUS_NAMES.index("distance_m")] = distance
-        truth.see_stimulus(t_ms * MS, stimulus)
+        truth.observe_stimulus(t_ms * MS, stimulus)
     found = [(c.t_ns, c.level) for c in truth.crossings]
     assert found == [(4 * MS + 4 * MS // 3, 1), (20 * MS, 1), (20 * MS, 2)]
 
@@ -124,7 +124,7 @@ def test_every_touch_of_the_shipped_deployment_reaches_its_cell():
         body.begin_stage(stage)
         body.advance(body.t_ns + 45_000 * MS)
         script = [index for index, touch in enumerate(touches) if touch.stage == stage]
-        done = [truth for truth in body.teacher.truth if truth.stage == stage]
+        done = [truth for truth in body.teacher.touches if truth.stage == stage]
         assert [truth.touch for truth in done] == script
         for truth in done:
             assert truth.end_ns is not None

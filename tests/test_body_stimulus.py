@@ -9,7 +9,7 @@ import pytest
 from body_scenes import ARM_CELLS
 
 from skinnet.body.model import FINGER
-from skinnet.body.scene import scene_of
+from skinnet.body.scene import build_contact_scene
 from skinnet.messages import STIMULUS_NAMES
 
 DISTANCE = STIMULUS_NAMES.index("distance_m")
@@ -99,11 +99,11 @@ def test_skin_feels_everything_but_its_own_body_and_its_neighbours(tmp_path):
     )
     patches = tuple(body_scenes.lattice_patch(name, name, 1, 1) for name in ("arm", "base", "tip", "plate"))
     body = body_scenes.body_of(tmp_path, mjcf, patches, ("turn",))
-    scene = scene_of(body.model.mj, body.surface)
-    names = [body.model.mj.body(int(b)).name for b in scene.body]
+    scene = build_contact_scene(body.model.mj, body.surface)
+    names = [body.model.mj.body(int(b)).name for b in scene.body_id]
     felt = {
         patch.name: {name for name, may in zip(names, row, strict=True) if may}
-        for patch, row in zip(patches, scene.felt, strict=True)
+        for patch, row in zip(patches, scene.collides, strict=True)
     }
     rest = {"table", "plate", "ball", FINGER}
     assert felt == {

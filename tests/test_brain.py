@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import small
 
-from controller.brain import Brain, Tick
-from controller.process import ControllerNode
-from controller.skin_input import SkinInput
+from controller.brain import Controller, TickOutput
+from controller.process import ControllerProcess
+from controller.skin_input import CellInput
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
@@ -27,13 +27,13 @@ from skinnet.messages import (
     Joints,
     Message,
     Modality,
-    SkinFrame,
+    PeriodEnd,
     Stream,
     Topology,
     decode,
     encode,
 )
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
 Floats = NDArray[np.float64]
 TICK_NS = 5_000_000
@@ -80,27 +80,27 @@ class Robot:
 
     def __init__(self, *program: str, **tables: Any) -> None:
         control = small(controller=FAST | {"program": program} | tables).controller
-        self.skin = SkinInput(SIZES)
-        self.brain = Brain(control, self.skin, S)
+        self.skin = CellInput(SIZES)
+        self.brain = Controller(control, self.skin, S)
         self.t_ns = 0
         self.position_rad = HOME_RAD.copy()
 
     def know(self) -> "Robot":
         """Gives it a map, so that it can react."""
-        self.brain.knowledge.map.add(HOME_RAD, WEIGHTS)
+        self.brain.self_model.sensory_motor_map.add(HOME_RAD, WEIGHTS)
         return self
 
     def feel(self, patch: str, *rows: tuple[int, int, float], **more: Any) -> None:
         self.skin.add_events(patch, events(patch, *rows, t_ns=self.t_ns - 2000, **more))
 
-    def tick(self, *, ready: bool = True, skin_lag_ns: int = 0) -> Tick:
+    def tick(self, *, ready: bool = True, skin_lag_ns: int = 0) -> TickOutput:
         t_ns = self.t_ns
         tick, _, _ = self.brain.tick(t_ns, self.position_rad, t_ns, t_ns - skin_lag_ns, ready=ready)
         self.position_rad = self.position_rad + tick.velocity_rad_s * TICK_NS * 1e-9
         self.t_ns += TICK_NS
         return tick
 
-    def live(self, ticks: int = 4000) -> list[Tick]:
+    def live(self, ticks: int = 4000) -> list[TickOutput]:
         """Ticks until the program is through."""
         lived = []
         while not self.brain.done:
@@ -130,8 +130,8 @@ def test_the_program_goes_in_its_order_and_the_robot_gets_there() -> None:
     assert starts_ns == sorted(set(starts_ns))
     assert starts_ns[4] - starts_ns[3] == pytest.approx(2_000_000_000, abs=2 * TICK_NS)
     np.testing.assert_allclose(robot.position_rad, HOME_RAD, atol=0.01)
-    assert robot.brain.knowledge.structure is not None
-    assert len(robot.brain.knowledge.map) == 1
+    assert robot.brain.self_model.structure is not None
+    assert len(robot.brain.self_model.sensory_motor_map) == 1
     assert robot.brain.progress == 1.0
 
 
@@ -143,10 +143,10 @@ def test_who_listens_takes_in_what_the_skin_says_and_does_nothing() -> None:
         if robot.brain.stage == "listen":
             assert not tick.velocity_rad_s.any()
         assert not len(tick.streams_on)
-        assert robot.brain.felt is None
+        assert robot.brain.tactile_input is None
     begins = dict(robot.brain.stage_log)
     assert begins["bow"] - begins["listen"] == pytest.approx(500_000_000, abs=2 * TICK_NS)
-    assert robot.brain.picture.readings(Modality.FORCE)[0, 0] == 0.5
+    assert robot.brain.tactile_state.readings(Modality.FORCE)[0, 0] == 0.5
 
 
 def say(robot: Robot, *cells: int, patch: str = "arm") -> None:
@@ -167,17 +167,17 @@ def test_a_cell_that_does_not_stream_is_asked_again() -> None:
     assert len(asked[0]) == 1
     assert len(asked[1]) == 3
     assert min(np.diff(asked[1])) > 100_000_000
-    assert robot.brain.asked_again == 2 * (S - 1)
+    assert robot.brain.repeated_stream_requests == 2 * (S - 1)
 
 
 def test_a_cell_that_leaves_the_network_is_asked_anew_when_it_returns() -> None:
     robot = Robot("structure")
     robot.tick()
     cells = np.arange(2)
-    robot.brain.see_cells(cells, np.array([True, False]))
-    assert not robot.brain.picture.found[1]
+    robot.brain.update_presence(cells, np.array([True, False]))
+    assert not robot.brain.tactile_state.present[1]
     assert 1 not in robot.tick().streams_on
-    robot.brain.see_cells(cells, np.array([True, True]))
+    robot.brain.update_presence(cells, np.array([True, True]))
     assert robot.tick().streams_on.tolist() == [1]
 
 
@@ -216,7 +216,7 @@ def test_a_cell_in_contact_streams_until_it_is_left_alone() -> None:
     on = robot.tick()
     assert on.streams_on.tolist() == [4]
     robot.feel("hand", (1, 0, 0.0), seq=1)
-    ticks: list[Tick] = []
+    ticks: list[TickOutput] = []
     for _ in range(150):
         if not any(len(tick.streams_off) for tick in ticks):
             say(robot, 1, patch="hand")
@@ -236,7 +236,7 @@ def test_guidance_is_that_of_the_paper() -> None:
     assert robot.tick().velocity_rad_s.tolist() == pytest.approx([0.09, 0.0])
     robot.feel("hand", (0, 2, 0.14))
     assert robot.tick().velocity_rad_s.tolist() == pytest.approx([0.18, 0.0])
-    drives = robot.brain.drives.rows
+    drives = robot.brain.reaction_log.rows
     assert drives[["cell", "channel", "tick_ns"]].tolist() == [(0, 0, TICK_NS), (3, 0, 2 * TICK_NS)]
     assert (drives["tick_ns"] - drives["t_sampled_ns"] == 2000).all()
     for _ in range(12):  # nothing more is heard of that touch for longer than `stale_ms`
@@ -251,7 +251,7 @@ def test_reactions_can_be_switched_off() -> None:
     tick = robot.tick()
     assert not tick.velocity_rad_s.any()
     assert not len(tick.streams_on)
-    assert not len(robot.brain.drives.rows)
+    assert not len(robot.brain.reaction_log.rows)
 
 
 def test_a_silent_skin_slows_the_robot_down() -> None:
@@ -270,7 +270,7 @@ def test_lost_cells_feel_nothing_and_are_asked_for_nothing() -> None:
     robot.tick()
     robot.feel("hand", (0, 4, 1.0))
     assert robot.tick().velocity_rad_s[0] > 0.5
-    robot.brain.picture.set_found(robot.skin.cells("hand"), False)
+    robot.brain.tactile_state.set_present(robot.skin.cells("hand"), False)
     assert not robot.tick().velocity_rad_s.any()
     robot.feel("hand", (0, 4, 1.0), seq=1)
     assert not robot.tick().velocity_rad_s.any()
@@ -336,9 +336,9 @@ def test_the_order_of_arrival_does_not_matter(
     ]
     taken = []
     for jumbled in (messages, random.sample(messages, len(messages))):
-        skin = SkinInput(SIZES)
+        skin = CellInput(SIZES)
         assert sum(skin.add_events(m.patch, m) for m in jumbled) == sum(len(m.cell) for m in messages)
-        ticks = [skin.take(t_ns)[0] for t_ns in range(0, 6 * TICK_NS, TICK_NS)]
+        ticks = [skin.take_delivered(t_ns)[0] for t_ns in range(0, 6 * TICK_NS, TICK_NS)]
         taken.append([(tick.cell.tolist(), tick.rows.tolist()) for tick in ticks])
         for t, tick in enumerate(ticks):
             assert (tick.rows["t_delivered_ns"] == (t - 1) * TICK_NS).all()
@@ -365,7 +365,7 @@ class Wired:
     ) -> None:
         control = FAST | {"program": program} | more
         deployment: Deployment = small(controller=control, hosts="per_patch", run={"may_be_lost": ("cells",)})
-        self.node = ControllerNode(deployment, "controller", SIZES)
+        self.node = ControllerProcess(deployment, "controller", SIZES)
         self.sent: list[tuple[str, bytes]] = []
         self.position_rad = HOME_RAD
         self.t_ns = 0
@@ -387,7 +387,7 @@ class Wired:
         for name, upstream in self.node.upstreams.items():
             if lost and name not in (*here, "body"):
                 upstream.lost = True
-                self.node.lose(upstream)
+                self.node.on_upstream_lost(upstream)
 
     def accept(self, channel: str, message: Message, *fields: str) -> None:
         self.node.accept(channel, fields, encode(message))
@@ -397,12 +397,12 @@ class Wired:
             "joints", Joints(t_ns=self.t_ns, covered_ns=self.t_ns, position_rad=self.position_rad.tolist())
         )
         for patch in self.here:
-            frame = SkinFrame(patch=patch, t_ns=self.t_ns, covered_ns=self.t_ns, events=int(self.t_ns == 0))
+            frame = PeriodEnd(patch=patch, t_ns=self.t_ns, covered_ns=self.t_ns, events=int(self.t_ns == 0))
             self.accept("frame", frame, patch)
         needs = self.node.needs()
         assert needs is not None
         ups = self.node.upstreams
-        assert all(ups[name].lost or ups[name].covered_ns >= t_ns for name, t_ns in needs.items())
+        assert all(ups[name].lost or ups[name].watermark_ns >= t_ns for name, t_ns in needs.items())
         self.sent.clear()
         self.node.step(lambda key, payload: self.sent.append((key, payload)))
         self.t_ns += TICK_NS
@@ -415,7 +415,7 @@ class Wired:
         return [decode(payload, Config) for key, payload in self.sent if KEYS.parse(key)[0].name == "config"]
 
     @property
-    def result(self) -> Part:
+    def result(self) -> ProcessResult:
         return self.node.result()
 
 
@@ -447,7 +447,7 @@ def test_nothing_begins_before_every_patch_that_lives_has_formed() -> None:
     waiting = Wired("bow", here=("arm",), lost=False)
     waiting.here = ("arm", "hand")
     for upstream in waiting.node.upstreams.values():
-        upstream.arrive()  # its frames come, its topology does not
+        upstream.count_arrivals()  # its frames come, its topology does not
     for _ in range(20):
         assert waiting.step().velocity_rad_s == [0.0, 0.0]
         assert waiting.result.facts["stages"] == []
@@ -486,8 +486,8 @@ two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
         ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[-math.inf, 0.0]), "finite"),
         ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[0.0]), "1 joints; this run has 2"),
         ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[]), "0 joints"),
-        ("frame", ("leg",), SkinFrame(patch="leg", t_ns=0, covered_ns=9**9, events=0), "leg"),
-        ("frame", ("arm",), events("arm", (0, 1, 0.5)), "SkinFrame"),
+        ("frame", ("leg",), PeriodEnd(patch="leg", t_ns=0, covered_ns=9**9, events=0), "leg"),
+        ("frame", ("arm",), events("arm", (0, 1, 0.5)), "PeriodEnd"),
         ("events", ("arm", "3"), events("arm", (3, 1, 0.5)), "unknown cell of arm: .* 0 to 2"),
         ("events", ("arm", "0"), events("arm", (-1, 1, 0.5)), "unknown cell"),
         ("events", ("arm", "0"), events("hand", (0, 1, 0.5)), "hand under a key of arm"),
@@ -517,8 +517,8 @@ def test_what_makes_no_sense_changes_nothing(
     with pytest.raises(ProtocolError, match=said):
         told.accept(channel, message, *fields)
     for name, upstream in told.node.upstreams.items():
-        assert upstream.covered_ns == calm.node.upstreams[name].covered_ns
-        assert upstream.missing == 0
+        assert upstream.watermark_ns == calm.node.upstreams[name].watermark_ns
+        assert upstream.n_missing == 0
     assert [told.step() for _ in range(5)] == [calm.step() for _ in range(5)]
     assert told.result.facts == calm.result.facts
 

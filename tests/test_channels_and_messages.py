@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.channels import CHANNELS, WATCHERS, Channel, Keys, Role, channel
+from skinnet.channels import CHANNELS, OBSERVERS, Channel, Keys, Role, channel
 from skinnet.errors import ProtocolError
 from skinnet.messages import SCHEMA, STREAM_ROW, Events, Joints, Message, Stream, decode, encode, pack, unpack
-from skinnet.transport.base import matches
+from skinnet.transport.base import key_matches
 
 KEYS = Keys("bot")
 names = st.text("abcXYZ019_-", min_size=1, max_size=12) | st.sampled_from(
@@ -86,7 +86,7 @@ def test_every_key_that_is_built_is_parsed(row: Channel, robot: str, data: st.Da
 def test_no_two_rows_of_the_table_share_a_key(row: Channel, data: st.DataObject) -> None:
     key = KEYS.of(row.name, *fields_of(row, data))
     owners = [
-        other for other in CHANNELS if matches(KEYS.of(other.name, *"*" * other.pattern.count("<")), key)
+        other for other in CHANNELS if key_matches(KEYS.of(other.name, *"*" * other.pattern.count("<")), key)
     ]
     assert owners == [row]
 
@@ -97,7 +97,7 @@ def test_a_key_of_no_channel_is_refused(segments: list[str]) -> None:
     try:
         row, fields = KEYS.parse(key)
     except ProtocolError:
-        assert not [row for row in CHANNELS if matches(everywhere(row), key)]
+        assert not [row for row in CHANNELS if key_matches(everywhere(row), key)]
     else:
         assert KEYS.of(row.name, *fields) == key
 
@@ -124,7 +124,7 @@ def test_the_table_says_who_talks_to_whom() -> None:
 
 def test_lanes_are_the_receivers() -> None:
     for row in CHANNELS:
-        assert (KEYS.lane(everywhere(row)) == WATCHERS) == (not row.receivers)
+        assert (KEYS.route_group(everywhere(row)) == OBSERVERS) == (not row.receivers)
 
 
 segments = st.lists(st.sampled_from(["a", "b", "c"]), max_size=5)
@@ -135,7 +135,7 @@ def test_expressions_match_as_regular_expressions_do(expression: list[str], key:
     pattern = "".join({"*": "[^/]+/", "**": "([^/]+/)*"}.get(part, part + "/") for part in expression)
     wanted = re.fullmatch(pattern, "".join(part + "/" for part in key)) is not None
     if expression and key:  # an empty key expression is none
-        assert matches("/".join(expression), "/".join(key)) == wanted
+        assert key_matches("/".join(expression), "/".join(key)) == wanted
 
 
 @given(message=messages)

@@ -11,10 +11,10 @@ from small_robot import patch, small
 
 from cells.damage import Impairment, impairments, outages_of
 from cells.outages import Outage
-from cells.wiring import Wiring, wire
+from cells.wiring import Wiring, wire_cells
 from skinnet.messages import FOREVER_NS
-from skinnet.network.faults import FaultSpan, burst_phases, timeline
-from skinnet.skin.placement import bridges_of, place_all
+from skinnet.network.faults import FaultSpan, fault_schedule, gilbert_elliott_phases
+from skinnet.skin.placement import place_patches, resolve_bridges
 
 S = 1_000_000_000
 SEED = 1
@@ -34,11 +34,11 @@ def broken(
 ) -> tuple[tuple[FaultSpan, ...], Wiring]:
     """Spans of a whole deployment, and the wiring of a host with some of its patches."""
     deployment = small(faults=rules, **SKIN)
-    placed = place_all(deployment.patches, deployment.cells)
+    placed = place_patches(deployment.patches, deployment.cells)
     by_name = {one.name: one for one in placed}
     groups = [[by_name[name] for name in group] for group in deployment.groups() if group[0] in on]
-    return timeline(deployment, placed), wire(
-        groups, deployment.network, bridges_of(deployment.bridges, placed)
+    return fault_schedule(deployment, placed), wire_cells(
+        groups, deployment.network, resolve_bridges(deployment.bridges, placed)
     )
 
 
@@ -55,7 +55,7 @@ def ends(wiring: Wiring, link: int) -> tuple[str, str]:
 
 
 def name(wiring: Wiring, node: int, port: int) -> str:
-    if node in wiring.interface:
+    if node in wiring.interface_node:
         of_group = wiring.group_of_patch == wiring.group_of_node[node]
         p = max(p for p in of_group.nonzero()[0] if wiring.gateway_port[p] <= port)
         return f"{wiring.patches[p].name}:{port - wiring.gateway_port[p]}"
@@ -91,7 +91,7 @@ def test_a_rule_breaks_the_link_that_it_names_in_the_direction_that_it_says(
     assert cut_links(rule("link_cut", target, direction="out")) == [(here, there)]
     assert cut_links(rule("link_cut", target, direction="in")) == [(there, here)]
     lossy, wiring = broken(rule("loss", target, probability=0.5, direction="out"))
-    first = next(impairments(lossy, wiring, loss=0.0, seed=SEED))
+    first = next(impairments(lossy, wiring, baseline_loss=0.0, seed=SEED))
     assert ends(wiring, first.link) == (here, there)
 
 
@@ -129,7 +129,7 @@ def test_a_host_takes_what_is_its_own_and_nothing_of_sensors_or_hosts() -> None:
     for on, broke, lossy in ((("arm", "hand"), 1, 2), (("foot",), 3, 4)):
         spans, wiring = broken(*rules, on=on)
         assert len(list(outages_of(spans, wiring))) == broke
-        now = takewhile(lambda one: one.t_ns == 0, impairments(spans, wiring, loss=0.0, seed=SEED))
+        now = takewhile(lambda one: one.t_ns == 0, impairments(spans, wiring, baseline_loss=0.0, seed=SEED))
         assert len({one.link for one in now}) == lossy
 
 
@@ -177,9 +177,9 @@ def share_of(span: FaultSpan, t_ns: int) -> tuple[float, float]:
         case "bit_errors":
             return 0.0, span.rule.rate  # type: ignore[union-attr]
         case _:
-            return [p for at_ns, p in takewhile(lambda one: one[0] <= t_ns, burst_phases(span, SEED))][
-                -1
-            ], 0.0
+            return [
+                p for at_ns, p in takewhile(lambda one: one[0] <= t_ns, gilbert_elliott_phases(span, SEED))
+            ][-1], 0.0
 
 
 @settings(max_examples=60)
@@ -188,7 +188,7 @@ def test_a_packet_gets_through_if_it_gets_through_each_of_them(
     rules: list[dict[str, Any]], loss: float
 ) -> None:
     spans, wiring = broken(*rules)
-    damage = impairments(spans, wiring, loss=loss, seed=SEED)
+    damage = impairments(spans, wiring, baseline_loss=loss, seed=SEED)
     found = list(takewhile(lambda one: one.t_ns <= 20 * S, damage))
     assert [one.t_ns for one in found] == sorted(one.t_ns for one in found)
     link = int(wiring.link_out[wiring.node_of_cell[0], 0])
@@ -205,7 +205,7 @@ def test_links_do_not_share_their_damage() -> None:
         rule("loss", "arm/0:0", probability=0.2, direction="out", at_s=1.0),
     )
     found = list(
-        takewhile(lambda one: one.t_ns < FOREVER_NS, impairments(spans, wiring, loss=0.0, seed=SEED))
+        takewhile(lambda one: one.t_ns < FOREVER_NS, impairments(spans, wiring, baseline_loss=0.0, seed=SEED))
     )
     out = int(wiring.link_out[wiring.node_of_cell[0], 0])
     assert state(found, out, 2 * S, 0.0) == pytest.approx((0.6, 0.0))
@@ -214,7 +214,7 @@ def test_links_do_not_share_their_damage() -> None:
 
 def test_what_ends_returns_to_the_loss_that_all_links_have() -> None:
     spans, wiring = broken(rule("loss", "arm/0:0", probability=1.0, direction="in", at_s=1.0, duration_s=2.0))
-    during, after = impairments(spans, wiring, loss=0.125, seed=SEED)
+    during, after = impairments(spans, wiring, baseline_loss=0.125, seed=SEED)
     assert during == (S, during.link, 1.0, 0.0)
     assert after == (3 * S, during.link, 0.125, 0.0)
 
@@ -223,7 +223,7 @@ def test_bursts_without_end_are_worked_out_as_far_as_one_asks() -> None:
     spans, wiring = broken(rule("burst_loss", "*", mean_good_s=0.001, mean_bad_s=0.001), on=("arm", "hand"))
     n_links = wiring.topology.n_links
     assert {span.until_ns for span in spans} == {FOREVER_NS}
-    found = list(islice(impairments(spans, wiring, loss=0.0, seed=SEED), 50 * n_links))
+    found = list(islice(impairments(spans, wiring, baseline_loss=0.0, seed=SEED), 50 * n_links))
     assert {one.link for one in found} == set(range(n_links))
     times_ns = [one.t_ns for one in found]
     assert times_ns == sorted(times_ns)
@@ -239,7 +239,7 @@ def test_a_host_of_its_own_sees_the_same_damage() -> None:
     _, foot = broken(*rules, on=("foot",))
 
     def of_foot(wiring: Wiring) -> list[tuple[int, tuple[str, str], float]]:
-        damage = takewhile(lambda one: one.t_ns < S, impairments(spans, wiring, loss=0.0, seed=SEED))
+        damage = takewhile(lambda one: one.t_ns < S, impairments(spans, wiring, baseline_loss=0.0, seed=SEED))
         named = [(one.t_ns, ends(wiring, one.link), one.loss_probability) for one in damage]
         return sorted(one for one in named if one[1][0].startswith("foot"))
 

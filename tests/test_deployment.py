@@ -13,9 +13,9 @@ from small_robot import SHIPPED, patch, small
 
 from skinnet.deployment import load, resolved_json
 from skinnet.deployment.checks import check
-from skinnet.deployment.load import apply_override, build
+from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
-from skinnet.skin.placement import place_all
+from skinnet.skin.placement import place_patches
 
 
 def refusal(*overrides: str) -> str:
@@ -24,7 +24,7 @@ def refusal(*overrides: str) -> str:
     def read() -> None:
         deployment = load(SHIPPED, overrides)
         check(deployment)
-        place_all(deployment.patches, deployment.cells)
+        place_patches(deployment.patches, deployment.cells)
 
     with pytest.raises(DeploymentError) as refused:
         read()
@@ -52,7 +52,7 @@ def test_lessons_and_strokes_may_belong_to_a_state_of_a_stage() -> None:
 def test_the_shipped_deployment_holds() -> None:
     deployment = load(SHIPPED)
     check(deployment)
-    assert sum(patch.n_cells for patch in place_all(deployment.patches, deployment.cells)) == 74
+    assert sum(patch.n_cells for patch in place_patches(deployment.patches, deployment.cells)) == 74
     assert len(deployment.body.joints) == 14
 
 
@@ -244,7 +244,7 @@ def test_a_setting_sets_what_toml_would(path: list[str], value: Any) -> None:
 def test_what_was_resolved_says_the_same_again(overrides: tuple[str, ...]) -> None:
     deployment = load(SHIPPED, overrides, seed=3)
     text = resolved_json(deployment)
-    assert build(msgspec.json.decode(text), "resolved") == deployment
+    assert from_document(msgspec.json.decode(text), "resolved") == deployment
     assert msgspec.json.decode(text)["cells"]["accelerometer"]["range_g"] == 8.0
 
 

@@ -9,7 +9,7 @@ from launching import ROOT, TOUCH, run
 
 from skinnet.deployment import load
 from skinnet.report.claims import Verdict
-from skinnet.report.collect import Run, collect
+from skinnet.report.collect import RunResults, read_run_folder
 
 pytestmark = pytest.mark.timeout(400)
 DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
@@ -19,9 +19,9 @@ DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
 @pytest.mark.parametrize("path", DEPLOYMENTS, ids=lambda path: path.stem)
 def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
     summary = run(path, tmp_path, settings=("run.max_s=1.0",))
-    results = collect(tmp_path)
-    assert isinstance(results, Run)
-    assert results.made.deployment == load(path, ("run.max_s=1.0",))
+    results = read_run_folder(tmp_path)
+    assert isinstance(results, RunResults)
+    assert results.files.deployment == load(path, ("run.max_s=1.0",))
     assert summary["outcome"] == "completed"
     assert summary["sim_s"] == pytest.approx(1.0, abs=0.02)
     assert summary["figures"]["network.conserved"]
@@ -31,10 +31,10 @@ def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
 
 def assert_as_the_paper(folder: Path, least: int) -> None:
     """Every expectation of the report is kept, and at least so many were measured."""
-    results = collect(folder)
-    assert isinstance(results, Run)
-    found = [compared.verdict for compared in results.compared]
-    assert {Verdict.OUTSIDE, Verdict.UNMEASURED}.isdisjoint(found), results.compared
+    results = read_run_folder(folder)
+    assert isinstance(results, RunResults)
+    found = [compared.verdict for compared in results.comparisons]
+    assert {Verdict.OUTSIDE, Verdict.UNMEASURED}.isdisjoint(found), results.comparisons
     assert found.count(Verdict.WITHIN) >= least
 
 

@@ -13,7 +13,7 @@ import typer.main
 from skinnet.cli.main import app
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
-from skinnet.skin.placement import place
+from skinnet.skin.placement import place_patch
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -102,7 +102,7 @@ def check_skinnet(arguments: list[str]) -> None:
     deployment = load(ROOT / given["file"], (*(given["settings"] or ()), *pace), given.get("seed"))
     check(deployment)
     for patch in deployment.patches:
-        place(patch, deployment.cells)
+        place_patch(patch, deployment.cells)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from cells.encoding import ENCODINGS, Emission, Encoder
+from cells.encoding import ENCODINGS, Encoder, EncoderOutput
 from cells.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
 from skinnet.deployment.schema import (
     AccelerometerSpec,
@@ -40,7 +40,7 @@ def rows(n: int, **columns: float) -> NDArray[np.float32]:
     return readings
 
 
-def events(emission: Emission) -> list[Event]:
+def events(emission: EncoderOutput) -> list[Event]:
     return list(zip(*(column.tolist() for column in emission[:6]), strict=True))
 
 
@@ -88,7 +88,7 @@ def test_levels_are_what_thresholds_and_hysteresis_allow(seed: int, margin: floa
                     expected.append((cell, int(channel == 3), channel % 3, 0, new, value))
                 level[cell, channel] = new
         assert events(encoder.encode(readings)) == expected
-        assert np.array_equal(encoder.level, level)
+        assert np.array_equal(encoder.last_levels, level)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -102,7 +102,7 @@ def test_send_on_delta_keeps_the_receivers_picture_within_delta(seed: int) -> No
     for frame, readings in enumerate(walk(dice, n, 50)):
         readings[:, 7] *= 10.0
         emission = encoder.encode(readings)
-        assert len(emission.full) == 0
+        assert len(emission.full_cell) == 0
         if frame == 0:
             assert len(emission.cell) == 8 * n
         for cell, modality, channel, kind, level, value in events(emission):
@@ -120,11 +120,11 @@ def test_clock_and_stream_send_full_readings_and_a_stream_leaves_the_events_alon
     encoder.configure(4, config(encoding="clock", stream=True))
     touched = rows(5, force0=0.2)
     emission = encoder.encode(touched)
-    assert emission.full.tolist() == [1, 3, 4]
+    assert emission.full_cell.tolist() == [1, 3, 4]
     assert emission.cell.tolist() == [0, 2, 3]
-    assert encoder.encode(touched).full.tolist() == [1, 3, 4]
+    assert encoder.encode(touched).full_cell.tolist() == [1, 3, 4]
     encoder.configure(3, config(stream=False))
-    assert encoder.encode(touched).full.tolist() == [1, 4]
+    assert encoder.encode(touched).full_cell.tolist() == [1, 4]
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -142,7 +142,7 @@ def test_a_cell_says_the_same_whoever_is_beside_it(seed: int) -> None:
         single = [alone[cell].encode(readings[cell : cell + 1]) for cell in range(n)]
         expected = [(cell, *event[1:]) for cell in range(n) for event in events(single[cell])]
         assert events(emission) == expected
-        assert emission.full.tolist() == [cell for cell in range(n) if len(single[cell].full)]
+        assert emission.full_cell.tolist() == [cell for cell in range(n) if len(single[cell].full_cell)]
 
 
 def test_a_change_of_encoding_keeps_the_receivers_picture_right() -> None:
@@ -193,7 +193,7 @@ def test_a_wrong_setting_is_refused_whole(settings: dict[str, object], names: st
         readings = rows(2, proximity=proximity)
         mine, theirs = encoder.encode(readings), untouched.encode(readings)
         assert events(mine) == events(theirs)
-        assert len(mine.full) == 0
+        assert len(mine.full_cell) == 0
 
 
 def test_a_cell_that_the_patch_does_not_have_is_refused() -> None:
@@ -282,10 +282,10 @@ def test_a_cell_that_is_switched_on_again_is_as_new_and_the_others_are_as_they_w
         chosen = set(again.tolist())
         expected = [e for e in events(new) if e[0] in chosen] + [e for e in events(old) if e[0] not in chosen]
         assert events(mine) == sorted(expected, key=lambda event: event[0])
-        full = [c for c in new.full.tolist() if c in chosen] + [
-            c for c in old.full.tolist() if c not in chosen
+        full = [c for c in new.full_cell.tolist() if c in chosen] + [
+            c for c in old.full_cell.tolist() if c not in chosen
         ]
-        assert mine.full.tolist() == sorted(full)
+        assert mine.full_cell.tolist() == sorted(full)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -296,12 +296,12 @@ def test_a_snapshot_of_an_encoder_brings_everything_back(seed: int) -> None:
     for readings in path[:15]:
         encoder.encode(readings)
     encoder.configure(1, config(encoding="delta", stream=True))
-    then, levels = encoder.snapshot(), encoder.level.copy()
-    said = [(events(emission), emission.full.tolist()) for emission in map(encoder.encode, path[15:])]
+    then, levels = encoder.snapshot(), encoder.last_levels.copy()
+    said = [(events(emission), emission.full_cell.tolist()) for emission in map(encoder.encode, path[15:])]
     encoder.configure(2, config(encoding="clock"))
     for again in (encoder, Encoder(spec(), 4)):
         again.restore(then)
-        assert np.array_equal(again.level, levels)
+        assert np.array_equal(again.last_levels, levels)
         assert said == [
-            (events(emission), emission.full.tolist()) for emission in map(again.encode, path[15:])
+            (events(emission), emission.full_cell.tolist()) for emission in map(again.encode, path[15:])
         ]

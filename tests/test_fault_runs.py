@@ -15,13 +15,13 @@ from rich.console import Console
 from small_robot import patch
 from test_skin_life import FAST, Streaming, cut
 
-from cells.formation_gateway import Phase
+from cells.formation_gateway import FormationPhase
 from cells.outages import Outage
 from skinnet.cli.main import main
 from skinnet.deployment.faults import FaultRule
 from skinnet.network.records import Outcome
-from skinnet.run.launch import Order, prepare, run_once
-from skinnet.run.progress import Progress
+from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.progress import ProgressDisplay
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 KINDS = [rule.__struct_config__.tag for rule in get_args(FaultRule)]
@@ -52,8 +52,10 @@ EVERYTHING = (
 
 def played(out: Path, *settings: str, in_process: bool = True) -> dict[str, Any]:
     """Summary of a run of the two-link arm, whose cells stream all the time."""
-    order = Order(ARM, (*STREAM, *settings), in_process, plots=False)
-    summary = run_once(order, prepare(order), out, Progress(Console(file=io.StringIO()), quiet=True))
+    order = RunOptions(ARM, (*STREAM, *settings), in_process, plots=False)
+    summary = run_once(
+        order, load_and_check(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
+    )
     assert summary["outcome"] == "completed"
     explain(summary["figures"])
     return summary
@@ -251,7 +253,7 @@ def test_what_is_lost_is_counted_once_however_many_things_break_meanwhile() -> N
         network=FAST,
         found=lambda w: [cut(w, c, 0, t * MS) for c, t in ((0, 300), (5, 301), (1, 302))],
     ).run(500 * MS)
-    recoveries = life.network.recoveries.all
+    recoveries = life.network.recovery_log.recoveries
     assert [recovery.complete_ns is None for recovery in recoveries] == [False] * 3
     assert sum(recovery.lost_packets for recovery in recoveries) == life.dropped > 0
 
@@ -259,7 +261,7 @@ def test_what_is_lost_is_counted_once_however_many_things_break_meanwhile() -> N
 def test_what_is_lost_in_the_period_in_which_the_computer_knows_is_counted() -> None:
     everyone = [Outage(300 * MS, 400 * MS, cell=cell) for cell in range(12)]
     life = Streaming(patch("p", 4, 3), network=FAST, found=everyone).run(500 * MS)
-    assert sum(recovery.lost_packets for recovery in life.network.recoveries.all) == life.dropped > 0
+    assert sum(recovery.lost_packets for recovery in life.network.recovery_log.recoveries) == life.dropped > 0
 
 
 def test_what_a_patch_loses_does_not_count_for_another() -> None:
@@ -270,9 +272,9 @@ def test_what_a_patch_loses_does_not_count_for_another() -> None:
         found=lambda w: [cut(w, 1, 2, 300 * MS), cut(w, 6, 2, 300 * MS, 350 * MS)],
     ).run(500 * MS)
     lost = np.zeros(2, dtype=np.int64)
-    for recovery in life.network.recoveries.all:
+    for recovery in life.network.recovery_log.recoveries:
         lost[recovery.group] += recovery.lost_packets
-    assert (lost <= life.network.deliveries.lost).all()
+    assert (lost <= life.network.demultiplexer.undeliverable).all()
     assert lost[0] < 20
 
 
@@ -281,11 +283,14 @@ def test_while_an_epoch_is_under_way_the_computer_knows_what_it_knew_before() ->
     life = Streaming(
         patch("p", 6, 6), network={"bits_per_s": 8_000_000}, found=lambda w: [cut(w, 3, 0, 300 * MS)]
     )
-    members, seen = life.network.members, []
+    members, seen = life.network.membership, []
     while life.network.kernel.now_ns < 500 * MS:
         life.run(life.network.kernel.now_ns + 4 * MS)
-        news = (members.version(0), members.missing(0))
-        busy = life.network.formation.gateways[0].phase in (Phase.EXPLORATION, Phase.REPORTS)
+        news = (members.topology_version(0), members.n_unreachable(0))
+        busy = life.network.formation_driver.gateways[0].phase in (
+            FormationPhase.EXPLORATION,
+            FormationPhase.REPORTS,
+        )
         seen.append((news, busy))
     assert [news for news, _ in groupby(seen, key=lambda one: one[0])] == [(0, 36), (1, 0), (2, 0)]
     assert ((1, 0), True) in seen
@@ -296,7 +301,7 @@ def test_what_is_lost_for_good_between_two_changes_belongs_to_neither() -> None:
     life = Streaming(patch("p", 3, 2), network=FAST, found=lambda w: [cut(w, 0, 2, 300 * MS, 500 * MS)]).run(
         600 * MS
     )
-    gone, back = life.network.recoveries.all
+    gone, back = life.network.recovery_log.recoveries
     assert gone.complete_ns is not None
     assert back.complete_ns is not None
     known_ns = (gone.complete_ns - gone.t_ns) + (back.complete_ns - back.t_ns)
@@ -308,7 +313,7 @@ def test_what_is_lost_for_good_between_two_changes_belongs_to_neither() -> None:
 def test_cells_have_nothing_to_say_until_the_network_has_formed() -> None:
     """Also those that have their numbers long before the last reports are in."""
     life = Streaming(patch("p", 6, 6), network={"bits_per_s": 8_000_000}).run(100 * MS)
-    (formed_ns,) = life.network.members.formed_ns
+    (formed_ns,) = life.network.membership.formed_ns
     assert formed_ns is not None
     assert formed_ns > 8 * MS
     assert life.rows()[:, 1].min() >= formed_ns
@@ -319,8 +324,8 @@ def test_a_cell_samples_until_the_instant_at_which_its_power_goes() -> None:
     dying = [Outage(302 * MS, 310 * MS, cell=cell) for cell in (1, 11)]
     life = Streaming(patch("p", 4, 3), network=FAST, found=dying).run(300 * MS)
     times_ns = 300 * MS + np.arange(12) * 4 * MS // 12
-    assert np.flatnonzero(~life.network.has_power(times_ns)).tolist() == [11]
+    assert np.flatnonzero(~life.network.powered_at(times_ns)).tolist() == [11]
     life.run(304 * MS)
-    assert np.flatnonzero(~life.network.has_power(times_ns + 4 * MS)).tolist() == [1, 11]
+    assert np.flatnonzero(~life.network.powered_at(times_ns + 4 * MS)).tolist() == [1, 11]
     life.run(308 * MS)
-    assert np.flatnonzero(~life.network.has_power(times_ns + 8 * MS)).tolist() == [1]
+    assert np.flatnonzero(~life.network.powered_at(times_ns + 8 * MS)).tolist() == [1]

@@ -18,11 +18,17 @@ from small_robot import SHIPPED, patch, small
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
-from skinnet.deployment.faults import Channel, FaultRule
-from skinnet.deployment.load import build
+from skinnet.deployment.faults import FaultRule, SensorChannel
+from skinnet.deployment.load import from_document
 from skinnet.messages import FOREVER_NS, READING_NAMES
-from skinnet.network.faults import FaultSpan, Place, burst_phases, check_targets, timeline
-from skinnet.skin.placement import PlacedPatch, place_all
+from skinnet.network.faults import (
+    FaultLocation,
+    FaultSpan,
+    check_targets,
+    fault_schedule,
+    gilbert_elliott_phases,
+)
+from skinnet.skin.placement import PlacedPatch, place_patches
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 EXAMPLES = re.findall(r"^```toml\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
@@ -35,13 +41,13 @@ def rule(kind: str = "link_cut", target: str = "arm/0:0", **more: Any) -> dict[s
 
 
 def placed(deployment: Deployment) -> tuple[PlacedPatch, ...]:
-    return place_all(deployment.patches, deployment.cells)
+    return place_patches(deployment.patches, deployment.cells)
 
 
 def spans(*rules: dict[str, Any], **more: Any) -> tuple[FaultSpan, ...]:
     deployment = small(faults=rules, **more)
     check(deployment)
-    return timeline(deployment, placed(deployment))
+    return fault_schedule(deployment, placed(deployment))
 
 
 def where(*rules: dict[str, Any]) -> list[str]:
@@ -115,16 +121,16 @@ def test_every_kind_has_an_example_that_holds() -> None:
     shown = set()
     for example in EXAMPLES:
         raw = tomllib.loads(SHIPPED.read_text(encoding="utf-8")) | tomllib.loads(example)
-        deployment = build(raw, "docs/faults.md")
+        deployment = from_document(raw, "docs/faults.md")
         check(deployment)
-        found = timeline(deployment, placed(deployment))
+        found = fault_schedule(deployment, placed(deployment))
         assert {span.index for span in found} == set(range(len(deployment.faults))), example
         shown |= {span.kind for span in found}
     assert shown == set(KINDS)
 
 
 def test_channels_are_those_of_a_reading() -> None:
-    assert get_args(Channel) == READING_NAMES
+    assert get_args(SensorChannel) == READING_NAMES
 
 
 def test_either_end_of_a_wire_names_it_and_both_of_its_directions_break() -> None:
@@ -140,7 +146,7 @@ def test_the_wire_of_an_interface_has_two_names() -> None:
     assert where(rule(target="arm:0", direction="out")) == ["arm:0"]
     assert where(rule(target="arm:0", direction="in")) == ["arm/0:2"]
     (first, second) = spans(rule(target="arm:0"))
-    assert (first.place, second.place) == (Place("arm", 0, 2), Place("arm", gateway=0))
+    assert (first.location, second.location) == (FaultLocation("arm", 0, 2), FaultLocation("arm", gateway=0))
 
 
 def test_cells_and_patches_stand_for_their_links() -> None:
@@ -168,18 +174,20 @@ def test_cells_gateways_and_hosts_by_name_and_pattern() -> None:
         "hosts": {"left": ["arm"], "right": ["hand"]},
     }
     deployment = small(**hosts)
-    assert [span.place for span in timeline(deployment, placed(deployment))] == [Place(host="left")]
+    assert [span.location for span in fault_schedule(deployment, placed(deployment))] == [
+        FaultLocation(process="left")
+    ]
 
 
 def test_a_bridge_is_a_wire() -> None:
     bridge = {"a": "arm/5:0", "b": "hand/1:0"}
     deployment = small(bridges=[bridge], faults=[rule(target="hand/1:0", direction="out")])
     patches = tuple(placed(small()))
-    assert [span.target for span in timeline(deployment, patches)] == ["hand/1:0"]
+    assert [span.target for span in fault_schedule(deployment, patches)] == ["hand/1:0"]
     with_bridge = small(bridges=[bridge], faults=[rule(target="arm/5")])
-    assert len(timeline(with_bridge, patches)) == 6
+    assert len(fault_schedule(with_bridge, patches)) == 6
     without = small(faults=[rule(target="arm/5")])
-    assert len(timeline(without, patches)) == 4
+    assert len(fault_schedule(without, patches)) == 4
 
 
 def test_times_as_given() -> None:
@@ -209,7 +217,7 @@ BIG_PLACED = placed(small(BIG))
 
 
 def big(*rules: dict[str, Any], seed: int = 1) -> tuple[FaultSpan, ...]:
-    return timeline(small(BIG, seed=seed, faults=rules), BIG_PLACED)
+    return fault_schedule(small(BIG, seed=seed, faults=rules), BIG_PLACED)
 
 
 def test_random_times_are_uniform_and_each_target_has_its_own() -> None:
@@ -283,7 +291,7 @@ def test_draws_belong_to_the_seed_the_rule_and_the_name() -> None:
     assert tuple(span for span in more if span.index < 2) == alone
     # another patch beside it changes nothing either
     deployment = small(patch("arm"), patch("hand", 2, 1), patch("head", 4, 4), faults=(flicker, cut))
-    assert timeline(deployment, placed(deployment)) == alone
+    assert fault_schedule(deployment, placed(deployment)) == alone
 
 
 def test_without_rules_nothing_happens() -> None:
@@ -300,8 +308,8 @@ def bursty(**more: Any) -> FaultSpan:
 
 def test_phases_of_a_bursty_link_alternate_for_exponential_times() -> None:
     span = bursty(loss_good=0.02, loss_bad=0.7, at_s=1.0)
-    phases = list(islice(burst_phases(span, 1), 20_001))
-    assert phases == list(islice(burst_phases(span, 1), 20_001))
+    phases = list(islice(gilbert_elliott_phases(span, 1), 20_001))
+    assert phases == list(islice(gilbert_elliott_phases(span, 1), 20_001))
     assert phases[0][0] == 1_000_000_000
     t_ns = np.array([t for t, _ in phases])
     loss = np.array([p for _, p in phases])
@@ -321,7 +329,7 @@ def test_a_burst_loses_as_many_packets_in_a_row_as_the_channel_of_gilbert_does()
     # a packet every 4 ms: a run of losses ends with probability q = P(next sample good | bad)
     good_s, bad_s, step_s = 0.3, 0.05, 0.004
     span = bursty(mean_good_s=good_s, mean_bad_s=bad_s)
-    phases = list(islice(burst_phases(span, 5), 20_000))
+    phases = list(islice(gilbert_elliott_phases(span, 5), 20_000))
     t_ns = np.array([t for t, _ in phases])
     sample_ns = np.arange(0, t_ns[-1], round(step_s * 1e9))
     lost = np.array([p for _, p in phases])[np.searchsorted(t_ns, sample_ns, side="right") - 1] == 1.0
@@ -339,10 +347,10 @@ def test_a_burst_loses_as_many_packets_in_a_row_as_the_channel_of_gilbert_does()
 
 def test_a_bursty_link_begins_as_it_goes_on_and_ends_with_its_span() -> None:
     always = bursty()
-    begun = [next(burst_phases(always, seed))[1] for seed in range(2000)]
+    begun = [next(gilbert_elliott_phases(always, seed))[1] for seed in range(2000)]
     assert np.mean(begun) == pytest.approx(0.25, abs=4 * math.sqrt(0.25 * 0.75 / 2000))
     span = bursty(at_s=2.0, duration_s=5.0)
-    times = [t for t, _ in burst_phases(span, 1)]
+    times = [t for t, _ in gilbert_elliott_phases(span, 1)]
     assert times[0] == 2_000_000_000
     assert times == sorted(set(times))
     assert times[-1] < 7_000_000_000
@@ -351,6 +359,6 @@ def test_a_bursty_link_begins_as_it_goes_on_and_ends_with_its_span() -> None:
 
 def test_the_directions_of_a_bursty_link_are_good_and_bad_by_themselves() -> None:
     there, back = spans(rule("burst_loss", mean_good_s=0.1, mean_bad_s=0.1))
-    assert [t for t, _ in islice(burst_phases(there, 1), 9)] != [
-        t for t, _ in islice(burst_phases(back, 1), 9)
+    assert [t for t, _ in islice(gilbert_elliott_phases(there, 1), 9)] != [
+        t for t, _ in islice(gilbert_elliott_phases(back, 1), 9)
     ]

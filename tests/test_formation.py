@@ -18,9 +18,9 @@ from formation_bench import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cells.formation import CellFormation
-from cells.formation_gateway import GatewayFormation, Phase
-from cells.formation_packets import FormationPacket, Kind, is_newer, round_trip_ns
+from cells.formation import CellAgent
+from cells.formation_gateway import FormationPhase, GatewayAgent
+from cells.formation_packets import FormationPacket, FormationPacketKind, is_newer, max_round_trip_ns
 from skinnet.deployment.schema import NetworkSpec
 from skinnet.errors import DeploymentError, ProtocolError
 
@@ -142,7 +142,7 @@ def test_what_is_known_has_a_version_of_its_own(
         until_ns = bench.t_ns + 100_000_000
         while bench._heap and bench._heap[0][0] < until_ns:
             bench.run(max(bench._heap[0][0] - bench.t_ns, 300_000))
-            if bench.gateway.phase in (Phase.COMPLETE, Phase.FAILED):
+            if bench.gateway.phase in (FormationPhase.COMPLETE, FormationPhase.FAILED):
                 now = bench.topology()
                 told = (now.network_id, now.parent, now.depth, now.gateway, now.neighbours)
                 assert known.setdefault(bench.gateway.version, told) == told
@@ -193,7 +193,7 @@ def test_a_gateway_that_loses_its_only_port_knows_and_comes_back() -> None:
     version = bench.gateway.version
     bench.change(dead={(0, 2), (GATEWAY, 0)})
     check(bench.run())
-    assert (bench.gateway.phase, bench.gateway.version) == (Phase.FAILED, version + 1)
+    assert (bench.gateway.phase, bench.gateway.version) == (FormationPhase.FAILED, version + 1)
     bench.change()
     assert check(bench.run()).network_id == before
 
@@ -242,7 +242,7 @@ def test_a_wire_broken_in_one_direction_is_no_link(broken: End) -> None:
 def test_a_gateway_that_nobody_answers_fails_and_reaches_no_cell() -> None:
     bench = line(2, [(0, 2)], dead={(GATEWAY, 0)}).formed()
     check(bench)
-    assert (bench.gateway.phase, bench.gateway.version) == (Phase.FAILED, 1)
+    assert (bench.gateway.phase, bench.gateway.version) == (FormationPhase.FAILED, 1)
 
 
 def test_epochs_count_round() -> None:
@@ -271,7 +271,7 @@ def test_the_largest_published_skin_forms_with_short_queues() -> None:
 
 def test_a_round_trip_waits_behind_full_queues() -> None:
     network = NetworkSpec(queue_packets=3, hop_delay_us=100.0, jitter_us=10.0)
-    assert round_trip_ns(network, 50_000) == 2 * ((3 + 2) * 115_000 + 110_000 + 50_000)
+    assert max_round_trip_ns(network, 50_000) == 2 * ((3 + 2) * 115_000 + 110_000 + 50_000)
 
 
 def test_packets_refuse_what_is_none_of_theirs() -> None:
@@ -282,7 +282,7 @@ def test_packets_refuse_what_is_none_of_theirs() -> None:
 
 packets = st.builds(
     FormationPacket,
-    st.sampled_from(Kind),
+    st.sampled_from(FormationPacketKind),
     st.integers(0, 2**12 - 1),
     st.integers(0, 2**14 - 1),
     st.integers(0, 15),
@@ -310,12 +310,12 @@ def test_no_packet_brings_an_agent_down(strangers: list[tuple[int, int, Formatio
 
 def test_a_gateway_has_as_many_ports_as_its_packets_can_name() -> None:
     with pytest.raises(DeploymentError, match="1 to 16"):
-        GatewayFormation(17, resend_ns=RESEND_NS, settle_ns=SETTLE_NS)
+        GatewayAgent(17, retransmission_timeout_ns=RESEND_NS, settle_ns=SETTLE_NS)
 
 
 def test_a_fresh_cell_says_nothing_on_a_port_without_signal() -> None:
-    cell = CellFormation(0, RESEND_NS)
+    cell = CellAgent(0, RESEND_NS)
     assert cell.next_deadline() is None
     sends = cell.set_carrier(2, True, 0)
-    assert [(port, packet.kind) for port, packet in sends] == [(2, Kind.HELLO)]
+    assert [(port, packet.kind) for port, packet in sends] == [(2, FormationPacketKind.HELLO)]
     assert cell.next_deadline() == RESEND_NS

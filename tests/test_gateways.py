@@ -14,10 +14,10 @@ from small_robot import lattice, patch, small
 
 from skinnet.deployment.schema import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.gateways import free_ports, spread, spread_over, with_gateways
+from skinnet.skin.gateways import choose_gateway_ports, free_ports, place_gateways, with_placed_gateways
 from skinnet.skin.lattice import N_PORTS
-from skinnet.skin.placement import PlacedPatch, bridges_of, place, place_all
-from skinnet.skin.whole import join
+from skinnet.skin.placement import PlacedPatch, place_patch, place_patches, resolve_bridges
+from skinnet.skin.whole import join_patches
 
 CELLS = CellSpec()
 
@@ -28,7 +28,7 @@ def spec_of(columns: int, rows: int) -> PatchSpec:
 
 
 def placed(columns: int, rows: int) -> PlacedPatch:
-    return place(spec_of(columns, rows), CELLS)
+    return place_patch(spec_of(columns, rows), CELLS)
 
 
 def hops(patch: PlacedPatch) -> NDArray[np.int64]:
@@ -54,13 +54,13 @@ def test_places_are_free_different_and_always_the_same(columns: int, rows: int, 
     patch = placed(columns, rows)
     ports = free_ports(patch.n_cells, patch.wires)
     k = data.draw(st.integers(1, len(np.unique(ports[:, 0]))))
-    places = spread(patch, k)
+    places = place_gateways(patch, k)
     assert len(set(places[:, 0].tolist())) == k
     assert {tuple(p) for p in places.tolist()} <= {tuple(p) for p in ports.tolist()}
-    assert spread(patch, k).tolist() == places.tolist()
-    changed = with_gateways(spec_of(columns, rows), CELLS, k)
+    assert place_gateways(patch, k).tolist() == places.tolist()
+    changed = with_placed_gateways(spec_of(columns, rows), CELLS, k)
     assert [(i.cell, i.port) for i in changed.interfaces] == [tuple(p) for p in places.tolist()]
-    place_all((changed,), CELLS)  # is a valid patch
+    place_patches((changed,), CELLS)  # is a valid patch
 
 
 @pytest.mark.parametrize("columns", [2, 4, 5, 6, 7])
@@ -74,15 +74,16 @@ def test_the_deepest_cell_is_as_near_as_can_be(columns: int) -> None:
             (int(distance[list(cells)].min(axis=0).max()) for cells in combinations(edge, k)), default=None
         )
         if best is not None:
-            assert distance[spread(patch, k)[:, 0]].min(axis=0).max() == best, (columns, rows, k)
+            assert distance[place_gateways(patch, k)[:, 0]].min(axis=0).max() == best, (columns, rows, k)
 
 
 def test_a_line_is_shared_out_evenly() -> None:
     patch = placed(12, 1)
-    assert spread(patch, 1)[0, 0] in (5, 6)
-    assert spread(patch, 2)[:, 0].tolist() in ([2, 8], [2, 9], [3, 8], [3, 9])
+    assert place_gateways(patch, 1)[0, 0] in (5, 6)
+    assert place_gateways(patch, 2)[:, 0].tolist() in ([2, 8], [2, 9], [3, 8], [3, 9])
     assert (
-        spread(patch, 3)[:, 0].tolist() == [1, 5, 9] or hops(patch)[spread(patch, 3)[:, 0]].min(0).max() == 2
+        place_gateways(patch, 3)[:, 0].tolist() == [1, 5, 9]
+        or hops(patch)[place_gateways(patch, 3)[:, 0]].min(0).max() == 2
     )
 
 
@@ -90,7 +91,7 @@ def test_more_gateways_never_deepen_a_tree() -> None:
     patch = placed(6, 5)
     distance = hops(patch)
     most = len(np.unique(free_ports(patch.n_cells, patch.wires)[:, 0]))
-    depth = [int(distance[spread(patch, k)[:, 0]].min(axis=0).max()) for k in range(1, most + 1)]
+    depth = [int(distance[place_gateways(patch, k)[:, 0]].min(axis=0).max()) for k in range(1, most + 1)]
     assert depth == sorted(depth, reverse=True)
 
 
@@ -98,10 +99,10 @@ def test_what_cannot_be() -> None:
     patch = placed(4, 3)
     edge = len(np.unique(free_ports(patch.n_cells, patch.wires)[:, 0]))
     with pytest.raises(DeploymentError, match=f"patches.p: {edge + 1} gateways: allowed are 1 to {edge}"):
-        spread(patch, edge + 1)
+        place_gateways(patch, edge + 1)
     with pytest.raises(DeploymentError, match="more pieces"):
-        spread_over(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 1)
-    assert spread_over(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 2)[:, 0].tolist() in (
+        choose_gateway_ports(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 1)
+    assert choose_gateway_ports(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 2)[:, 0].tolist() in (
         [0, 2],
         [1, 2],
     )
@@ -109,8 +110,8 @@ def test_what_cannot_be() -> None:
 
 def whole(**tables: Any) -> Any:
     deployment = small(patch("arm", 3, 2), patch("hand", 2, 2), patch("leg", 2, 1), **tables)
-    pieces = place_all(deployment.patches, deployment.cells, deployment.bridges)
-    return join(pieces, bridges_of(deployment.bridges, pieces))
+    pieces = place_patches(deployment.patches, deployment.cells, deployment.bridges)
+    return join_patches(pieces, resolve_bridges(deployment.bridges, pieces))
 
 
 def test_the_whole_skin_keeps_every_wire() -> None:
@@ -118,10 +119,10 @@ def test_the_whole_skin_keeps_every_wire() -> None:
     assert (skin.n_cells, skin.first_cell.tolist()) == (12, [0, 6, 10, 12])
     assert skin.bridges.tolist() == [[2, 0, 6, 3]]
     assert (
-        skin.group_of_patch.tolist()[0] == skin.group_of_patch.tolist()[1] != skin.group_of_patch.tolist()[2]
+        skin.component_of_patch.tolist()[0] == skin.component_of_patch.tolist()[1] != skin.component_of_patch.tolist()[2]
     )
     assert skin.gateways.tolist() == [[0, 2], [6, 2], [10, 2]]
-    assert [skin.name_of(cell) for cell in (0, 5, 6, 11)] == ["arm/0", "arm/5", "hand/0", "leg/1"]
+    assert [skin.cell_name(cell) for cell in (0, 5, 6, 11)] == ["arm/0", "arm/5", "hand/0", "leg/1"]
     start = 0
     for piece, first in zip(skin.patches, skin.first_cell, strict=False):
         mine = skin.wires[start : start + len(piece.wires)]
@@ -132,11 +133,11 @@ def test_the_whole_skin_keeps_every_wire() -> None:
 
 def test_feeds_are_gateways_unless_named() -> None:
     skin = whole()
-    assert skin.feeds(()).tolist() == [0, 6, 10]
-    assert skin.feeds(("hand/3:1", "arm/5:0")).tolist() == [9, 5]
+    assert skin.feed_cells(()).tolist() == [0, 6, 10]
+    assert skin.feed_cells(("hand/3:1", "arm/5:0")).tolist() == [9, 5]
     with pytest.raises(DeploymentError, match=r"power.feeds\[0\] = 'hand/4:0': hand has cells 0 to 3"):
-        skin.feeds(("hand/4:0",))
+        skin.feed_cells(("hand/4:0",))
     with pytest.raises(
         DeploymentError, match=r"power.feeds\[1\] = 'foot/0:0': unknown patch; there are arm, hand"
     ):
-        skin.feeds(("hand/0:0", "foot/0:0"))
+        skin.feed_cells(("hand/0:0", "foot/0:0"))

@@ -12,8 +12,8 @@ from rich.console import Console
 
 from skinnet.memory.exchange import to_json
 from skinnet.memory.store import read_memory
-from skinnet.run.launch import Order, prepare, run_once
-from skinnet.run.progress import Progress
+from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.progress import ProgressDisplay
 
 pytestmark = pytest.mark.timeout(400)
 GRASP = ROOT / "deployments" / "hrp2_grasp.toml"
@@ -30,8 +30,10 @@ Figures = dict[str, Any]
 
 def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
     """Figures of a run in one process; whatever happened, what must never happen did not."""
-    order = Order(GRASP, settings, in_process=True, plots=False)
-    summary = run_once(order, prepare(order, seed), out, Progress(Console(file=io.StringIO()), quiet=True))
+    order = RunOptions(GRASP, settings, in_process=True, plots=False)
+    summary = run_once(
+        order, load_and_check(order, seed), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
+    )
     assert summary["outcome"] == "completed"
     figures: Figures = summary["figures"]
     assert figures["grasp.peak_reading"] < PAIN
@@ -149,8 +151,10 @@ def test_without_the_skin_of_an_arm_it_sets_the_object_down(tmp_path: Path) -> N
 def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Figures]:
     """A robot that knew nothing: what it was taught, and what it did with it."""
     out = tmp_path_factory.mktemp("teach")
-    order = Order(TEACH, (), in_process=True, plots=False)
-    summary = run_once(order, prepare(order), out, Progress(Console(file=io.StringIO()), quiet=True))
+    order = RunOptions(TEACH, (), in_process=True, plots=False)
+    summary = run_once(
+        order, load_and_check(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
+    )
     return out, summary["figures"]
 
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from small_robot import SHIPPED, patch, small
 
-from cells.host import HostNode
-from cells.process import rehearse
+from cells.host import CellProcess
+from cells.process import warm_up
 from cells.transducers import phases_ns
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment, load
@@ -20,7 +20,7 @@ from skinnet.messages import (
     Config,
     Events,
     Message,
-    SkinFrame,
+    PeriodEnd,
     Stimulus,
     Stream,
     Topology,
@@ -29,7 +29,7 @@ from skinnet.messages import (
     pack,
     unpack,
 )
-from skinnet.seeding import key_of, stream
+from skinnet.seeding import generator, stream_key
 
 MS = 1_000_000
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Host:
     """
 
     def __init__(self, deployment: Deployment, name: str = "host0", quiet_ms: int = 0) -> None:
-        self.node = HostNode(deployment, name)
+        self.node = CellProcess(deployment, name)
         self.keys = Keys(deployment.robot)
         self.period_ns = deployment.cells.period_ns
         self.quiet_ns = quiet_ms * MS
@@ -61,7 +61,7 @@ class Host:
         rest = np.array([0, 0, 0, np.inf, 0, 0, 9.81, 23.0])
         felt = np.tile(rest, (n, 1))
         if t_ns >= self.quiet_ns:
-            random = stream(t_ns, name)
+            random = generator(t_ns, name)
             felt[:, :3] = random.uniform(0.0, 5.0, (n, 3)) * (random.random((n, 1)) < 0.3)
             felt[:, 3] = random.uniform(0.0, 0.06, n)
             felt[:, 4:7] += random.normal(0.0, 1.0, (n, 3))
@@ -80,7 +80,7 @@ class Host:
         self._announced = 0
         self.node.accept("stimulus", (self.node.name,), encode(frame))
 
-    def tell(self, config: Config) -> None:
+    def send_config(self, config: Config) -> None:
         """A configuration by the controller, or by a stranger if it has no time."""
         self.node.accept("config", (config.patch, str(config.cell)), encode(config))
         self._announced += bool(config.t_ns)
@@ -97,9 +97,9 @@ class Host:
     def ready(self) -> bool:
         needs = self.node.needs()
         assert needs is not None
-        return all(self.node.upstreams[name].covered_ns >= t_ns for name, t_ns in needs.items())
+        return all(self.node.upstreams[name].watermark_ns >= t_ns for name, t_ns in needs.items())
 
-    def heard(self, *kinds: type[Message]) -> list[Any]:
+    def published(self, *kinds: type[Message]) -> list[Any]:
         """What was said, of some kinds, in order."""
         messages = [(self.keys.parse(key)[0].message, payload) for key, payload in self.sent]
         return [decode(payload, kind) for kind, payload in messages if kind in kinds]
@@ -153,7 +153,7 @@ def test_patches_say_the_same_whoever_lives_with_them(settings: tuple[str, ...])
 def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None:
     host = Host(small(hosts=1, network={"bundle": bundle}))
     for cell in range(6):
-        host.tell(Config(patch="arm", cell=cell, t_ns=40 * MS, stream=True))
+        host.send_config(Config(patch="arm", cell=cell, t_ns=40 * MS, stream=True))
     host.run(60)
     network = host.facts["network"]
     published = {"event": 0, "reading": 0}
@@ -201,18 +201,20 @@ def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None
 
 def test_the_topology_is_told_once_when_the_network_is_formed() -> None:
     host = Host(small(hosts=1), quiet_ms=1000).run(20)
-    found = host.heard(Topology)
+    found = host.published(Topology)
     assert {topology.patch for topology in found} == {"arm", "hand"}
     assert len(found) == 2
     assert host.facts["formed_ns"] == {topology.patch: topology.t_ns for topology in found}
     assert host.facts["unreached"] == 0
-    assert {payload for _, payload in host.node.news()} == {encode(topology) for topology in found}
-    assert not host.node.news()
+    assert {payload for _, payload in host.node.best_effort_messages()} == {
+        encode(topology) for topology in found
+    }
+    assert not host.node.best_effort_messages()
 
 
 def streamed(host: Host, patch: str = "arm") -> list[tuple[int, int]]:
     """(cell, time of the sample) of all full readings that were published."""
-    rows = [unpack(m.rows, STREAM_ROW) for m in host.heard(Stream) if m.patch == patch]
+    rows = [unpack(m.rows, STREAM_ROW) for m in host.published(Stream) if m.patch == patch]
     return [
         (cell, t)
         for part in rows
@@ -224,8 +226,8 @@ def test_a_configuration_holds_from_the_next_sample_on() -> None:
     deployment = small(hosts=1)
     host = Host(deployment, quiet_ms=1000).run(10)
     cell, on_ns, off_ns = 4, 60 * MS, 85 * MS
-    host.tell(Config(patch="arm", cell=cell, t_ns=on_ns, stream=True))
-    host.tell(Config(patch="arm", cell=cell, t_ns=off_ns, stream=False))
+    host.send_config(Config(patch="arm", cell=cell, t_ns=on_ns, stream=True))
+    host.send_config(Config(patch="arm", cell=cell, t_ns=off_ns, stream=False))
     host.run(20)
     phase_ns = int(phases_ns(deployment.seed, "arm", 6, host.period_ns)[cell])
     # it arrives in the period in which it leaves; the samples of that period are taken
@@ -237,10 +239,12 @@ def test_a_configuration_holds_from_the_next_sample_on() -> None:
 
 def test_thresholds_and_encoding_of_one_cell() -> None:
     host = Host(small(hosts=1, cells={"proximity": {"noise": 0.0}}), quiet_ms=40).run(8)
-    host.tell(Config(patch="arm", cell=1, t_ns=32 * MS, levels={"force": [], "proximity": []}))
-    host.tell(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="clock"))
+    host.send_config(Config(patch="arm", cell=1, t_ns=32 * MS, levels={"force": [], "proximity": []}))
+    host.send_config(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="clock"))
     host.run(40)
-    events = [cell for message in host.heard(Events) if message.patch == "arm" for cell in message.cell]
+    events = [
+        cell for message in host.published(Events) if message.patch == "arm" for cell in message.cell
+    ]
     assert set(events) == {0, 3, 4, 5}
     assert {cell for cell, _ in streamed(host)} == {2}
 
@@ -249,7 +253,9 @@ def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogC
     calm, told = (Host(small(hosts=1)) for _ in range(2))
     with caplog.at_level(logging.WARNING, "cells.host"):
         for cell in range(3):
-            told.tell(Config(patch="arm", cell=cell, t_ns=40 * MS, levels={"force": [0.5, 0.1]}, stream=True))
+            told.send_config(
+                Config(patch="arm", cell=cell, t_ns=40 * MS, levels={"force": [0.5, 0.1]}, stream=True)
+            )
         told.run(30)
     assert told.node.counters == {"refused_configs": 3}
     assert len(caplog.records) == 1  # once per source
@@ -261,13 +267,13 @@ def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogC
 def test_strangers_configure_without_confusing_the_account() -> None:
     """Nobody announces their messages, so they count for nothing but themselves."""
     host = Host(small(hosts=1), quiet_ms=1000).run(10)
-    host.tell(Config(patch="hand", cell=1, stream=True))
-    host.tell(Config(patch="hand", cell=1, encoding="morse"))
+    host.send_config(Config(patch="hand", cell=1, stream=True))
+    host.send_config(Config(patch="hand", cell=1, encoding="morse"))
     host.run(5)
     assert host.node.counters == {"configs_from_outside": 2, "refused_configs": 1}
     sampled = [t_ns for _, t_ns in streamed(host, "hand")]
     assert [t_ns // host.period_ns for t_ns in sampled] == [11, 12, 13, 14]
-    assert host.node.upstreams["body"].missing == 0
+    assert host.node.upstreams["body"].n_missing == 0
 
 
 def test_the_host_waits_for_configurations_that_were_announced() -> None:
@@ -289,10 +295,10 @@ def test_the_host_waits_for_configurations_that_were_announced() -> None:
         ("config", ("leg", "0"), Config(patch="leg", cell=0), "leg/0"),
         ("config", ("arm", "1"), Config(patch="arm", cell=2), "under the key of arm/1"),
         ("config", ("hand", "0"), Config(patch="arm", cell=0), "under the key of hand/0"),
-        ("config", ("arm", "0"), SkinFrame(patch="arm", t_ns=0, covered_ns=0, events=0), "Config"),
+        ("config", ("arm", "0"), PeriodEnd(patch="arm", t_ns=0, covered_ns=0, events=0), "Config"),
         ("stimulus", ("host0",), Stimulus(host="host0", t_ns=0, covered_ns=9, values=bytes(32)), "1 cells"),
         ("stimulus", ("host0",), Stimulus(host="host0", t_ns=0, covered_ns=9, values=bytes(33)), "33 bytes"),
-        ("joints", (), SkinFrame(patch="arm", t_ns=0, covered_ns=0, events=0), "joints"),
+        ("joints", (), PeriodEnd(patch="arm", t_ns=0, covered_ns=0, events=0), "joints"),
     ],
 )
 def test_what_makes_no_sense_changes_nothing(
@@ -320,11 +326,11 @@ def test_a_host_ends_where_the_body_says() -> None:
 
 def test_noise_belongs_to_the_cell() -> None:
     """One more patch, or other cells on the host, do not shift what a cell draws."""
-    assert key_of(1, "arm", 0, "noise") != key_of(1, "hand", 0, "noise")
+    assert stream_key(1, "arm", 0, "noise") != stream_key(1, "hand", 0, "noise")
     one = Host(small(patch("hand", 2, 1), hosts=1)).run(20)
     more = Host(small(patch("arm"), patch("hand", 2, 1), patch("leg"), hosts=1)).run(20)
     assert one.facts["logs"]["hand"] == more.facts["logs"]["hand"]
-    assert len(one.heard(Events)) > 10
+    assert len(one.published(Events)) > 10
 
 
 def test_cells_are_fed_where_the_deployment_says_and_nowhere_else() -> None:
@@ -337,4 +343,4 @@ def test_cells_are_fed_where_the_deployment_says_and_nowhere_else() -> None:
 
 def test_a_rehearsal_reaches_the_last_step() -> None:
     """Cells form, sample, stream and are heard: whatever is compiled on the way is."""
-    assert rehearse(small()) > 0
+    assert warm_up(small()) > 0

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from evading import MS, Evader
 
-from skinnet.body.finger import Phase
-from skinnet.body.simulation import Body
+from skinnet.body.finger import FingerPhase
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.load import load
-from skinnet.deployment.schema import InterfaceSpec, PatchSpec, PlacedCell
+from skinnet.deployment.schema import CellPoseSpec, InterfaceSpec, PatchSpec
 from skinnet.deployment.teacher import GoalSpec, LessonSpec, TeacherSpec
-from skinnet.part import Part
-from skinnet.run.figures.teaching import teaching_figures
+from skinnet.part import ProcessResult
+from skinnet.run.figures.teaching import teaching_metrics
 
 S = 1000 * MS
 TIP_M = (0.45, 0.0, 0.0)
 """A point at the end of the small arm."""
 PADS = (
-    PlacedCell(position_m=(0.30, 0.0, 0.01), normal=(0, 0, 1), x_axis=(0, 1, 0)),
-    PlacedCell(position_m=(0.33, 0.0, -0.01), normal=(0, 0, -1), x_axis=(0, 1, 0)),
-    PlacedCell(position_m=(0.35, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0, 0, 1)),
-    PlacedCell(position_m=(0.35, -0.03, 0.0), normal=(0, -1, 0), x_axis=(0, 0, 1)),
+    CellPoseSpec(position_m=(0.30, 0.0, 0.01), normal=(0, 0, 1), x_axis=(0, 1, 0)),
+    CellPoseSpec(position_m=(0.33, 0.0, -0.01), normal=(0, 0, -1), x_axis=(0, 1, 0)),
+    CellPoseSpec(position_m=(0.35, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0, 0, 1)),
+    CellPoseSpec(position_m=(0.35, -0.03, 0.0), normal=(0, -1, 0), x_axis=(0, 0, 1)),
 )
 """One cell on every side of the small arm: top, bottom, left, right."""
 
@@ -57,7 +57,7 @@ def test_a_reachable_pose_is_reached_without_a_touch(tmp_path, pose):
     assert truth.contact_ns is None
     assert truth.nearest_m > 0.0015
     np.testing.assert_allclose(body.joints(), pose, atol=0.03)
-    assert body.teacher.phase is Phase.PARKED
+    assert body.teacher.phase is FingerPhase.PARKED
     assert sum(touch.moved_rad for touch in truth.touches) < 1.5 * np.abs(pose).sum()
 
 
@@ -75,7 +75,7 @@ def test_the_figures_of_a_run_tell_of_its_lessons(tmp_path):
     evader.run(10 * S)
     body.begin_stage("guide")
     body.advance(body.t_ns + 150 * MS)
-    figures = teaching_figures(Part("body", "body", body.truth().facts, {}))
+    figures = teaching_metrics(ProcessResult("body", "body", body.ground_truth().facts, {}))
     assert figures["lessons.outcomes"] == ["reached", "not over"]
     assert figures["lessons.error_mm"][0] < 10.0 < 100.0 < figures["lessons.error_mm"][1]
     assert figures["lessons.touches"] == [1, 1]
@@ -105,7 +105,7 @@ def test_what_evasion_cannot_do_ends_by_itself(tmp_path):
 
 
 def test_a_cell_that_does_not_answer_is_given_up_for_another(tmp_path):
-    spare = PlacedCell(position_m=(0.40, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0, 0, 1))
+    spare = CellPoseSpec(position_m=(0.40, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0, 0, 1))
     body = arm(tmp_path, lesson(tip_m(-0.4, 0.0)), cells=(*PADS, spare))
     body.advance(200 * MS)
     first = body.teacher.lessons[0].touches[0].cell
@@ -137,11 +137,11 @@ def test_the_finger_leaves_with_the_stage_and_the_next_lesson_comes_with_the_nex
     body = arm(tmp_path, lesson(tip_m(-0.5, 0.0)), lesson(tip_m(0.5, 0.0)))
     evader = Evader(body)
     evader.run(1 * S)
-    assert body.teacher.phase is not Phase.PARKED
+    assert body.teacher.phase is not FingerPhase.PARKED
     body.begin_stage("rest")
     evader.run(3 * S)
     assert body.teacher.lessons[0].outcome == "stage over"
-    assert body.teacher.phase is Phase.PARKED
+    assert body.teacher.phase is FingerPhase.PARKED
     for stage, lessons in (("guide", 2), ("rest", 2), ("guide", 2)):
         body.begin_stage(stage)
         body.advance(body.t_ns + 300 * MS)
@@ -175,7 +175,7 @@ def on_ring(name, body, radius_m, angle_deg):
     """A cell around a limb; 0° points to the front of a hanging arm, 90° to its outer side."""
     angle = np.radians(angle_deg)
     normal = (float(np.cos(angle)), float(np.sin(angle)) * (1 if name.startswith("left") else -1), 0.0)
-    cell = PlacedCell(
+    cell = CellPoseSpec(
         position_m=(radius_m * normal[0], radius_m * normal[1], -0.125), normal=normal, x_axis=(0, 0, 1)
     )
     return PatchSpec(name=name, body=body, cells=(cell,), interfaces=(InterfaceSpec(cell=0, port=0),))
@@ -192,7 +192,7 @@ def hrp2_with_skin_all_around(lessons):
     )
     teacher = TeacherSpec(lessons=lessons)
     deployment = msgspec.structs.replace(deployment, patches=patches, hosts=1, teacher=teacher)
-    return Body(deployment, body_scenes.DEPLOYMENTS)
+    return BodySimulation(deployment, body_scenes.DEPLOYMENTS)
 
 
 def arms_at(elbow_m, wrist_m):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from small_robot import patch
 from test_skin_life import FAST, Streaming
 
-from cells.formation_packets import FormationPacket, Kind
+from cells.formation_packets import FormationPacket, FormationPacketKind
 from cells.link_layer import LinkLayer
 
 SERIAL_NS, DETECT_NS, REACTION_NS, LONGEST_NS = 40_000, 500_000, 50_000, 185_000
@@ -68,7 +68,9 @@ class Line:
             if self._power[end] and self.ends[end].is_up(LINK):
                 number = next(self._numbers)
                 self.sessions[end][-1].sent.append(number)
-                self.ends[end].send(LINK, FormationPacket(Kind.UNIT, value=number), self.t_ns)
+                self.ends[end].send(
+                    LINK, FormationPacket(FormationPacketKind.CELL_REPORT, value=number), self.t_ns
+                )
                 self._after(end)
 
     def set(self, carries: tuple[bool, bool], power: tuple[bool, bool] = (True, True)) -> None:
@@ -119,14 +121,14 @@ class Line:
     def _after(self, end: int) -> None:
         node = self.ends[end]
         assert self._hears[end] or not node.is_up(LINK)
-        for _, is_up in node.changes:
+        for _, is_up in node.link_changes:
             if is_up:
                 self.sessions[end].append(_Session())
             self.turns.append((self.t_ns, end, is_up))
-        node.changes.clear()
-        for _, packet in node.out:
+        node.link_changes.clear()
+        for _, packet in node.outgoing:
             self._push(self.t_ns + REACTION_NS, end, packet, "enters")
-        node.out.clear()
+        node.outgoing.clear()
         deadline_ns = node.next_deadline()
         if deadline_ns is not None:
             self._push(deadline_ns, end, None, "deadline")
@@ -141,7 +143,9 @@ class Line:
             self._push(at_ns, 1 - end, packet, str(self.t_ns))
 
     def _note_waiting(self, end: int, packet: FormationPacket) -> None:
-        if packet.kind is Kind.UNIT and packet.value in (sent := self.sessions[end][-1].sent):
+        if packet.kind is FormationPacketKind.CELL_REPORT and packet.value in (
+            sent := self.sessions[end][-1].sent
+        ):
             got = next((s.received for s in self.sessions[1 - end] if s.received[:1] == sent[:1]), [])
             waiting = sent.index(packet.value) + 1 - len(got)
             self.most_waiting[end] = max(self.most_waiting[end], waiting)
@@ -234,7 +238,7 @@ def test_over_a_link_that_stays_up_all_arrive_and_three_wait_at_most(loss: float
         assert all(len(sessions[-1].received) == 60 for sessions in line.sessions)
     for end in (0, 1):
         assert line.most_waiting[end] == 3
-    assert loss > 0.0 or line.ends[0].repeated == line.ends[1].repeated == 0
+    assert loss > 0.0 or line.ends[0].retransmitted == line.ends[1].retransmitted == 0
 
 
 def test_a_link_that_is_whole_comes_up_with_three_greetings_of_each_end_and_is_silent_then() -> None:
@@ -247,9 +251,11 @@ def test_a_link_that_is_whole_comes_up_with_three_greetings_of_each_end_and_is_s
     assert len(line.on_line) == before
     line.send(0, 5)
     line.run()
-    assert [(end, packet.kind) for _, end, packet in line.on_line[before:]].count((0, Kind.UNIT)) == 5
+    assert [(end, packet.kind) for _, end, packet in line.on_line[before:]].count(
+        (0, FormationPacketKind.CELL_REPORT)
+    ) == 5
     assert len(line.on_line) == before + 10  # each is acknowledged once, and nothing is repeated
-    assert [node.repeated for node in line.ends] == [0, 0]
+    assert [node.retransmitted for node in line.ends] == [0, 0]
 
 
 def test_greetings_without_an_answer_come_less_and_less_often_and_never_end() -> None:
@@ -257,12 +263,12 @@ def test_greetings_without_an_answer_come_less_and_less_often_and_never_end() ->
     node.set_carrier(LINK, True, 0)
     times_ns = [0]
     for _ in range(20):
-        assert [packet.kind for _, packet in node.out] == [Kind.HELLO]
-        node.out.clear()
+        assert [packet.kind for _, packet in node.outgoing] == [FormationPacketKind.HELLO]
+        node.outgoing.clear()
         deadline_ns = node.next_deadline()
         assert deadline_ns is not None
         node.on_deadline(deadline_ns - 1)
-        assert not node.out
+        assert not node.outgoing
         node.on_deadline(deadline_ns)
         times_ns.append(deadline_ns)
     assert [gap // RESEND_NS for gap in np.diff(times_ns)] == [min(2**i, 64) for i in range(20)]
@@ -285,7 +291,7 @@ def test_an_end_that_hears_nothing_any_more_says_so_three_times_and_then_is_sile
         (1, False, True),
     ]
     farewells = [packet for _, end, packet in line.on_line[before:] if end == 0]
-    assert [packet.kind for packet in farewells] == [Kind.HELLO] * 3
+    assert [packet.kind for packet in farewells] == [FormationPacketKind.HELLO] * 3
     assert line.ends[0].next_deadline() is None
     assert line.ends[1].next_deadline() is not None  # it still hears the other, and goes on greeting
 
@@ -297,8 +303,8 @@ def test_an_end_that_is_not_answered_repeats_eight_times_and_gives_the_link_up()
     line.send(0)
     line.run()
     of_end = [packet.kind for _, end, packet in line.on_line[before:] if end == 0]
-    assert of_end[: 1 + TRIES] == [Kind.UNIT] * (1 + TRIES)
-    assert set(of_end[1 + TRIES :]) == {Kind.HELLO}
+    assert of_end[: 1 + TRIES] == [FormationPacketKind.CELL_REPORT] * (1 + TRIES)
+    assert set(of_end[1 + TRIES :]) == {FormationPacketKind.HELLO}
     assert line.turns[2:] == [(sent_ns + (1 + TRIES) * RESEND_NS, 0, False)]
     line.loss = 0.0
     line.run()
@@ -324,18 +330,20 @@ def test_a_greeting_that_answers_an_earlier_session_makes_no_link() -> None:
     """It was on its way while this end gave the link up; what follows it is of that session, too."""
     line = Line().run()
     node = line.ends[0]
-    node.send(LINK, FormationPacket(Kind.UNIT), line.t_ns)
-    node.out.clear()
+    node.send(LINK, FormationPacket(FormationPacketKind.CELL_REPORT), line.t_ns)
+    node.outgoing.clear()
     t_ns = line.t_ns
     while node.is_up(LINK):
         t_ns += RESEND_NS
         node.on_deadline(t_ns)
-    greeting = FormationPacket(Kind.HELLO, value=1 << 16)  # both of session 0
+    greeting = FormationPacket(FormationPacketKind.HELLO, value=1 << 16)  # both of session 0
     node.receive(LINK, greeting, t_ns)
     assert not node.is_up(LINK)
-    assert node.receive(LINK, FormationPacket(Kind.UNIT, value=7), t_ns) is None
-    (_, answer) = node.out[-1]
-    node.receive(LINK, FormationPacket(Kind.HELLO, value=1 << 16 | (answer.value & 0xFF) << 8), t_ns)
+    assert node.receive(LINK, FormationPacket(FormationPacketKind.CELL_REPORT, value=7), t_ns) is None
+    (_, answer) = node.outgoing[-1]
+    node.receive(
+        LINK, FormationPacket(FormationPacketKind.HELLO, value=1 << 16 | (answer.value & 0xFF) << 8), t_ns
+    )
     assert node.is_up(LINK)
 
 
@@ -345,7 +353,7 @@ def test_a_node_that_begins_anew_unnoticed_makes_the_other_end_begin_anew() -> N
     line.send(0, 2)
     line.send(1, 3)
     line.run()
-    line.ends[0] = LinkLayer(1, RESEND_NS, life=1)
+    line.ends[0] = LinkLayer(1, RESEND_NS, boot_count=1)
     line.ends[0].set_carrier(LINK, True, line.t_ns)
     line._after(0)  # its power never went, and it hears the line at once
     line.run()
@@ -361,7 +369,7 @@ def test_what_a_node_says_leaves_it_in_that_order() -> None:
     """Answers to packets and to deadlines take alike: a new session may not overtake the one before."""
     life = Streaming(patch("p", 4, 3), network=FAST | {"loss": 0.3})
     kernel, said_ns = life.network.kernel, defaultdict[int, list[int]](list)
-    offer = kernel.offer
+    offer = kernel.enqueue
 
     def overheard(t_ns: Any, node: Any, dest: Any, *more: Any) -> None:
         if len(more) == 3:  # over a link that the sender names
@@ -369,8 +377,8 @@ def test_what_a_node_says_leaves_it_in_that_order() -> None:
                 said_ns[sender].append(at_ns)
         offer(t_ns, node, dest, *more)
 
-    kernel.offer = overheard  # type: ignore[assignment, method-assign]
+    kernel.enqueue = overheard  # type: ignore[assignment, method-assign]
     life.run(100_000_000)
     assert len(said_ns) == 13
-    assert life.network.formation.repeated > 0
+    assert life.network.formation_driver.retransmitted > 0
     assert all(times_ns == sorted(times_ns) for times_ns in said_ns.values())

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.body.kinematics import cell_poses, put_into
-from skinnet.body.links import LinkPoses, Links
-from skinnet.body.simulation import Body
+from skinnet.body.kinematics import cell_poses, set_joint_positions
+from skinnet.body.links import LinkKinematics, LinkPoses
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import load
-from skinnet.ros2.places import Places
+from skinnet.ros2.places import CellPoses
 
 DEPLOYMENTS = sorted((Path(__file__).parents[1] / "deployments").glob("*.toml"))
 ARM = Path(__file__).parents[1] / "deployments" / "two_link_arm.toml"
@@ -29,11 +29,11 @@ def rotation_of(quaternion: np.ndarray) -> np.ndarray:
     ).transpose(2, 0, 1)
 
 
-def chained(links: Links, poses: LinkPoses) -> tuple[np.ndarray, np.ndarray]:
+def chained(links: LinkKinematics, poses: LinkPoses) -> tuple[np.ndarray, np.ndarray]:
     """Poses in the world from those in the frames of parents, link by link."""
     position, rotation = np.zeros((len(links.names), 3)), np.zeros((len(links.names), 3, 3))
     local = rotation_of(poses.quaternion)
-    for i, parent in enumerate(links.parent):
+    for i, parent in enumerate(links.parent_index):
         above_m, R_world_above = (position[parent], rotation[parent]) if parent >= 0 else (0.0, np.eye(3))
         position[i] = above_m + R_world_above @ poses.offset_m[i]
         rotation[i] = R_world_above @ local[i]
@@ -43,18 +43,18 @@ def chained(links: Links, poses: LinkPoses) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("file", DEPLOYMENTS, ids=lambda file: file.stem)
 def test_cells_are_where_the_body_has_them(file: Path) -> None:
     deployment = load(file)
-    body, links = Body(deployment, file.parent), Links(deployment, file.parent)
-    places = Places(deployment, links)
-    assert places.sizes == {patch.name: patch.n_cells for patch in deployment.patches}
+    body, links = BodySimulation(deployment, file.parent), LinkKinematics(deployment, file.parent)
+    places = CellPoses(deployment, links)
+    assert places.patch_sizes == {patch.name: patch.n_cells for patch in deployment.patches}
     assert {patch.body for patch in deployment.patches} <= set(links.names)
-    assert all(parent < i for i, parent in enumerate(links.parent))
+    assert all(parent < i for i, parent in enumerate(links.parent_index))
     middle = np.where(np.isfinite(body.model.range_rad).all(axis=1), body.model.range_rad.mean(axis=1), 0.1)
     body.data.qpos[:] = body.model.home_qpos  # without the sway that no outsider knows of
-    put_into(body, middle)
+    set_joint_positions(body, middle)
     expected_m, R_world_cell = cell_poses(body)
     poses = links.poses(middle)
-    np.testing.assert_allclose(places.cells_m(poses), expected_m, atol=1e-9)
-    R_world_link = poses.R_world_link[places.link]
+    np.testing.assert_allclose(places.world_positions_m(poses), expected_m, atol=1e-9)
+    R_world_link = poses.R_world_link[places.link_index]
     np.testing.assert_allclose(R_world_link @ places.R_link_cell, R_world_cell, atol=1e-9)
 
 
@@ -72,12 +72,12 @@ def test_only_controlled_joints_move_links() -> None:
     links = _arm()
     rest, bent = links.poses([0.0, 0.0, 0.0]), links.poses([0.3, -0.2, 0.4])
     still = np.isclose(rest.quaternion, bent.quaternion).all(axis=1)
-    assert dict(zip(links.names, links.moves.tolist(), strict=True)) == {
+    assert dict(zip(links.names, links.has_controlled_joint.tolist(), strict=True)) == {
         "base": False,
         "upper_link": True,
         "fore_link": True,
     }
-    assert (still == ~links.moves).all()
+    assert (still == ~links.has_controlled_joint).all()
 
 
 def test_what_moves_by_itself_is_no_link(tmp_path: Path) -> None:
@@ -89,10 +89,10 @@ def test_what_moves_by_itself_is_no_link(tmp_path: Path) -> None:
     )
     model = ARM.with_suffix(".xml").read_text().replace("</worldbody>", f"{things}</worldbody>")
     (tmp_path / ARM.with_suffix(".xml").name).write_text(model)
-    links = Links(load(ARM), tmp_path)
+    links = LinkKinematics(load(ARM), tmp_path)
     assert links.names == ["base", "upper_link", "fore_link", "table", "lamp"]
-    assert links.parent == [-1, 0, 1, -1, 3]
+    assert links.parent_index == [-1, 0, 1, -1, 3]
 
 
-def _arm() -> Links:
-    return Links(load(ARM), ARM.parent)
+def _arm() -> LinkKinematics:
+    return LinkKinematics(load(ARM), ARM.parent)

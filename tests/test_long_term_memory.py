@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from rich.console import Console
 from small_robot import small
 
-from controller.grasping.memory import MEMORY_FILE, LongTermMemory, take_in
-from controller.knowledge import Knowledge
+from controller.grasping.memory import MEMORY_FILE, LongTermMemory, restore_self_model
+from controller.knowledge import SelfModel
 from controller.selforganisation.sensory_motor_map import SensoryMotorMap
 from controller.selforganisation.structure import find_structure
 from skinnet.errors import MemoryFileError
-from skinnet.memory.record import KeyPose, Memory
+from skinnet.memory.record import KeyPose, MemoryContents
 from skinnet.memory.store import read_memory, write_memory
 from skinnet.run import in_process
 from skinnet.run.in_process import run_in_process
-from skinnet.run.progress import Progress
+from skinnet.run.progress import ProgressDisplay
 
 ACTIVITY = np.array([[0, 0], [0, 0], [1, 0], [1, 0], [1, 0], [1, 0], [1, 1], [1, 1]], dtype=bool)
 OPEN_RAD, CLOSED_RAD = np.array([0.5, -0.5]), np.array([0.1, 0.2])
@@ -29,23 +29,23 @@ def weights(value: float) -> NDArray[np.float64]:
     return np.where(ACTIVITY, value, 0.0)
 
 
-def learn(memory: LongTermMemory, knowledge: Knowledge) -> None:
+def learn(memory: LongTermMemory, knowledge: SelfModel) -> None:
     """Structure, two poses of which one was explored a little beside where it was taught, an area."""
     knowledge.structure = find_structure(ACTIVITY)
-    memory.remember_structure()
-    knowledge.map.add(OPEN_RAD + 0.02, weights(0.3))
+    memory.store_structure()
+    knowledge.sensory_motor_map.add(OPEN_RAD + 0.02, weights(0.3))
     for name, position_rad in (("open", OPEN_RAD), ("closed", CLOSED_RAD)):
         knowledge.poses[name] = position_rad
-        memory.remember_pose(name)
+        memory.store_pose(name)
     knowledge.areas["pat"] = np.array([1, 4])
-    memory.remember_areas()
-    memory.remember_parameters({"load.omega": 0.05})
+    memory.store_areas()
+    memory.store_parameters({"load.omega": 0.05})
 
 
-def begin(tmp_path: Path, out: str | None, **tables: Any) -> tuple[LongTermMemory, Knowledge]:
-    knowledge = Knowledge(cut=0.05)
+def begin(tmp_path: Path, out: str | None, **tables: Any) -> tuple[LongTermMemory, SelfModel]:
+    knowledge = SelfModel(min_row_norm=0.05)
     folder = None if out is None else tmp_path / out
-    return LongTermMemory.begin(small(**tables), tmp_path, folder, knowledge), knowledge
+    return LongTermMemory.open(small(**tables), tmp_path, folder, knowledge), knowledge
 
 
 def test_what_was_learnt_is_known_in_the_next_run(tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_what_was_learnt_is_known_in_the_next_run(tmp_path: Path) -> None:
     assert recalled.areas["pat"].tolist() == [1, 4]
     assert recalled.parameters == {"load.omega": 0.05}
     # the map is that of the pose it was explored in, and of no other
-    assert recalled.map.poses_rad.tolist() == [OPEN_RAD.tolist()]
-    assert (recalled.map.closest(CLOSED_RAD) == weights(0.3)).all()
+    assert recalled.sensory_motor_map.poses_rad.tolist() == [OPEN_RAD.tolist()]
+    assert (recalled.sensory_motor_map.closest(CLOSED_RAD) == weights(0.3)).all()
     # and the second run has it all in its own folder
     first, second = (read_memory(tmp_path / run / MEMORY_FILE) for run in ("teach", "grasp"))
     assert same(first, second)
@@ -79,7 +79,7 @@ def test_a_run_may_go_on_in_the_file_that_it_reads(tmp_path: Path) -> None:
     again, recalled = begin(tmp_path, "run", memory={"read": f"run/{MEMORY_FILE}"})
     again.close()
     assert same(read_memory(tmp_path / "run" / MEMORY_FILE), before)
-    assert len(recalled.map) == 1
+    assert len(recalled.sensory_motor_map) == 1
 
 
 def test_what_an_earlier_run_left_is_not_of_this_one(tmp_path: Path) -> None:
@@ -116,10 +116,10 @@ def test_cells_that_were_not_measured_stay_so(tmp_path: Path) -> None:
     unknown = np.zeros_like(ACTIVITY)
     unknown[5, 1] = True
     knowledge.structure = find_structure(ACTIVITY, unknown)
-    memory.remember_structure()
+    memory.store_structure()
     memory.close()
-    recalled = Knowledge(cut=0.05)
-    take_in(read_memory(tmp_path / "run" / MEMORY_FILE), recalled)
+    recalled = SelfModel(min_row_norm=0.05)
+    restore_self_model(read_memory(tmp_path / "run" / MEMORY_FILE), recalled)
     assert recalled.structure is not None
     assert recalled.structure.unmeasured == (5,)
     assert recalled.structure.parts == knowledge.structure.parts
@@ -130,7 +130,7 @@ def test_an_area_without_cells_is_refused(tmp_path: Path) -> None:
     memory, knowledge = begin(tmp_path, "run")
     knowledge.areas["pat"] = np.zeros(0, dtype=np.int64)
     with pytest.raises(MemoryFileError, match=r"areas.pat: has no cells"):
-        memory.remember_areas()
+        memory.store_areas()
     memory.close()
 
 
@@ -145,25 +145,25 @@ def test_the_memory_of_another_robot_is_not_recalled(tmp_path: Path) -> None:
 async def test_nodes_learn_where_the_run_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, Path | None]] = []
 
-    def build_node(module: str, _deployment: Any, _name: str, _base: Path, out: Path | None) -> Any:
+    def build_process(module: str, _deployment: Any, _name: str, _base: Path, out: Path | None) -> Any:
         asked.append((module, out))
         raise MemoryFileError("enough")
 
-    monkeypatch.setattr(in_process, "build_node", build_node)
+    monkeypatch.setattr(in_process, "build_process", build_process)
     with pytest.raises(MemoryFileError, match="enough"):
-        await run_in_process(small(), tmp_path, tmp_path / "run", Progress(Console(quiet=True)))
+        await run_in_process(small(), tmp_path, tmp_path / "run", ProgressDisplay(Console(quiet=True)))
     assert asked == [("skinnet.body", tmp_path / "run")]
 
 
 def test_positions_are_recalled_to_the_bit(tmp_path: Path) -> None:
-    knowledge = Knowledge(cut=0.05)
+    knowledge = SelfModel(min_row_norm=0.05)
     memory, other = begin(tmp_path, "run")
     pose_rad = np.array([0.1 + 0.2, 1 / 3])
     other.poses["open"] = pose_rad
-    memory.remember_pose("open")
+    memory.store_pose("open")
     memory.close()
     kept = read_memory(tmp_path / "run" / MEMORY_FILE)
-    take_in(kept, knowledge)
+    restore_self_model(kept, knowledge)
     assert knowledge.poses["open"].tobytes() == pose_rad.tobytes()
-    write_memory(tmp_path / "copy", Memory(kept.robot, poses={"open": KeyPose(pose_rad)}))
+    write_memory(tmp_path / "copy", MemoryContents(kept.robot, poses={"open": KeyPose(pose_rad)}))
     assert same(read_memory(tmp_path / "copy"), kept)

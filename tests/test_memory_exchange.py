@@ -17,17 +17,17 @@ from memory_robot import ROBOT, known, memories, same
 
 from skinnet.cli.main import main
 from skinnet.deployment import load
-from skinnet.deployment.recall import robot_of
+from skinnet.deployment.recall import robot_description
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.memory.exchange import from_json, to_json
-from skinnet.memory.record import KeyPose, Memory
+from skinnet.memory.record import KeyPose, MemoryContents
 from skinnet.memory.store import MemoryStore, read_memory, write_memory
-from skinnet.run.launch import Order, prepare
+from skinnet.run.launch import RunOptions, load_and_check
 
 
 @settings(max_examples=100, deadline=None)
 @given(memory=memories())
-def test_json_and_back_is_the_same(memory: Memory) -> None:
+def test_json_and_back_is_the_same(memory: MemoryContents) -> None:
     text = to_json(memory)
     assert same(from_json(text), memory)
     assert to_json(from_json(text)) == text
@@ -134,19 +134,21 @@ def test_what_is_no_memory_is_refused(text: bytes) -> None:
         from_json(text)
 
 
-def taught(**areas: list[int]) -> Memory:
+def taught(**areas: list[int]) -> MemoryContents:
     """A memory of the robot of `hrp2_touch`."""
-    robot = robot_of(load(TOUCH))
+    robot = robot_description(load(TOUCH))
     home = KeyPose(np.zeros(len(robot.joints)), np.zeros(robot.shape))
     arrays = {label: np.array(cells) for label, cells in areas.items()}
-    return Memory(robot, np.eye(*robot.shape, dtype=bool), {"home": home}, arrays, {"load.omega": 0.05})
+    return MemoryContents(
+        robot, np.eye(*robot.shape, dtype=bool), {"home": home}, arrays, {"load.omega": 0.05}
+    )
 
 
-def bent() -> Memory:
+def bent() -> MemoryContents:
     memory = taught()
     home = memory.poses["home"].position_rad.copy()
     home[3] = 9.0
-    return Memory(memory.robot, poses={"home": memory.poses["home"], "open": KeyPose(home)})
+    return MemoryContents(memory.robot, poses={"home": memory.poses["home"], "open": KeyPose(home)})
 
 
 Skinnet = Callable[..., tuple[int, str, str]]
@@ -196,13 +198,13 @@ def test_a_file_is_replaced_by_force_only(skinnet: Skinnet, tmp_path: Path) -> N
     text.write_bytes(to_json(known()))
     assert skinnet("import", str(text), str(path)) == (0, "", "")
     assert skinnet("export", str(path)) == (0, text.read_text(), "")
-    text.write_bytes(to_json(Memory(ROBOT)))
+    text.write_bytes(to_json(MemoryContents(ROBOT)))
     refuse(skinnet, "m.sqlite: exists already; give --force", "import", str(text), str(path))
     with MemoryStore.open(path, ROBOT) as store:
         refuse(skinnet, "m.sqlite: is in use by another", "import", str(text), str(path), "--force")
-        assert same(store.memory, known())
+        assert same(store.contents, known())
     assert skinnet("import", str(text), str(path), "--force") == (0, "", "")
-    assert same(read_memory(path), Memory(ROBOT))
+    assert same(read_memory(path), MemoryContents(ROBOT))
 
 
 def test_show_says_what_is_known(skinnet: Skinnet, tmp_path: Path) -> None:
@@ -225,7 +227,7 @@ def test_show_says_what_is_known(skinnet: Skinnet, tmp_path: Path) -> None:
         "load.force_gain 0.1",
     ):
         assert line in lines, out
-    write_memory(path, Memory(ROBOT))
+    write_memory(path, MemoryContents(ROBOT))
     assert "not explored" in skinnet("show", str(path))[1]
 
 
@@ -253,24 +255,24 @@ def test_help_has_examples(skinnet: Skinnet) -> None:
 def test_a_run_is_refused_before_it_starts_if_its_memory_does_not_fit(tmp_path: Path) -> None:
     path = tmp_path / "memory.sqlite"
 
-    def order(*settings: str) -> Order:
-        return Order(TOUCH, (f"memory.read={path}", *settings))
+    def order(*settings: str) -> RunOptions:
+        return RunOptions(TOUCH, (f"memory.read={path}", *settings))
 
     with pytest.raises(DeploymentError, match=r"hrp2_touch.toml: memory.read: .*there is no such file"):
-        prepare(order())
+        load_and_check(order())
     write_memory(path, bent())
     with pytest.raises(
         DeploymentError, match=r"memory.read: .*memory.sqlite: poses.open: left_elbow_pitch = 9"
     ):
-        prepare(order())
+        load_and_check(order())
     write_memory(path, known())
     with pytest.raises(
         DeploymentError, match=r"memory.read: .*is of another robot: name\[0\] is bot; hrp2 is"
     ):
-        prepare(order())
+        load_and_check(order())
     write_memory(path, taught())
     with pytest.raises(DeploymentError, match=r"is of another robot: joints\[0\] is left_shoulder_pitch"):
-        prepare(order('body.joints=["left_elbow_pitch"]'))
-    assert prepare(order()).memory.read == str(path)
+        load_and_check(order('body.joints=["left_elbow_pitch"]'))
+    assert load_and_check(order()).memory.read == str(path)
     with pytest.raises(DeploymentError, match=r"memory.read = .*: nursing starts without knowledge"):
-        prepare(Order(ROOT / "deployments" / "riba_trajectory.toml", (f"memory.read={path}",)))
+        load_and_check(RunOptions(ROOT / "deployments" / "riba_trajectory.toml", (f"memory.read={path}",)))

@@ -16,7 +16,7 @@ from memory_robot import ROBOT, known, memories, names, numbered, same
 
 from skinnet.errors import MemoryFileError
 from skinnet.memory import store as store_module
-from skinnet.memory.record import KeyPose, Memory, Robot, check_limits
+from skinnet.memory.record import KeyPose, MemoryContents, RobotIdentity, check_joint_limits
 from skinnet.memory.store import VERSION, MemoryStore, read_memory, write_memory
 
 
@@ -30,7 +30,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store_module, "_PATIENCE_S", 0.01)
+    monkeypatch.setattr(store_module, "_LOCK_TIMEOUT_S", 0.01)
 
 
 def sql(path: Path, *statements: str) -> list[tuple[object, ...]]:
@@ -43,7 +43,7 @@ def sql(path: Path, *statements: str) -> list[tuple[object, ...]]:
 
 @settings(max_examples=60, deadline=None)
 @given(memory=memories())
-def test_what_is_read_is_what_was_written(memory: Memory) -> None:
+def test_what_is_read_is_what_was_written(memory: MemoryContents) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "m #1?.sqlite"
         write_memory(path, memory)
@@ -58,28 +58,28 @@ def test_what_is_read_is_what_was_written(memory: Memory) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(memory=memories(), pose=names, area=names)
-def test_what_is_remembered_piece_by_piece_is_the_whole(memory: Memory, pose: str, area: str) -> None:
+def test_what_is_remembered_piece_by_piece_is_the_whole(memory: MemoryContents, pose: str, area: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "memory.sqlite"
         robot = memory.robot
         with MemoryStore.create(path, robot) as store:
             # first something else in every place, which must leave no trace
-            store.remember_structure(np.ones(robot.shape, dtype=bool))
+            store.store_structure(np.ones(robot.shape, dtype=bool))
             for name in memory.poses:
-                store.remember_pose(name, KeyPose(np.ones(len(robot.joints)), np.ones(robot.shape)))
+                store.store_pose(name, KeyPose(np.ones(len(robot.joints)), np.ones(robot.shape)))
             for label in memory.areas:
-                store.remember_area(label, np.arange(robot.n_cells))
-            store.remember_parameters(dict.fromkeys(memory.parameters, 1.0))
+                store.store_area(label, np.arange(robot.n_cells))
+            store.store_parameters(dict.fromkeys(memory.parameters, 1.0))
             if memory.activity is not None:
-                store.remember_structure(memory.activity, memory.unmeasured)
+                store.store_structure(memory.activity, memory.unmeasured)
             for name, key_pose in memory.poses.items():
-                store.remember_pose(name, key_pose)
+                store.store_pose(name, key_pose)
             for label, cells in memory.areas.items():
-                store.remember_area(label, cells)
-            store.remember_parameters(memory.parameters)
-            pieces = store.memory
-            store.replace(memory)
-            assert same(store.memory, memory)
+                store.store_area(label, cells)
+            store.store_parameters(memory.parameters)
+            pieces = store.contents
+            store.replace_contents(memory)
+            assert same(store.contents, memory)
         assert same(read_memory(path), memory)
         if memory.activity is not None:
             assert same(pieces, memory)
@@ -104,7 +104,7 @@ def test_other_programs_can_read_the_tables(path: Path) -> None:
 def test_what_a_memory_holds_is_its_own() -> None:
     """What the giver does to its arrays afterwards, and what a reader tries, changes nothing."""
     position_rad, cells = np.array([1.0, 2.0]), np.array([1, 2])
-    memory = Memory(ROBOT, poses={"open": KeyPose(position_rad)}, areas={"pat": cells})
+    memory = MemoryContents(ROBOT, poses={"open": KeyPose(position_rad)}, areas={"pat": cells})
     position_rad[:] = cells[:] = 0
     assert memory.poses["open"].position_rad.tolist() == [1.0, 2.0]
     assert memory.areas["pat"].tolist() == [1, 2]
@@ -122,7 +122,7 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
         ):
             with pytest.raises(MemoryFileError, match="in use by another process"):
                 attempt()
-        first.remember_parameters({"still": 1.0})
+        first.store_parameters({"still": 1.0})
         code = (
             f"from skinnet.memory.store import *; from pathlib import Path; read_memory(Path({str(path)!r}))"
         )
@@ -130,7 +130,7 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
         assert "MemoryFileError" in done.stderr
         assert "in use by another process" in done.stderr
     with MemoryStore.open(path, ROBOT) as second:
-        assert second.memory.parameters["still"] == 1.0
+        assert second.contents.parameters["still"] == 1.0
 
 
 def test_a_reader_is_waited_for(path: Path) -> None:
@@ -144,23 +144,23 @@ def test_a_reader_is_waited_for(path: Path) -> None:
     MemoryStore.open(path, ROBOT).close()
 
 
-OTHERS: dict[str, tuple[Robot, str]] = {
-    "name": (Robot("bat", ROBOT.joints, ROBOT.patches), r"name\[0\] is bot; bat is due"),
+OTHERS: dict[str, tuple[RobotIdentity, str]] = {
+    "name": (RobotIdentity("bat", ROBOT.joints, ROBOT.patches), r"name\[0\] is bot; bat is due"),
     "joint": (
-        Robot("bot", ("elbow", "hip"), ROBOT.patches),
+        RobotIdentity("bot", ("elbow", "hip"), ROBOT.patches),
         r"joints\[1\] is wrist pitch/2; hip is due",
     ),
-    "fewer joints": (Robot("bot", ("elbow",), ROBOT.patches), "it has 2 joints; 1 are due"),
+    "fewer joints": (RobotIdentity("bot", ("elbow",), ROBOT.patches), "it has 2 joints; 1 are due"),
     "cells": (
-        Robot("bot", ROBOT.joints, {"arm": 4, "hand": 2}),
+        RobotIdentity("bot", ROBOT.joints, {"arm": 4, "hand": 2}),
         r"patches\[0\] is arm of 3 cells; arm of 4 cells is due",
     ),
     "order of patches": (
-        Robot("bot", ROBOT.joints, {"hand": 2, "arm": 3}),
+        RobotIdentity("bot", ROBOT.joints, {"hand": 2, "arm": 3}),
         r"patches\[0\] is arm of 3 cells; hand of 2 cells is due",
     ),
     "more patches": (
-        Robot("bot", ROBOT.joints, {"arm": 3, "hand": 2, "torso": 9}),
+        RobotIdentity("bot", ROBOT.joints, {"arm": 3, "hand": 2, "torso": 9}),
         "it has 2 patches; 3 are due",
     ),
 }
@@ -173,8 +173,8 @@ def test_the_memory_of_another_robot_is_refused(path: Path, case: str) -> None:
         MemoryStore.open(path, other)
     with MemoryStore.open(path, ROBOT) as store:
         with pytest.raises(MemoryFileError, match="is of another robot"):
-            store.replace(Memory(other))
-        assert same(store.memory, known())
+            store.replace_contents(MemoryContents(other))
+        assert same(store.contents, known())
 
 
 def no_file(path: Path) -> None:
@@ -262,11 +262,11 @@ def test_what_cannot_be_read_is_refused(path: Path, spoil: Callable[[Path], None
         assert "\n" not in str(caught.value)
 
 
-def refusal(path: Path, memory: Memory) -> str:
+def refusal(path: Path, memory: MemoryContents) -> str:
     """Why the file can be neither read nor opened; nothing if it reads as `memory`."""
     try:
         with MemoryStore.open(path, memory.robot) as store:
-            assert same(store.memory, memory)
+            assert same(store.contents, memory)
     except MemoryFileError:
         pass
     try:
@@ -337,38 +337,38 @@ def test_a_link_is_followed(path: Path) -> None:
 
 REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
     "area without cells": (
-        lambda s: s.remember_area("pat", np.zeros(0, dtype=np.int64)),
+        lambda s: s.store_area("pat", np.zeros(0, dtype=np.int64)),
         "areas.pat: has no",
     ),
-    "cell outside": (lambda s: s.remember_area("pat", np.array([5])), "areas.pat: there is no cell 5; 5 are"),
-    "cells twice": (lambda s: s.remember_area("pat", np.array([1, 1])), "areas.pat: cells must ascend"),
-    "no label": (lambda s: s.remember_area("a b", np.array([1])), "areas: 'a b' is no name"),
+    "cell outside": (lambda s: s.store_area("pat", np.array([5])), "areas.pat: there is no cell 5; 5 are"),
+    "cells twice": (lambda s: s.store_area("pat", np.array([1, 1])), "areas.pat: cells must ascend"),
+    "no label": (lambda s: s.store_area("a b", np.array([1])), "areas: 'a b' is no name"),
     "pose of another robot": (
-        lambda s: s.remember_pose("open", KeyPose(np.zeros(3))),
+        lambda s: s.store_pose("open", KeyPose(np.zeros(3))),
         r"poses.open.position_rad: has the shape \(3,\); \(2,\) is due",
     ),
     "pose that is not finite": (
-        lambda s: s.remember_pose("open", KeyPose(np.array([0.0, np.nan]))),
+        lambda s: s.store_pose("open", KeyPose(np.array([0.0, np.nan]))),
         "poses.open.position_rad: holds a value that is not finite",
     ),
     "map of another robot": (
-        lambda s: s.remember_pose("open", KeyPose(np.zeros(2), np.zeros((4, 2)))),
+        lambda s: s.store_pose("open", KeyPose(np.zeros(2), np.zeros((4, 2)))),
         "poses.open.weights: has the shape",
     ),
     "map that is not finite": (
-        lambda s: s.remember_pose("open", KeyPose(np.zeros(2), np.full((5, 2), np.inf))),
+        lambda s: s.store_pose("open", KeyPose(np.zeros(2), np.full((5, 2), np.inf))),
         "poses.open.weights: holds a value that is not finite",
     ),
     "structure of another robot": (
-        lambda s: s.remember_structure(np.ones((5, 3), dtype=bool)),
+        lambda s: s.store_structure(np.ones((5, 3), dtype=bool)),
         "activity: has",
     ),
     "unmeasured and active": (
-        lambda s: s.remember_structure(np.ones((5, 2), dtype=bool), np.array([2])),
+        lambda s: s.store_structure(np.ones((5, 2), dtype=bool), np.array([2])),
         "activity: cell 2 is active, and not measured",
     ),
-    "parameter that is not finite": (lambda s: s.remember_parameters({"x": np.inf}), "parameters.x: holds"),
-    "parameter without name": (lambda s: s.remember_parameters({"": 1.0}), "parameters: '' is no name"),
+    "parameter that is not finite": (lambda s: s.store_parameters({"x": np.inf}), "parameters.x: holds"),
+    "parameter without name": (lambda s: s.store_parameters({"": 1.0}), "parameters: '' is no name"),
 }
 
 
@@ -378,8 +378,8 @@ def test_what_does_not_hold_is_not_remembered(path: Path, case: str) -> None:
     with MemoryStore.open(path, ROBOT) as store:
         with pytest.raises(MemoryFileError, match=said):
             change(store)
-        assert same(store.memory, known())
-        store.remember_parameters({"after": 1.0})
+        assert same(store.contents, known())
+        store.store_parameters({"after": 1.0})
     assert read_memory(path).parameters == known().parameters | {"after": 1.0}
 
 
@@ -389,11 +389,11 @@ def test_a_change_that_fails_half_way_is_taken_back(path: Path, monkeypatch: pyt
 
     with MemoryStore.open(path, ROBOT) as store:
         with monkeypatch.context() as broken:
-            broken.setattr(store_module.tables, "seal", full)
+            broken.setattr(store_module.tables, "store_digest", full)
             with pytest.raises(MemoryFileError, match="disk is full"):
-                store.remember_pose("open", KeyPose(np.ones(2)))
-        assert same(store.memory, known())
-        store.remember_parameters({"after": 1.0})
+                store.store_pose("open", KeyPose(np.ones(2)))
+        assert same(store.contents, known())
+        store.store_parameters({"after": 1.0})
     back = read_memory(path)
     assert back.poses["open"].position_rad.tolist() == [0.1, -1.5]
     assert back.parameters["after"] == 1.0
@@ -402,26 +402,26 @@ def test_a_change_that_fails_half_way_is_taken_back(path: Path, monkeypatch: pyt
 @pytest.mark.parametrize(
     ("robot", "said"),
     [
-        (lambda: Robot("bot", (), {"arm": 1}), "robot.joints: there are none"),
-        (lambda: Robot("bot", ("a", "a"), {"arm": 1}), "robot.joints: a stands 2 times"),
-        (lambda: Robot("bot", ("a\n",), {"arm": 1}), "robot.joints: 'a\\\\n' is no name"),
-        (lambda: Robot("bot", ("a",), {}), "robot.patches: there are none"),
-        (lambda: Robot("bot", ("a",), {"arm": 0}), "robot.patches.arm = 0: 1 to"),
-        (lambda: Robot("b t", ("a",), {"arm": 1}), "robot.name: 'b t' is no name"),
+        (lambda: RobotIdentity("bot", (), {"arm": 1}), "robot.joints: there are none"),
+        (lambda: RobotIdentity("bot", ("a", "a"), {"arm": 1}), "robot.joints: a stands 2 times"),
+        (lambda: RobotIdentity("bot", ("a\n",), {"arm": 1}), "robot.joints: 'a\\\\n' is no name"),
+        (lambda: RobotIdentity("bot", ("a",), {}), "robot.patches: there are none"),
+        (lambda: RobotIdentity("bot", ("a",), {"arm": 0}), "robot.patches.arm = 0: 1 to"),
+        (lambda: RobotIdentity("b t", ("a",), {"arm": 1}), "robot.name: 'b t' is no name"),
     ],
 )
-def test_a_robot_has_joints_and_skin(robot: Callable[[], Robot], said: str) -> None:
+def test_a_robot_has_joints_and_skin(robot: Callable[[], RobotIdentity], said: str) -> None:
     with pytest.raises(MemoryFileError, match=said):
         robot()
 
 
 def test_poses_out_of_the_limits_of_joints_are_refused() -> None:
-    check_limits(known(), np.array([[-0.2, 0.1], [-np.inf, np.inf]]))
-    check_limits(known(), np.array([[-0.2, 0.095], [-1.5, np.inf]]))  # limits give a little
+    check_joint_limits(known(), np.array([[-0.2, 0.1], [-np.inf, np.inf]]))
+    check_joint_limits(known(), np.array([[-0.2, 0.095], [-1.5, np.inf]]))  # limits give a little
     with pytest.raises(
         MemoryFileError, match=r"poses.open: elbow = 0.1: the joint turns from -0.2 to 0.05 rad"
     ):
-        check_limits(known(), np.array([[-0.2, 0.05], [-2.0, 2.0]]))
+        check_joint_limits(known(), np.array([[-0.2, 0.05], [-2.0, 2.0]]))
 
 
 def test_a_copy_is_as_good(path: Path, tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from memory_robot import numbered, same
 
-from skinnet.memory.record import Robot
+from skinnet.memory.record import RobotIdentity
 from skinnet.memory.store import MemoryStore, read_memory, write_memory
 
-ROBOT = Robot("bot", tuple(f"joint{i}" for i in range(7)), {"arm": 12, "hand": 8})
+ROBOT = RobotIdentity("bot", tuple(f"joint{i}" for i in range(7)), {"arm": 12, "hand": 8})
 KILLS = 12
 
 WRITER = """
@@ -33,7 +33,7 @@ with MemoryStore.open(path, ROBOT) as store:
     store._db.execute("PRAGMA cache_size = 1")
     store._db.set_progress_handler(pause, steps)
     for number in range(first, first + 10_000):
-        store.replace(numbered(number, ROBOT))
+        store.replace_contents(numbered(number, ROBOT))
         print(number, flush=True)
 """
 """Remembers one thing after another, each time all there is, and tells when it is kept.
@@ -75,7 +75,7 @@ def test_a_kill_leaves_the_old_memory_or_the_new(tmp_path: Path, who: str) -> No
         assert number >= kept, "what was kept is lost"
         assert same(memory, numbered(number, ROBOT)), "neither the old nor the new"
         with MemoryStore.open(path, ROBOT) as store:
-            assert same(store.memory, memory)
+            assert same(store.contents, memory)
     assert torn > KILLS / 3 or who == "outside", "too few kills were in the middle of a transaction"
     assert number > 0
 

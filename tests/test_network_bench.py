@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skinnet.bench import heapq_network, network
-from skinnet.bench.patches import CELLS_PER_PATCH, PERIOD_NS, patches
+from skinnet.bench.patches import CELLS_PER_PATCH, PERIOD_NS, make_workload
 from skinnet.cli.main import main
 
 CELLS = 60  # a full patch and a part of one
@@ -25,7 +25,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_all_simulators_agree_and_figures_are_flat() -> None:
     said: list[str] = []
-    figures = network.measure(quick=True, say=said.append)
+    figures = network.run_benchmarks(quick=True, progress=said.append)
     assert figures["agrees.heapq"]
     assert figures["agrees.simpy"]
     assert figures["ratio.ns3"] is None
@@ -45,12 +45,12 @@ def test_all_simulators_agree_and_figures_are_flat() -> None:
 def test_a_simulator_that_disagrees_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     honest = heapq_network.simulate
 
-    def late(*arguments: Any) -> list[heapq_network.End]:
+    def late(*arguments: Any) -> list[heapq_network.PacketOutcome]:
         first, *rest = honest(*arguments)
         return [(first[0], first[1] + 1, *first[2:]), *rest]
 
     monkeypatch.setattr(heapq_network, "simulate", late)
-    figures = network.measure(quick=True)
+    figures = network.run_benchmarks(quick=True)
     assert not figures["agrees.heapq"]
     assert figures["agrees.simpy"]
 
@@ -71,7 +71,7 @@ def test_without_simpy_the_figure_is_missing_and_says_what_to_do(
 
 
 def test_the_patches_send_once_a_period_and_never_drop() -> None:
-    work = patches(130, 3)
+    work = make_workload(130, 3)
     assert np.all(np.diff(work.t_ns) >= 0)
     assert work.topology.n_nodes == 130 + 3
     assert np.array_equal(np.bincount(work.node)[work.node], np.full(3 * 130, 3))

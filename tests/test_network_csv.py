@@ -13,10 +13,10 @@ from skinnet.bench.heapq_network import simulate as plain
 from skinnet.cli.main import main
 from skinnet.errors import DeploymentError
 from skinnet.network import csv_files
-from skinnet.network.ledger import Ledger, Seen
+from skinnet.network.ledger import IdSet, PacketSlots
 from skinnet.network.records import Outcome
-from skinnet.network.routes import NO_LINK, Routes, fewest_hops
-from skinnet.network.simulate import Files, simulate
+from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
+from skinnet.network.simulate import SimulationFiles, simulate_csv
 from skinnet.network.topology import Topology
 
 LINKS = "src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets\n"
@@ -43,9 +43,9 @@ def rows(path: Path) -> list[tuple[str, ...]]:
     return [tuple(row) for row in csv.reader(text.splitlines())]
 
 
-def files(folder: Path, change: dict[str, str | bytes], *, routes: bool = True) -> Files:
+def files(folder: Path, change: dict[str, str | bytes], *, routes: bool = True) -> SimulationFiles:
     written = {name: write(folder / name, text) for name, text in (GOOD | change).items()}
-    return Files(
+    return SimulationFiles(
         written["links.csv"],
         written["packets.csv"],
         folder / "delivered.csv",
@@ -94,7 +94,7 @@ def test_equals_the_heap_of_events_in_blocks_of_any_size(
         "size_bytes": rng.integers(1, 70, n_packets),
     }
     ids = rng.permutation(n_packets) - 100
-    routes = fewest_hops(topology, range(n))
+    routes = min_hop_routes(topology, range(n))
     kept = routes.link != NO_LINK
     if given:
         kept &= rng.random(kept.size) < 0.97  # without a way, here and there
@@ -118,8 +118,8 @@ def test_equals_the_heap_of_events_in_blocks_of_any_size(
         node=names[routes.node], dest=names[routes.dest], src_port=topology.src_port[routes.link]
     )
     write(tmp_path / f"routes{suffix}", route_table.replace("\n", "\n\n"))
-    figures = simulate(
-        Files(
+    figures = simulate_csv(
+        SimulationFiles(
             tmp_path / f"links{suffix}",
             tmp_path / f"packets{suffix}",
             tmp_path / f"delivered{suffix}",
@@ -158,15 +158,15 @@ def test_equals_the_heap_of_events_in_blocks_of_any_size(
 
 def test_the_end_is_open_and_later_packets_are_counted_apart(tmp_path: Path) -> None:
     given = files(tmp_path, {})
-    figures = simulate(given, 10_000)  # the first packet arrives at 2 × 5 µs sharp
+    figures = simulate_csv(given, 10_000)  # the first packet arrives at 2 × 5 µs sharp
     assert rows(given.delivered) == [("id", "t_delivered_ns")]
     assert (figures["packets.offered"], figures["packets.in_flight"]) == (3, 3)
-    figures = simulate(given, 10_001)
+    figures = simulate_csv(given, 10_001)
     assert rows(given.delivered)[1:] == [("7", "10000")]
-    figures = simulate(given, 1)
+    figures = simulate_csv(given, 1)
     assert (figures["packets.offered"], figures["packets.not_before_until"]) == (1, 2)
     assert figures["packets.conserved"]
-    figures = simulate(files(tmp_path, {"packets.csv": PACKETS}), 10**9)
+    figures = simulate_csv(files(tmp_path, {"packets.csv": PACKETS}), 10**9)
     assert figures["packets.offered"] == 0
     assert figures["latency.mean_ms"] is None
 
@@ -174,7 +174,7 @@ def test_the_end_is_open_and_later_packets_are_counted_apart(tmp_path: Path) -> 
 def test_quotes_spaces_signs_and_byte_order_mark_are_read(tmp_path: Path) -> None:
     odd = '\ufeff"id", "t_ns","node","dest","size_bytes"\r\n"7",0 ,+1, 3,5\r\n\r\n  \n"8","1",1,3,"5"'
     given = files(tmp_path, {"packets.csv": odd}, routes=False)
-    assert simulate(given, 10**9)["packets.delivered"] == 2
+    assert simulate_csv(given, 10**9)["packets.delivered"] == 2
     assert rows(given.delivered)[1:] == [("7", "10000"), ("8", "15000")]
 
 
@@ -256,7 +256,7 @@ def test_a_bad_file_is_refused_by_line_and_nothing_is_written(
     given = files(tmp_path, change)
     before = sorted(tmp_path.iterdir())
     with pytest.raises(DeploymentError) as refused:
-        simulate(given, 10**9)
+        simulate_csv(given, 10**9)
     assert str(refused.value).startswith(str(tmp_path)) or message.startswith("no link leaves this")
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -272,7 +272,7 @@ def test_probabilities_are_numbers_from_0_to_1(tmp_path: Path) -> None:
     ):
         given = files(tmp_path, {"links.csv": f"{head}1,0,2,1,9,8,0,,1e-9,.5\n2,0,1,0,9,8,0,,{last}\n"})
         with pytest.raises(DeploymentError, match=f"links.csv:3: .*{wrong}; allowed are numbers from 0 to 1"):
-            simulate(given, 10**9)
+            simulate_csv(given, 10**9)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +289,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path, name: str, content: bytes | 
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(DeploymentError, match=message) as refused:
-        simulate(Files(given.links, tmp_path / name, given.delivered), 10**9)
+        simulate_csv(SimulationFiles(given.links, tmp_path / name, given.delivered), 10**9)
     assert str(tmp_path / name) in str(refused.value)
 
 
@@ -304,7 +304,7 @@ def test_long_ways_round_are_found_and_long_ways_are_not(tmp_path: Path) -> None
     packets = f"id,t_ns,node,dest,size_bytes\n1,0,0,{n - 1},3\n"
     longest = table(node=nodes[:-1], dest=nodes[:-1] * 0 + n - 1, src_port=nodes[:-1] * 0)
     given = files(tmp_path, {"links.csv": ring, "packets.csv": packets, "routes.csv": longest})
-    simulate(given, 10**9)
+    simulate_csv(given, 10**9)
     assert rows(given.delivered)[1:] == [("1", str(3 * (n - 1)))]
     endless = table(node=nodes, dest=nodes * 0 + 5_000, src_port=nodes * 0)
     spur = "0,7,5000,7,1000000000,1,0,\n"
@@ -312,21 +312,21 @@ def test_long_ways_round_are_found_and_long_ways_are_not(tmp_path: Path) -> None
     with pytest.raises(
         DeploymentError, match=r"routes.csv:2: the routes to 5000 go round: 0 → 1 → .* → 999 → 0;"
     ):
-        simulate(given, 10**9)
+        simulate_csv(given, 10**9)
 
 
 def test_files_that_would_overwrite_each_other_are_refused(tmp_path: Path) -> None:
     given = files(tmp_path, {})
     for out, drops in ((given.packets, None), (given.delivered, given.delivered), (tmp_path, None)):
         with pytest.raises(DeploymentError, match=r"named twice|a folder"):
-            simulate(Files(given.links, given.packets, out, None, drops), 10**9)
+            simulate_csv(SimulationFiles(given.links, given.packets, out, None, drops), 10**9)
 
 
 def test_ids_are_remembered_as_runs() -> None:
     rng = np.random.default_rng(5)
     for _ in range(200):
         ids = rng.integers(-20, 200, rng.integers(1, 60))
-        seen, first = Seen(), None
+        seen, first = IdSet(), None
         for start in range(0, ids.size, 7):
             again = seen.add(ids[start : start + 7])
             if again is not None:
@@ -334,18 +334,18 @@ def test_ids_are_remembered_as_runs() -> None:
                 break
         repeated = [i for i in range(ids.size) if ids[i] in ids[:i]]
         assert first == (repeated[0] if repeated else None)
-    dense = Seen()
+    dense = IdSet()
     for block in np.array_split(np.random.default_rng(1).permutation(1000), 9):
         assert dense.add(block) is None
-    assert dense.n_runs == 1
+    assert dense.n_intervals == 1
 
 
 def test_numbers_of_packets_that_have_left_are_used_again() -> None:
-    ledger = Ledger()
+    ledger = PacketSlots()
     for k in range(100):
-        numbers = ledger.enter(np.arange(10) + k, np.arange(10))
+        numbers = ledger.allocate(np.arange(10) + k, np.arange(10))
         assert numbers.max() < 10
-        ids, t_ns = ledger.leave(numbers[::-1])
+        ids, t_ns = ledger.release(numbers[::-1])
         assert ids.tolist() == list(range(k + 9, k - 1, -1))
         assert t_ns.tolist() == list(range(9, -1, -1))
 

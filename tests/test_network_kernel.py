@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skinnet.bench.heapq_network import simulate
-from skinnet.network.network import Finished, Network
+from skinnet.network.network import EndedPackets, PacketNetwork
 from skinnet.network.records import Outcome
-from skinnet.network.routes import NO_LINK, Routes, fewest_hops
+from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
 from skinnet.network.topology import Topology
 
 NS = 1_000_000_000
@@ -26,12 +26,12 @@ Change = tuple[Any, ...]
 Scenario = tuple[Topology, list[Offer], list[Change], int]
 
 
-def offer(network: Network, packets: Iterable[Offer]) -> None:
+def offer(network: PacketNetwork, packets: Iterable[Offer]) -> None:
     t_ns, node, dest, size, packet_id, link = np.array(list(packets), dtype=np.int64).reshape(-1, 6).T
-    network.offer(t_ns, node, dest, size, packet_id, link)
+    network.enqueue(t_ns, node, dest, size, packet_id, link)
 
 
-def schedule(network: Network, changes: list[Change]) -> None:
+def schedule(network: PacketNetwork, changes: list[Change]) -> None:
     for t_ns, method, *arguments in changes:
         if method == "impair_link":
             link, values = arguments
@@ -40,7 +40,7 @@ def schedule(network: Network, changes: list[Change]) -> None:
             getattr(network, method)(t_ns, *arguments)
 
 
-def rows(finished: Finished) -> list[tuple[int, ...]]:
+def rows(finished: EndedPackets) -> list[tuple[int, ...]]:
     return list(zip(*(column.tolist() for column in finished), strict=True))
 
 
@@ -50,7 +50,7 @@ def run(scenario: Scenario, cuts: Iterable[int] = (), *, move: bool = False) -> 
     If they shall `move`, another object carries on at every cut, from a snapshot.
     """
     topology, packets, changes, hop_limit = scenario
-    networks = [Network(topology, seed=5, hop_limit=hop_limit) for _ in range(2)]
+    networks = [PacketNetwork(topology, seed=5, hop_limit=hop_limit) for _ in range(2)]
     network = networks[0]
     schedule(network, changes)
     ends: list[tuple[int, ...]] = []
@@ -138,7 +138,10 @@ def scenarios(draw: st.DrawFn) -> Scenario:
         st.tuples(times, st.just("impair_link"), links, impairment),
         st.tuples(times, st.just("set_routes"), one_route()),
     )
-    changes = [(0, "set_routes", fewest_hops(topology, range(n_nodes))), *draw(st.lists(change, max_size=6))]
+    changes = [
+        (0, "set_routes", min_hop_routes(topology, range(n_nodes))),
+        *draw(st.lists(change, max_size=6)),
+    ]
     packets = []
     for number, (t_ns, node, dest, size, choice) in enumerate(
         draw(st.lists(st.tuples(times, nodes, nodes, st.integers(1, 4), st.integers(0, 20)), max_size=40))
@@ -185,11 +188,11 @@ def crowded_patch(seed: int) -> Scenario:
         link = int(rng.choice(np.flatnonzero(topology.src == node))) if rng.random() < 0.1 else NO_LINK
         t_ns = int(rng.integers(100)) * 1_000_000
         packets.append((t_ns, node, dest, int(rng.choice([8, 23])), number, link))
-    changes: list[Change] = [(0, "set_routes", fewest_hops(topology, range(n_nodes)))]
+    changes: list[Change] = [(0, "set_routes", min_hop_routes(topology, range(n_nodes)))]
     for t_ns in range(5_000_000, 90_000_000, 5_000_000):
         link = int(rng.integers(n_links))
         changes.append((t_ns, "fail_link", link))
-        changes.append((t_ns, "set_routes", fewest_hops(topology, range(n_nodes), dead_links=[link])))
+        changes.append((t_ns, "set_routes", min_hop_routes(topology, range(n_nodes), dead_links=[link])))
         changes.append((t_ns + 4_000_000, "repair_link", link))
     return topology, packets, changes, 255
 
@@ -215,14 +218,14 @@ def test_all_cells_at_one_instant_equal_the_heap_of_events() -> None:
         n_cells + 1, [(i, 0, 0, n_cells - i) for i in range(1, n_cells + 1)], delay_ns=7, **BYTE_PER_NS
     )
     packets = [(i % 2, i, 0, 1 + i % 5, i, NO_LINK) for i in range(1, n_cells + 1)]
-    changes: list[Change] = [(0, "set_routes", fewest_hops(star, [0]))]
+    changes: list[Change] = [(0, "set_routes", min_hop_routes(star, [0]))]
     assert run((star, packets, changes, 255)) == simulate(star, packets, changes, seed=5)
 
 
 def test_line_of_k_hops_takes_k_times_transmission_and_delay() -> None:
     k, size, delay_ns = 9, 23, 300_000
-    network = Network(line(k + 1, delay_ns, **UART))
-    network.set_routes(0, fewest_hops(network.topology, [k]))
+    network = PacketNetwork(line(k + 1, delay_ns, **UART))
+    network.set_routes(0, min_hop_routes(network.topology, [k]))
     offer(network, [(17, 0, k, size, 4, NO_LINK)])
     transmission_ns = -(-size * 10 * NS // 12_000_000)
     assert rows(network.advance(END_NS)) == [
@@ -231,7 +234,7 @@ def test_line_of_k_hops_takes_k_times_transmission_and_delay() -> None:
 
 
 def test_rounding_of_a_transmission_is_up_to_the_next_nanosecond() -> None:
-    network = Network(line(2, bits_per_s=3 * NS))
+    network = PacketNetwork(line(2, bits_per_s=3 * NS))
     network.fail_link(10, 1)
     offer(network, [(0, 0, 0, size, size, 0) for size in (3, 4)])
     assert network.advance(END_NS).t_ns.tolist() == [1, 1 + 2]
@@ -241,8 +244,8 @@ def test_equal_branches_merge_in_the_order_of_ports() -> None:
     # three sources, equally far from node 0, whose one output queue decides their order
     wires = [(0, 9, 4, 0), (1, 0, 0, 2), (2, 0, 0, 0), (3, 0, 0, 1)]
     topology = Topology.from_wires(5, wires, delay_ns=5, **BYTE_PER_NS)
-    network = Network(topology)
-    network.set_routes(0, fewest_hops(topology, [4]))
+    network = PacketNetwork(topology)
+    network.set_routes(0, min_hop_routes(topology, [4]))
     arrival_ns = 10 + 5
     # while the first of node 0's own packets ends its transmission, the rest arrive at the same instant
     offer(network, [(0, node, 4, 10, node, NO_LINK) for node in (3, 1, 2)])
@@ -253,7 +256,7 @@ def test_equal_branches_merge_in_the_order_of_ports() -> None:
 
 
 def test_transmissions_end_before_a_packet_of_the_same_instant_enters() -> None:
-    network = Network(line(2, queue_packets=0))
+    network = PacketNetwork(line(2, queue_packets=0))
     offer(network, [(0, 0, 1, 10, 1, 0), (9, 0, 1, 10, 2, 0), (10, 0, 1, 10, 3, 0)])
     done = network.advance(END_NS)
     assert dict(zip(done.packet_id.tolist(), done.outcome.tolist(), strict=True)) == {
@@ -264,7 +267,7 @@ def test_transmissions_end_before_a_packet_of_the_same_instant_enters() -> None:
 
 
 def test_a_queue_of_n_holds_n_behind_the_one_in_transmission() -> None:
-    network = Network(line(2, queue_packets=3))
+    network = PacketNetwork(line(2, queue_packets=3))
     offer(network, [(0, 0, 1, 10, i, 0) for i in range(7)])
     done = network.advance(END_NS)
     assert done.packet_id[done.outcome == Outcome.QUEUE_FULL].tolist() == [4, 5, 6]
@@ -278,8 +281,8 @@ def test_published_worst_case_of_eight_cells_behind_one_uart() -> None:
     # The 300 µs are store-and-forward under full load, so the serial link is held for all of them.
     hop_ns, n_cells, transactions = 300_000, 8, 3
     topology = line(n_cells + 1, bits_per_s=NS, bits_per_byte=1)
-    network = Network(topology)
-    network.set_routes(0, fewest_hops(topology, [0]))
+    network = PacketNetwork(topology)
+    network.set_routes(0, min_hop_routes(topology, [0]))
     packets = [
         (0, cell, 0, hop_ns, 10 * cell + i, NO_LINK)
         for cell in range(1, n_cells + 1)
@@ -298,9 +301,9 @@ def test_mean_wait_is_that_of_an_m_d_1_queue() -> None:
     load, service_ns, n = 0.7, 1000, 200_000
     rng = np.random.default_rng(3)
     t_ns = np.cumsum(rng.exponential(service_ns / load, n)).astype(np.int64)
-    network = Network(line(2))
+    network = PacketNetwork(line(2))
     ids = np.arange(n)
-    network.offer(t_ns, ids * 0, ids * 0, ids * 0 + service_ns, ids, link=ids * 0)
+    network.enqueue(t_ns, ids * 0, ids * 0, ids * 0 + service_ns, ids, link=ids * 0)
     done = network.advance(END_NS)
     wait_ns = done.t_ns - t_ns[done.packet_id] - service_ns
     # Pollaczek and Khinchine; the error of the mean from 50 batches, which hardly depend on each other
@@ -313,7 +316,7 @@ def test_mean_wait_is_that_of_an_m_d_1_queue() -> None:
 
 def test_equals_a_simpy_model_of_a_patch_of_fifty_cells() -> None:
     topology = patch(5, 10, **UART, delay_ns=120_000)
-    routes = fewest_hops(topology, [0])
+    routes = min_hop_routes(topology, [0])
     ahead = dict(zip(routes.node.tolist(), routes.link.tolist(), strict=True))
     rng = np.random.default_rng(2)
     phase_ns = rng.integers(4_000_000, size=51)
@@ -341,7 +344,7 @@ def test_equals_a_simpy_model_of_a_patch_of_fifty_cells() -> None:
         env.process(travel(t_ns, node, size, packet_id))
     env.run()
 
-    network = Network(topology)
+    network = PacketNetwork(topology)
     network.set_routes(0, routes)
     offer(network, packets)
     done = network.advance(END_NS)
@@ -350,7 +353,7 @@ def test_equals_a_simpy_model_of_a_patch_of_fifty_cells() -> None:
 
 
 def test_a_failure_ends_what_is_on_the_link_and_a_repair_starts_empty() -> None:
-    network = Network(line(2, delay_ns=100))
+    network = PacketNetwork(line(2, delay_ns=100))
     network.fail_link(110, 0)
     network.repair_link(150, 0)
     # the first would arrive at the instant of the failure; then one under way, one in transmission,
@@ -375,7 +378,7 @@ def test_a_failure_ends_what_is_on_the_link_and_a_repair_starts_empty() -> None:
 
 
 def test_a_packet_that_arrived_before_the_failure_is_safe() -> None:
-    network = Network(line(2, delay_ns=100))
+    network = PacketNetwork(line(2, delay_ns=100))
     network.fail_link(111, 0)
     offer(network, [(0, 0, 0, 10, 1, 0)])
     assert rows(network.advance(END_NS)) == [(1, 110, 1, 0, Outcome.DELIVERED)]
@@ -384,7 +387,7 @@ def test_a_packet_that_arrived_before_the_failure_is_safe() -> None:
 
 def test_drops_name_their_cause() -> None:
     topology = line(3)
-    network = Network(topology, hop_limit=6)
+    network = PacketNetwork(topology, hop_limit=6)
     loop = Routes(np.array([0, 1]), np.array([2, 2]), np.array([0, 1]))
     network.set_routes(0, loop)
     offer(network, [(0, 0, 2, 5, 1, NO_LINK), (0, 0, 1, 5, 2, NO_LINK), (0, 2, 2, 5, 3, NO_LINK)])
@@ -397,8 +400,8 @@ def test_drops_name_their_cause() -> None:
 
 def test_another_component_cannot_be_reached() -> None:
     topology = Topology.from_wires(4, [(0, 0, 1, 0), (2, 0, 3, 0)], **BYTE_PER_NS)
-    network = Network(topology)
-    network.set_routes(0, fewest_hops(topology, range(4)))
+    network = PacketNetwork(topology)
+    network.set_routes(0, min_hop_routes(topology, range(4)))
     offer(network, [(0, 0, 3, 1, 7, NO_LINK)])
     assert network.advance(END_NS).outcome.tolist() == [Outcome.NO_ROUTE]
     with pytest.raises(ValueError, match="another component"):
@@ -407,7 +410,7 @@ def test_another_component_cannot_be_reached() -> None:
 
 def test_snapshot_continues_as_the_network_itself_would() -> None:
     topology, packets, changes, hop_limit = crowded_patch(7)
-    network, other = (Network(topology, seed=5, hop_limit=hop_limit) for _ in range(2))
+    network, other = (PacketNetwork(topology, seed=5, hop_limit=hop_limit) for _ in range(2))
     schedule(network, changes)
     offer(network, packets)
     network.advance(42_000_000)
@@ -425,7 +428,7 @@ def test_random_draws_follow_the_keys_not_the_object_that_holds_the_nodes() -> N
     wires = [(i, 0, i + 1, 1) for i in range(4)]
     noise = {"loss_probability": 0.2, "jitter_ns": 50}
 
-    def network(patches: list[int]) -> Network:
+    def network(patches: list[int]) -> PacketNetwork:
         ends = np.array([(a + 5 * k, p, b + 5 * k, q) for k in range(len(patches)) for a, p, b, q in wires])
         topology = Topology(
             5 * len(patches),
@@ -437,11 +440,11 @@ def test_random_draws_follow_the_keys_not_the_object_that_holds_the_nodes() -> N
             **noise,
         )
         keys = np.array([100 * p + i for p in patches for i in range(5)], dtype=np.uint64)
-        made = Network(topology, seed=3, node_keys=keys)
-        made.set_routes(0, fewest_hops(topology, np.arange(len(patches)) * 5 + 4))
+        made = PacketNetwork(topology, seed=3, node_keys=keys)
+        made.set_routes(0, min_hop_routes(topology, np.arange(len(patches)) * 5 + 4))
         return made
 
-    def ends_of(made: Network, place: int, patch_number: int) -> list[tuple[int, int, int]]:
+    def ends_of(made: PacketNetwork, place: int, patch_number: int) -> list[tuple[int, int, int]]:
         packets = [
             (10 * i, 5 * place, 5 * place + 4, 7, 1000 * patch_number + i, NO_LINK) for i in range(200)
         ]
@@ -463,10 +466,10 @@ def test_random_draws_follow_the_keys_not_the_object_that_holds_the_nodes() -> N
 
 def test_loss_and_jitter_have_their_distribution() -> None:
     n, jitter_ns = 20_000, 9
-    network = Network(line(2, delay_ns=3))
+    network = PacketNetwork(line(2, delay_ns=3))
     network.impair_link(0, 0, loss_probability=0.25, jitter_ns=jitter_ns)
     ids = np.arange(n)
-    network.offer(100 * ids, ids * 0, ids * 0, ids * 0 + 1, ids, link=ids * 0)
+    network.enqueue(100 * ids, ids * 0, ids * 0, ids * 0 + 1, ids, link=ids * 0)
     done = network.advance(END_NS)
     lost = np.count_nonzero(done.outcome == Outcome.LOSS)
     assert abs(lost - 0.25 * n) < 4 * np.sqrt(n * 0.25 * 0.75)
@@ -478,12 +481,12 @@ def test_loss_and_jitter_have_their_distribution() -> None:
 
 def test_bit_errors_hit_a_packet_by_its_bits_and_a_link_independently_of_loss() -> None:
     n, rate, loss = 20_000, 1e-3, 0.25
-    network = Network(line(2))
+    network = PacketNetwork(line(2))
     network.impair_link(0, 0, bit_error_rate=rate)
     network.impair_link(0, 0, loss_probability=loss)  # leaves the other as it is
     ids = np.arange(n)
     sizes = np.where(ids % 2 == 0, 8, 69)
-    network.offer(1000 * ids, ids * 0, ids * 0, sizes, ids, link=ids * 0)
+    network.enqueue(1000 * ids, ids * 0, ids * 0, sizes, ids, link=ids * 0)
     done = network.advance(END_NS)
     for size in (8, 69):
         of_size = done.outcome[sizes[done.packet_id] == size]
@@ -499,18 +502,18 @@ def test_bit_errors_hit_a_packet_by_its_bits_and_a_link_independently_of_loss() 
 
 
 def test_offers_in_any_order_and_far_ahead_enter_in_time() -> None:
-    network = Network(line(2))
+    network = PacketNetwork(line(2))
     offer(network, [(50_000, 0, 0, 1, 1, NO_LINK), (400, 0, 0, 1, 2, NO_LINK)])
     offer(network, [(700, 0, 0, 1, 3, NO_LINK), (400, 0, 0, 1, 4, NO_LINK), (900, 0, 0, 1, 5, NO_LINK)])
     offer(network, [(650, 0, 0, 1, 6, NO_LINK), (3, 0, 0, 1, 7, NO_LINK), (50_000, 0, 0, 1, 8, NO_LINK)])
-    assert network.next_ns == 3
+    assert network.next_event_ns == 3
     assert network.advance(401).packet_id.tolist() == [7, 2, 4]
     offer(network, [(660, 0, 0, 1, 9, NO_LINK)])
     assert network.advance(END_NS).packet_id.tolist() == [6, 9, 3, 5, 1, 8]
 
 
 def test_records_are_used_again_and_grow_only_with_the_packets_in_flight() -> None:
-    network = Network(line(2))
+    network = PacketNetwork(line(2))
     for k in range(50):
         offer(network, [(1000 * k + i, 0, 0, 1, i, NO_LINK) for i in range(100)])
         assert network.advance(1000 * (k + 1)).packet_id.tolist() == list(range(100))
@@ -530,10 +533,10 @@ def test_routes_take_room_for_their_own_component_only() -> None:
         delay_ns=10,
         **BYTE_PER_NS,
     )
-    network = Network(topology)
-    network.set_routes(0, fewest_hops(topology, first.ravel()))
+    network = PacketNetwork(topology)
+    network.set_routes(0, min_hop_routes(topology, first.ravel()))
     last = first.ravel() + size - 1
-    network.offer(last * 0, last, first.ravel(), last * 0 + 5, last)
+    network.enqueue(last * 0, last, first.ravel(), last * 0 + 5, last)
     done = network.advance(END_NS)
     assert np.all(done.outcome == Outcome.DELIVERED)
     assert np.all(done.t_ns == (size - 1) * 15)
@@ -558,7 +561,7 @@ def test_fewest_hops_are_those_of_scipy_and_prefer_the_lowest_port() -> None:
     alive = np.setdiff1d(np.arange(n_links), dead)
     graph = coo_array((np.ones(alive.size), (topology.src[alive], topology.dst[alive])), (n_nodes, n_nodes))
     hops = shortest_path(graph, unweighted=True)
-    routes = fewest_hops(topology, range(n_nodes), dead_links=dead)
+    routes = min_hop_routes(topology, range(n_nodes), dead_links=dead)
     reached = 0
     for node, dest, link in zip(routes.node, routes.dest, routes.link, strict=True):
         leads = alive[
@@ -583,14 +586,14 @@ def test_fewest_hops_are_those_of_scipy_and_prefer_the_lowest_port() -> None:
     ],
 )
 def test_an_offer_outside_its_range_changes_nothing(column: str, value: int, message: str) -> None:
-    network = Network(line(2))
+    network = PacketNetwork(line(2))
     network.advance(5)
     packet = {"t_ns": 5, "node": 0, "dest": 1, "size_bytes": 1, "packet_id": 1, "link": NO_LINK} | {
         column: value
     }
     good = {"t_ns": 5, "node": 0, "dest": 0, "size_bytes": 1, "packet_id": 2, "link": NO_LINK}
     with pytest.raises(ValueError, match=message):
-        network.offer(**{name: np.array([good[name], packet[name]]) for name in packet})
+        network.enqueue(**{name: np.array([good[name], packet[name]]) for name in packet})
     assert network.counters.offered == 0
     assert network.advance(END_NS).t_ns.size == 0
 

@@ -13,12 +13,12 @@ import pytest
 from ns3_cases import CASES, GOLDEN, INPUTS, UNTIL_NS, make
 
 from skinnet.bench import ns3_network, simpy_network
-from skinnet.bench.heapq_network import Offer
+from skinnet.bench.heapq_network import OfferedPacket
 from skinnet.bench.patches import Workload
-from skinnet.network.network import Finished, Network
+from skinnet.network.network import EndedPackets, PacketNetwork
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK
-from skinnet.network.simulate import Files, simulate
+from skinnet.network.simulate import SimulationFiles, simulate_csv
 
 Rows = list[tuple[str, ...]]
 
@@ -32,22 +32,22 @@ def rows(path: Path) -> Rows:
     return sorted(rows_in_order(path))
 
 
-def run(work: Workload) -> tuple[Network, Finished]:
-    network = Network(work.topology)
+def run(work: Workload) -> tuple[PacketNetwork, EndedPackets]:
+    network = PacketNetwork(work.topology)
     network.set_routes(0, work.routes)
-    network.offer(work.t_ns, work.node, work.dest, work.size_bytes, np.arange(work.n_packets))
+    network.enqueue(work.t_ns, work.node, work.dest, work.size_bytes, np.arange(work.n_packets))
     return network, network.advance(UNTIL_NS)
 
 
 def ours(inputs: Path, suffix: str, out: Path, routes: bool = True) -> tuple[Rows, Rows]:
-    files = Files(
+    files = SimulationFiles(
         inputs / f"links.csv{suffix}",
         inputs / f"packets.csv{suffix}",
         out / "delivered.csv",
         inputs / f"routes.csv{suffix}" if routes else None,
         out / "drops.csv",
     )
-    figures = simulate(files, UNTIL_NS)
+    figures = simulate_csv(files, UNTIL_NS)
     assert figures["packets.conserved"]
     assert figures["packets.in_flight"] == 0
     drops = rows(out / "drops.csv")
@@ -78,7 +78,9 @@ def test_equals_ns3_to_the_nanosecond_with_its_drops(case: str, tmp_path: Path) 
 def test_equals_simpy_with_its_drops(case: str) -> None:
     work = make(case, 1)
     columns = (work.t_ns, work.node, work.dest, work.size_bytes, np.arange(work.n_packets))
-    offers: list[Offer] = [(*row, NO_LINK) for row in zip(*(c.tolist() for c in columns), strict=True)]
+    offers: list[OfferedPacket] = [
+        (*row, NO_LINK) for row in zip(*(c.tolist() for c in columns), strict=True)
+    ]
     expected = simpy_network.simulate(work.topology, work.routes, offers)
     _, done = run(work)
     assert sorted(zip(*(column.tolist() for column in done), strict=True)) == expected

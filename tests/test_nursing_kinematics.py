@@ -7,7 +7,7 @@ from nursing_robot import FOUR, JOINTS, PITCH_M, POSE, Floats, kinematics, model
 from scipy.spatial.transform import Rotation
 
 from controller.nursing.contacts import Sheet, initial_contacts
-from controller.nursing.kinematics import Kinematics, ModelErrors, SurfacePoint, draw_errors
+from controller.nursing.kinematics import Kinematics, ModelErrors, SurfacePoint, draw_model_errors
 from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import ModelError
 from skinnet.skin.sheet import place_sheets
@@ -25,10 +25,13 @@ def some_pose(n: int) -> Floats:
 def test_jacobians_are_the_derivatives_of_position_and_rotation() -> None:
     robot = kinematics(ALL)
     q, h = some_pose(len(ALL)), 1e-6
-    poses = robot.at(q, (POINT, RIGHT))
+    poses = robot.surface_poses(q, (POINT, RIGHT))
     for j in range(len(ALL)):
         dq = h * np.eye(len(ALL))[j]
-        ahead, behind = robot.at(q + dq, (POINT, RIGHT)), robot.at(q - dq, (POINT, RIGHT))
+        ahead, behind = (
+            robot.surface_poses(q + dq, (POINT, RIGHT)),
+            robot.surface_poses(q - dq, (POINT, RIGHT)),
+        )
         velocity = (ahead.position_m - behind.position_m) / (2 * h)
         np.testing.assert_allclose(poses.J_x[:, :, j], velocity, atol=1e-9)
         turn = ahead.R_world_surface @ behind.R_world_surface.transpose(0, 2, 1)
@@ -51,7 +54,7 @@ def test_forward_kinematics_agrees_with_a_chain_written_by_hand() -> None:
     upper *= turn("y", "left_shoulder_roll")
     fore = upper * turn("z", "left_elbow_bend") * turn("y", "left_elbow_roll")
     at_m = np.array([0, 0, 0.7]) + waist.apply([0.22, 0, 0.45]) + upper.apply([0, -0.28, 0])
-    poses = kinematics().at(q, (POINT,))
+    poses = kinematics().surface_poses(q, (POINT,))
     np.testing.assert_allclose(poses.position_m[0], at_m + fore.apply(POINT.position_m), atol=1e-12)
     np.testing.assert_allclose(poses.R_world_surface[0], fore.as_matrix() @ TILTED, atol=1e-12)
 
@@ -63,24 +66,28 @@ def test_joint_offsets_and_displaced_links_are_those_of_a_robot_built_so() -> No
     given = model()
     wrong, right = Kinematics(given, JOINTS, errors), Kinematics(built, JOINTS)
     shifted = POSE + 0.02 * np.array([name == "left_elbow_bend" for name in JOINTS])
-    for found, due in zip(wrong.at(POSE, (POINT, RIGHT)), right.at(shifted, (POINT, RIGHT)), strict=True):
+    for found, due in zip(
+        wrong.surface_poses(POSE, (POINT, RIGHT)), right.surface_poses(shifted, (POINT, RIGHT)), strict=True
+    ):
         np.testing.assert_allclose(found, due, atol=1e-14)
     elbow = JOINTS.index("left_elbow_bend")
-    assert wrong.range[elbow].tolist() == pytest.approx([-2.22, 2.18])  # readings at the joint's true limits
+    assert wrong.joint_range[elbow].tolist() == pytest.approx(
+        [-2.22, 2.18]
+    )  # readings at the joint's true limits
     assert given.body("left_forearm").pos.tolist() == model().body("left_forearm").pos.tolist()
 
 
 def test_drawn_errors_have_their_sigma_and_one_joint_more_shifts_no_other() -> None:
     robot = kinematics()
-    drawn = [draw_errors(seed, robot, np.radians(0.5), 0.003) for seed in range(1, 60)]
+    drawn = [draw_model_errors(seed, robot, np.radians(0.5), 0.003) for seed in range(1, 60)]
     offsets = np.array([list(errors.joint_offset_rad.values()) for errors in drawn])
     links = np.array([list(errors.link_offset_m.values()) for errors in drawn])
     assert offsets.shape == (59, 12)
     assert links.shape == (59, 7, 3)  # torso, and upper arm, forearm and hand of two arms; no object, no cart
     assert np.degrees(offsets.std()) == pytest.approx(0.5, rel=0.1)
     assert links.std() == pytest.approx(0.003, rel=0.1)
-    more = draw_errors(7, kinematics(("cart_yaw", *JOINTS)), np.radians(0.5), 0.003)
-    less = draw_errors(7, robot, np.radians(0.5), 0.003)
+    more = draw_model_errors(7, kinematics(("cart_yaw", *JOINTS)), np.radians(0.5), 0.003)
+    less = draw_model_errors(7, robot, np.radians(0.5), 0.003)
     assert {name: more.joint_offset_rad[name] for name in JOINTS} == less.joint_offset_rad
     assert less.link_offset_m.items() <= more.link_offset_m.items()
 
@@ -89,8 +96,8 @@ def test_joints_that_take_no_part_stay_at_home() -> None:
     home = model().qpos0.copy()
     mj = model()
     home[mj.joint("cart_yaw").qposadr[0]] = 0.5
-    at_home = Kinematics(mj, JOINTS, home_qpos=home).at(POSE, (POINT,))
-    with_cart = kinematics((*JOINTS, "cart_yaw")).at(np.append(POSE, 0.5), (POINT,))
+    at_home = Kinematics(mj, JOINTS, home_qpos=home).surface_poses(POSE, (POINT,))
+    with_cart = kinematics((*JOINTS, "cart_yaw")).surface_poses(np.append(POSE, 0.5), (POINT,))
     np.testing.assert_allclose(at_home.position_m, with_cart.position_m, atol=1e-14)
     np.testing.assert_allclose(at_home.J_x, with_cart.J_x[:, :, :-1], atol=1e-14)
 
@@ -110,9 +117,9 @@ def test_what_the_model_does_not_have_is_refused_by_name(
 ) -> None:
     with pytest.raises(ModelError, match=word):
         Kinematics(model(), joints, errors)
-    assert not kinematics().knows("tail")
+    assert not kinematics().has_body("tail")
     with pytest.raises(ModelError, match="tail"):
-        kinematics().at(POSE, (SurfacePoint("tail", np.zeros(3), np.eye(3)),))
+        kinematics().surface_poses(POSE, (SurfacePoint("tail", np.zeros(3), np.eye(3)),))
 
 
 RADIUS_M = 0.06
@@ -140,7 +147,7 @@ def test_a_bent_sheet_is_known_between_its_elements_too() -> None:
     place, R = around(xi_m)
     chord_m = RADIUS_M * (1 - np.cos(0.5 * PITCH_M / RADIUS_M))  # what straight interpolation is off
     for n in range(len(xi_m)):
-        point = sheet.at(xi_m[n])
+        point = sheet.surface_point(xi_m[n])
         assert np.linalg.norm(point.position_m - place[n]) < 0.04 * chord_m  # 40 µm
         assert Rotation.from_matrix(point.R_body_surface.T @ R[n]).magnitude() < 1e-3
         np.testing.assert_allclose(np.linalg.det(point.R_body_surface), 1.0, atol=1e-12)
@@ -150,14 +157,16 @@ def test_elements_are_met_exactly_and_rims_and_gaps_are_continued() -> None:
     whole, comb = bent_sheet(), bent_sheet(slice(None, None, 3))
     element, rim = np.array([[1.5, 0.5]]) * PITCH_M, np.array([[0.3, 4.0]]) * PITCH_M
     for xi_m, tolerance_m in ((element, 1e-15), (rim, 3e-3)):
-        np.testing.assert_allclose(whole.at(xi_m[0]).position_m, around(xi_m)[0][0], atol=tolerance_m)
+        np.testing.assert_allclose(
+            whole.surface_point(xi_m[0]).position_m, around(xi_m)[0][0], atol=tolerance_m
+        )
     for xi_m in np.random.default_rng(4).uniform(-3 * PITCH_M, 3 * PITCH_M, (100, 2)):
         place = around(xi_m[None])[0][0]
-        assert np.linalg.norm(comb.at(xi_m).position_m - place) < 5e-4
+        assert np.linalg.norm(comb.surface_point(xi_m).position_m - place) < 5e-4
     with pytest.raises(ValueError, match="not on the sheet of left_forearm"):
-        whole.at((0.0, 6.0 * PITCH_M))
+        whole.surface_point((0.0, 6.0 * PITCH_M))
     with pytest.raises(ValueError, match="not on the sheet"):
-        whole.at((np.nan, 0.0))
+        whole.surface_point((np.nan, 0.0))
     with pytest.raises(ValueError, match="are due"):
         Sheet("left_forearm", np.zeros((2, 2)), np.zeros((3, 3)), np.zeros((2, 3, 3)), PITCH_M)
 
@@ -174,7 +183,7 @@ def test_a_placed_sheet_is_met_where_its_surface_is() -> None:
     sheet = Sheet(placed.surface.body, placed.xi_m, placed.position_m, placed.R_body_element, spec.pitch_m)
     for xi_m in np.random.default_rng(6).uniform((-0.07, -0.04), (0.02, 0.04), (60, 2)):
         place_m, R = placed.surface.frame_at(xi_m)
-        point = sheet.at(xi_m)
+        point = sheet.surface_point(xi_m)
         assert np.linalg.norm(point.position_m - place_m) < 5e-4
         # the middle of a gap where flat goes over into round turns by so much too early
         assert Rotation.from_matrix(point.R_body_surface.T @ R).magnitude() < 0.2
@@ -183,15 +192,16 @@ def test_a_placed_sheet_is_met_where_its_surface_is() -> None:
 def test_initial_contacts_are_relative_to_their_middle_and_face_each_other() -> None:
     robot, known = kinematics(), sheets()
     contacts = initial_contacts(robot, POSE, known, [touch(name) for name in FOUR])
-    np.testing.assert_allclose(contacts.x_object.sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(contacts.x_object_contact_m.sum(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(
-        contacts.x_object + contacts.object_m, robot.at(POSE, contacts.points).position_m
+        contacts.x_object_contact_m + contacts.object_centre_m,
+        robot.surface_poses(POSE, contacts.points).position_m,
     )
-    outward = contacts.R_object[:, :, 2]
+    outward = contacts.R_object_contact[:, :, 2]
     assert outward[0, 0] > 0 > outward[1, 0]  # right arm faces left, left arm right
     np.testing.assert_allclose(outward[:2] * (-1, 1, 1), outward[1::-1], atol=1e-12)
     given = initial_contacts(robot, POSE, known, [touch("left_forearm")], (0.0, -0.5, 0.9))
-    assert given.object_m.tolist() == [0.0, -0.5, 0.9]
+    assert given.object_centre_m.tolist() == [0.0, -0.5, 0.9]
     twice = initial_contacts(robot, POSE, known, [touch("left_forearm"), touch("left_forearm", number=4)])
     assert twice.names == ("left_forearm.1", "left_forearm.4")
     assert contacts.names == FOUR
@@ -203,6 +213,8 @@ def test_mujoco_copies_stay_apart() -> None:
     """Two kinematics of one model, one with errors, do not see each other."""
     mj: mujoco.MjModel = model()
     right = Kinematics(mj, JOINTS)
-    before = right.at(POSE, (POINT,)).position_m
-    Kinematics(mj, JOINTS, ModelErrors(link_offset_m={"torso": (0.1, 0.0, 0.0)})).at(-POSE, (POINT,))
-    np.testing.assert_array_equal(right.at(POSE, (POINT,)).position_m, before)
+    before = right.surface_poses(POSE, (POINT,)).position_m
+    Kinematics(mj, JOINTS, ModelErrors(link_offset_m={"torso": (0.1, 0.0, 0.0)})).surface_poses(
+        -POSE, (POINT,)
+    )
+    np.testing.assert_array_equal(right.surface_poses(POSE, (POINT,)).position_m, before)

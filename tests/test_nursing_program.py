@@ -7,13 +7,21 @@ import numpy as np
 import pytest
 from nursing_robot import FOUR, JOINTS, POSE, Floats, kinematics, model, plane, sheets, touch
 
-from controller.nursing.contacts import Felt, Region, Sheet
-from controller.nursing.feedback import POSITION, ROTATION
-from controller.nursing.following import Following
-from controller.nursing.own_model import own_model
+from controller.nursing.contacts import Region, Sheet, TactileInput
+from controller.nursing.feedback import POSITION_IMPEDANCE, ROTATION_IMPEDANCE
+from controller.nursing.following import ContactTracker
+from controller.nursing.own_model import build_kinematics
 from controller.nursing.program import NursingCommand, NursingProgram
-from controller.nursing.states import STOPS, TABLE, TERMINAL, Event, State, after, diagram
-from skinnet.deployment.nursing import ImpedanceSpec, NursingSpec, WaypointSpec, WeightSpec
+from controller.nursing.states import (
+    STOP_EVENTS,
+    TERMINAL_STATES,
+    TRANSITIONS,
+    Event,
+    State,
+    diagram,
+    next_state,
+)
+from skinnet.deployment.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec, WaypointSpec
 
 PERIOD_NS = 10_000_000
 FOREARMS = FOUR[2:]
@@ -42,7 +50,7 @@ class Arms:
     def tick(self) -> NursingCommand:
         if not self.silent:
             self._heard_ns = self.t_ns
-        command = self.program.step(self.t_ns, self.q, Felt(self._heard_ns, self.touches))
+        command = self.program.step(self.t_ns, self.q, TactileInput(self._heard_ns, self.touches))
         self.q = self.q + command.velocity_rad_s * PERIOD_NS * 1e-9
         self.t_ns += PERIOD_NS
         return command
@@ -59,14 +67,16 @@ class Arms:
 
     def gap_m(self) -> float:
         """Distance between the two contacts."""
-        at = self.robot.at(self.q, [sheets()[name].at((0.0, 0.0)) for name in FOREARMS]).position_m
+        at = self.robot.surface_poses(
+            self.q, [sheets()[name].surface_point((0.0, 0.0)) for name in FOREARMS]
+        ).position_m
         return float(np.linalg.norm(at[0] - at[1]))
 
 
 def test_every_state_against_every_event() -> None:
     """The table, written down once more by hand: what is not here raises."""
     always = {Event.SKIN_SILENT, Event.PRESSURE_LIMIT}
-    at_the_start = {Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.UNUSABLE_CONTACT, Event.SINGULAR_POSTURE}
+    at_the_start = {Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.INVALID_CONTACT, Event.SINGULAR_POSTURE}
     underway = {Event.CONTACT_LOST, Event.SINGULAR_POSTURE, Event.UNREACHABLE}
     stops = {
         State.HOLD: always,
@@ -75,7 +85,7 @@ def test_every_state_against_every_event() -> None:
         State.SETTLE: always | underway,
     }
     onward = {
-        (State.HOLD, Event.HELD): State.RECORD,
+        (State.HOLD, Event.HOLD_ELAPSED): State.RECORD,
         (State.RECORD, Event.RECORDED): State.MOVE,
         (State.MOVE, Event.ARRIVED): State.SETTLE,
         (State.SETTLE, Event.SETTLED): State.REPORT,
@@ -84,18 +94,18 @@ def test_every_state_against_every_event() -> None:
         due = State.STOPPED if event in stops.get(state, set()) else onward.get((state, event))
         if due is None:
             with pytest.raises(ValueError, match=f"cannot happen in {state.name}"):
-                after(state, event)
+                next_state(state, event)
         else:
-            assert after(state, event) is due
-    assert {event for _, event in TABLE} == set(Event)
-    assert set(STOPS) == {event for (_, event), state in TABLE.items() if state is State.STOPPED}
-    assert {state for state, _ in TABLE} == set(State) - set(TERMINAL)
+            assert next_state(state, event) is due
+    assert {event for _, event in TRANSITIONS} == set(Event)
+    assert set(STOP_EVENTS) == {event for (_, event), state in TRANSITIONS.items() if state is State.STOPPED}
+    assert {state for state, _ in TRANSITIONS} == set(State) - set(TERMINAL_STATES)
 
 
 def test_the_diagram_shows_every_transition() -> None:
     lines = diagram().splitlines()
     assert lines[0] == "stateDiagram-v2"
-    for (state, event), target in TABLE.items():
+    for (state, event), target in TRANSITIONS.items():
         arrow = [line for line in lines if line.startswith(f"    {state.value} --> {target.value}:")]
         assert len(arrow) == 1
         assert event.value in arrow[0]
@@ -105,20 +115,24 @@ def test_the_diagram_shows_every_transition() -> None:
 @pytest.mark.parametrize("feedback", ["none", "position", "rotation", "position_rotation"])
 def test_the_program_goes_through_and_reports(solver: str, feedback: str) -> None:
     arms = Arms(spec(solver=solver, feedback=feedback, object_m=(0.0, -0.5, 0.9)))
-    before = arms.robot.at(arms.q, [sheets()[name].at((0, 0)) for name in FOREARMS]).position_m
+    before = arms.robot.surface_poses(
+        arms.q, [sheets()[name].surface_point((0, 0)) for name in FOREARMS]
+    ).position_m
     resting = arms.ticks(14)
     assert {command.state for command in resting} == {State.HOLD, State.RECORD}
     assert all((command.velocity_rad_s == 0.0).all() for command in resting)
     assert arms.until(State.REPORT).stopped_by is None
-    assert [state for state, _ in arms.program.log] == [*State][:5]
-    times = dict(arms.program.log)
+    assert [state for state, _ in arms.program.state_history] == [*State][:5]
+    times = dict(arms.program.state_history)
     assert times[State.SETTLE] - times[State.MOVE] == 500_000_000
     assert times[State.RECORD] - times[State.HOLD] == 100_000_000
-    after_all = arms.robot.at(arms.q, [sheets()[name].at((0, 0)) for name in FOREARMS]).position_m
+    after_all = arms.robot.surface_poses(
+        arms.q, [sheets()[name].surface_point((0, 0)) for name in FOREARMS]
+    ).position_m
     assert (after_all - before)[:, 0].min() > 0.015
-    course = arms.program.course
+    course = arms.program.contact_series
     assert course is not None
-    for contact, name in zip(course.report(), sorted(FOREARMS), strict=True):
+    for contact, name in zip(course.summarise(), sorted(FOREARMS), strict=True):
         assert contact.name == name
         assert contact.force_start_n == contact.force_end_n == 30.0
         assert contact.cop_peak_m == 0.0
@@ -148,7 +162,7 @@ WRONG: dict[Event, Callable[[Arms], None]] = {
     Event.CONTACT_LOST: lambda arms: setattr(arms, "touches", arms.touches[:1]),
     Event.NO_CONTACT: lambda arms: setattr(arms, "touches", ()),
     Event.UNKNOWN_LINK: lambda arms: setattr(arms, "touches", (*arms.touches, touch("left_knee"))),
-    Event.UNUSABLE_CONTACT: lambda arms: setattr(
+    Event.INVALID_CONTACT: lambda arms: setattr(
         arms, "touches", (arms.touches[0], arms.touches[1]._replace(xi_m=(0.3, 0.0)))
     ),
 }
@@ -167,7 +181,7 @@ def test_every_state_of_a_run_against_everything_the_skin_can_do(state: State, e
     assert arms.program.state is state
     reason = arms.program.reason
     WRONG[event](arms)
-    if state in TERMINAL:
+    if state in TERMINAL_STATES:
         arms.ticks(30)
         assert arms.program.state is state
         assert arms.program.reason == reason
@@ -179,7 +193,7 @@ def test_every_state_of_a_run_against_everything_the_skin_can_do(state: State, e
         due = None  # one contact fewer is recorded
     elif recorded and event is Event.UNKNOWN_LINK:
         due = None  # nothing is recorded any more: a touch elsewhere is none of its business
-    elif recorded and event in (Event.NO_CONTACT, Event.UNUSABLE_CONTACT):
+    elif recorded and event in (Event.NO_CONTACT, Event.INVALID_CONTACT):
         due = Event.CONTACT_LOST  # all are gone; one jumped off its sheet
     assert arms.program.stopped_by is due
     if due is not None:
@@ -215,7 +229,7 @@ def test_a_contact_without_a_way_to_the_centre_is_refused_before_anything_moves(
     arms = Arms(spec())
     arms.touches = (touch("left_forearm"),)
     command = arms.until(State.MOVE)
-    assert command.stopped_by is Event.UNUSABLE_CONTACT
+    assert command.stopped_by is Event.INVALID_CONTACT
     assert "inherent centre" in command.reason
     assert (arms.q == POSE).all()
 
@@ -229,11 +243,11 @@ def test_straight_arms_are_singular_at_the_start() -> None:
 
 def test_arms_that_become_straight_on_the_way_stop() -> None:
     far = (WaypointSpec(t_s=3.0, displacement_m=(0.0, -0.6, 0.0)),)
-    loose = {name: WeightSpec(rotation=1e-5) for name in FOREARMS}
+    loose = {name: ContactWeightSpec(rotation=1e-5) for name in FOREARMS}
     way = {"waypoints": far, "weights": loose, "joint_weight": 1e-6}
     arms = Arms(spec(joints=JOINTS[:10], reach_m=1.0, reach_rad=3.0, speed_rad_s=5.0, **way), POSE[:10])
     assert arms.until(State.REPORT).stopped_by is Event.SINGULAR_POSTURE
-    assert [state for state, _ in arms.program.log][-2:] == [State.MOVE, State.STOPPED]
+    assert [state for state, _ in arms.program.state_history][-2:] == [State.MOVE, State.STOPPED]
     elbows = np.abs(arms.q[[3, 8]])
     assert (elbows < 0.5 * POSE[3]).all()
     held = arms.q.copy()
@@ -333,21 +347,23 @@ def test_a_moment_without_contact_is_no_loss_and_feedback_closes_the_gap() -> No
 
 def test_a_contact_is_followed_under_a_new_number_but_never_by_two() -> None:
     one, two = touch("a", 30.0, number=1), touch("a", 20.0, number=2)._replace(xi_m=(0.03, 0.0))
-    following = Following([one, two], 0, 1.0, 0.043)
-    following.take(10, [two._replace(number=7, xi_m=(0.025, 0.0)), one])
+    following = ContactTracker([one, two], 0, 1.0, 0.043)
+    following.update(10, [two._replace(region_id=7, xi_m=(0.025, 0.0)), one])
     assert following.force_n.tolist() == [30.0, 20.0]
     assert following.xi_m[1].tolist() == [0.025, 0.0]
-    following.take(20, [one._replace(number=7, force_n=50.0)])  # merged: the number of the second survives
+    following.update(
+        20, [one._replace(region_id=7, force_n=50.0)]
+    )  # merged: the number of the second survives
     assert following.force_n.tolist() == [50.0, 0.0] or following.force_n.tolist() == [0.0, 50.0]
-    assert following.weak_ns(30).max() == 20
-    following.take(30, [touch("b"), touch("a", number=9)._replace(xi_m=(0.2, 0.0))])  # elsewhere
+    assert following.time_below_threshold_ns(30).max() == 20
+    following.update(30, [touch("b"), touch("a", number=9)._replace(xi_m=(0.2, 0.0))])  # elsewhere
     assert following.force_n.tolist() == [0.0, 0.0]
 
 
 def test_weights_of_zero_or_below_are_refused_at_construction() -> None:
     for weights in ({"position": 0.0}, {"rotation": -0.1}):
         with pytest.raises(ValueError, match="must be above zero"):
-            WeightSpec(**weights)
+            ContactWeightSpec(**weights)
     with pytest.raises(ValueError, match="joint_weight = 0"):
         spec(joint_weight=0.0)
     with pytest.raises(ValueError, match="stiffness"):
@@ -355,7 +371,7 @@ def test_weights_of_zero_or_below_are_refused_at_construction() -> None:
     with pytest.raises(ValueError, match="later than the one before"):
         spec(waypoints=(SIDEWAYS[0], SIDEWAYS[0]))
     with pytest.raises(ValueError, match="no such sheet or body"):
-        Arms(spec(weights={"left_knee": WeightSpec()}))
+        Arms(spec(weights={"left_knee": ContactWeightSpec()}))
     with pytest.raises(ValueError, match="the program"):
         NursingProgram(spec(), kinematics(JOINTS[:4]), sheets(), PERIOD_NS)
 
@@ -363,11 +379,11 @@ def test_weights_of_zero_or_below_are_refused_at_construction() -> None:
 def test_weights_are_given_by_sheet_or_by_body() -> None:
     """A heavier weight on one arm lowers its deviation."""
     deviations = []
-    for weights in ({}, {"left_forearm": WeightSpec(position=30.0)}):
+    for weights in ({}, {"left_forearm": ContactWeightSpec(position=30.0)}):
         arms = Arms(spec(weights=weights, feedback="none"))
         arms.until(State.REPORT)
-        assert arms.program.course is not None
-        deviations.append({c.name: c.position_dev_end_m for c in arms.program.course.report()})
+        assert arms.program.contact_series is not None
+        deviations.append({c.name: c.position_dev_end_m for c in arms.program.contact_series.summarise()})
     assert deviations[1]["left_forearm"] < 0.5 * deviations[0]["left_forearm"]
 
 
@@ -382,21 +398,28 @@ def test_the_program_is_a_function_of_its_inputs() -> None:
 def test_the_model_is_as_wrong_as_the_deployment_says() -> None:
     """Named errors stand as they are, the others are drawn from the seed; without any, the model is right."""
     elbow = JOINTS.index("left_elbow_bend")
-    right = own_model(spec(), model(), seed=3)
-    points = [sheets()[name].at((0.0, 0.0)) for name in FOUR]
-    np.testing.assert_array_equal(right.at(POSE, points).position_m, kinematics().at(POSE, points).position_m)
-    named = own_model(spec(joint_offset_deg={"left_elbow_bend": 2.0}), model(), seed=3)
+    right = build_kinematics(spec(), model(), seed=3)
+    points = [sheets()[name].surface_point((0.0, 0.0)) for name in FOUR]
+    np.testing.assert_array_equal(
+        right.surface_poses(POSE, points).position_m, kinematics().surface_poses(POSE, points).position_m
+    )
+    named = build_kinematics(spec(joint_offset_deg={"left_elbow_bend": 2.0}), model(), seed=3)
     turned = POSE + np.radians(2.0) * (np.arange(12) == elbow)
     np.testing.assert_allclose(
-        named.at(POSE, points).position_m, right.at(turned, points).position_m, atol=1e-12
+        named.surface_poses(POSE, points).position_m,
+        right.surface_poses(turned, points).position_m,
+        atol=1e-12,
     )
-    moved = own_model(spec(link_error_mm={"torso": (0.0, 0.0, 5.0)}), model(), seed=3)
-    way_m = moved.at(POSE, points).position_m - right.at(POSE, points).position_m
+    moved = build_kinematics(spec(link_error_mm={"torso": (0.0, 0.0, 5.0)}), model(), seed=3)
+    way_m = moved.surface_poses(POSE, points).position_m - right.surface_poses(POSE, points).position_m
     np.testing.assert_allclose(way_m, [[0.0, 0.0, 0.005]] * 4, atol=1e-12)
     sigma = {"joint_offset_sigma_deg": 0.5, "link_error_sigma_mm": 3.0}
-    ways = [own_model(spec(**sigma), model(), seed).at(POSE, points).position_m for seed in (3, 3, 4)]
+    ways = [
+        build_kinematics(spec(**sigma), model(), seed).surface_poses(POSE, points).position_m
+        for seed in (3, 3, 4)
+    ]
     assert (ways[0] == ways[1]).all()
-    off_m = np.linalg.norm(np.array(ways) - right.at(POSE, points).position_m, axis=2)
+    off_m = np.linalg.norm(np.array(ways) - right.surface_poses(POSE, points).position_m, axis=2)
     assert (off_m > 1e-4).all()
     assert (off_m < 0.05).all()
     assert (ways[0] != ways[2]).all()
@@ -407,7 +430,7 @@ def squeezed(feedback: str) -> list[float]:
     way = (WaypointSpec(t_s=3.0, displacement_m=(0.1, 0.0, 0.0)),)
     wrong = {"joint_offset_sigma_deg": 0.5, "link_error_sigma_mm": 3.0}
     arms = Arms(spec(waypoints=way, feedback=feedback, settle_s=1.0, **wrong))  # `arms.robot` is what is true
-    believed = own_model(arms.spec, model(), seed=2)
+    believed = build_kinematics(arms.spec, model(), seed=2)
     arms.program = NursingProgram(arms.spec, believed, sheets(), PERIOD_NS)
     start_m, forces_n = arms.gap_m(), [60.0]
     while not arms.program.done:
@@ -427,8 +450,11 @@ def test_feedback_holds_the_force_that_a_wrong_model_lets_go() -> None:
 
 def test_the_tables_of_the_paper_are_the_defaults() -> None:
     settings = spec()
-    for given, due in ((settings.position_feedback, POSITION), (settings.rotation_feedback, ROTATION)):
+    for given, due in (
+        (settings.position_feedback, POSITION_IMPEDANCE),
+        (settings.rotation_feedback, ROTATION_IMPEDANCE),
+    ):
         assert (given.inertia, given.damping, given.stiffness) == due
     assert settings.joint_weight == 1e-4
-    assert (WeightSpec().position, WeightSpec().rotation) == (1.0, 0.2)
+    assert (ContactWeightSpec().position, ContactWeightSpec().rotation) == (1.0, 0.2)
     assert settings.comfort_kpa < 90.0

@@ -7,15 +7,15 @@ import pytest
 from nursing_robot import FOUR, JOINTS, POSE, Floats, kinematics, sheets, touch
 from scipy.spatial.transform import Rotation
 
-from controller.nursing.contacts import Contacts, initial_contacts
+from controller.nursing.contacts import InitialContacts, initial_contacts
 from controller.nursing.kinematics import Kinematics, Poses
 from controller.nursing.limits import JointLimits
 from controller.nursing.mobility import mobility
-from controller.nursing.object_path import ObjectPath, Waypoint
+from controller.nursing.object_path import ObjectTrajectory, Waypoint
 from controller.nursing.quadratic import quadratic_programme
 from controller.nursing.trajectory import (
     Deviations,
-    LeastSquares,
+    LeastSquaresProblem,
     Solver,
     TrajectoryGenerator,
     Weights,
@@ -28,7 +28,7 @@ PERIOD_S = 0.01
 S = 1_000_000_000
 
 
-def contacts_of(robot: Kinematics, q: Floats, names: tuple[str, ...] = FOUR) -> Contacts:
+def contacts_of(robot: Kinematics, q: Floats, names: tuple[str, ...] = FOUR) -> InitialContacts:
     return initial_contacts(robot, q, sheets(), [touch(name) for name in names])
 
 
@@ -47,12 +47,12 @@ def test_16_and_17_as_printed_equal_the_axis_times_the_rotational_jacobian() -> 
     points = contacts_of(robot, POSE).points
     rng = np.random.default_rng(2)
     R_desired = Rotation.from_rotvec(rng.normal(0, 0.8, (4, 3))).as_matrix()
-    poses = robot.at(POSE, points)
+    poses = robot.surface_poses(POSE, points)
     found, axis = deviations(poses, poses.position_m, R_desired)
     ours = np.einsum("ci,cin->cn", axis, poses.J_w)
 
     def angle_of_8(q: Floats) -> Floats:
-        R = R_desired.transpose(0, 2, 1) @ robot.at(q, points).R_world_surface
+        R = R_desired.transpose(0, 2, 1) @ robot.surface_poses(q, points).R_world_surface
         angle_rad: Floats = np.arccos((np.trace(R, axis1=1, axis2=2) - 1.0) / 2.0)
         return angle_rad
 
@@ -63,7 +63,8 @@ def test_16_and_17_as_printed_equal_the_axis_times_the_rotational_jacobian() -> 
     for j in range(len(JOINTS)):
         dq = h * np.eye(len(JOINTS))[j]
         turn_rate = (
-            robot.at(POSE + dq, points).R_world_surface - robot.at(POSE - dq, points).R_world_surface
+            robot.surface_poses(POSE + dq, points).R_world_surface
+            - robot.surface_poses(POSE - dq, points).R_world_surface
         ) / (2 * h)
         d_rkk = np.einsum("cik,cik->ck", R_desired, turn_rate)  # (17)
         printed = -((1.0 - cosine**2) ** -0.5) * 0.5 * d_rkk.sum(axis=1)  # (16)
@@ -88,25 +89,25 @@ def test_4_and_5_move_contacts_rigidly_with_the_object() -> None:
     contacts = contacts_of(kinematics(), POSE)
     R = Rotation.from_rotvec((0.1, 0.2, -0.3)).as_matrix()
     object_m = np.array([0.4, 0.1, 1.0])
-    place, R_contact = desired_contacts(object_m, R, contacts.x_object, contacts.R_object)
+    place, R_contact = desired_contacts(object_m, R, contacts.x_object_contact_m, contacts.R_object_contact)
     for c in range(4):
-        np.testing.assert_allclose(place[c], object_m + R @ contacts.x_object[c], atol=1e-15)
-        np.testing.assert_allclose(R_contact[c], R @ contacts.R_object[c], atol=1e-15)
+        np.testing.assert_allclose(place[c], object_m + R @ contacts.x_object_contact_m[c], atol=1e-15)
+        np.testing.assert_allclose(R_contact[c], R @ contacts.R_object_contact[c], atol=1e-15)
 
 
-def problem(seed: int, m: int = 16, n: int = 12) -> LeastSquares:
+def problem(seed: int, m: int = 16, n: int = 12) -> LeastSquaresProblem:
     rng = np.random.default_rng(seed)
-    return LeastSquares(
+    return LeastSquaresProblem(
         rng.normal(size=(m, n)), rng.normal(size=m), rng.uniform(0.1, 5, m), rng.uniform(0.01, 1, n)
     )
 
 
-def cost(p: LeastSquares, step: Floats) -> float:
-    return float(0.5 * p.weight @ (p.rows @ step + p.error) ** 2 + 0.5 * p.damping @ step**2)
+def cost(p: LeastSquaresProblem, step: Floats) -> float:
+    return float(0.5 * p.weight @ (p.jacobian @ step + p.error) ** 2 + 0.5 * p.damping @ step**2)
 
 
-def slope(p: LeastSquares, step: Floats) -> Floats:
-    return (p.rows * p.weight[:, None]).T @ (p.rows @ step + p.error) + p.damping * step
+def slope(p: LeastSquaresProblem, step: Floats) -> Floats:
+    return (p.jacobian * p.weight[:, None]).T @ (p.jacobian @ step + p.error) + p.damping * step
 
 
 UNBOUNDED = (np.full(12, -np.inf), np.full(12, np.inf))
@@ -115,7 +116,7 @@ UNBOUNDED = (np.full(12, -np.inf), np.full(12, np.inf))
 @pytest.mark.parametrize("m", [4, 16, 40])
 def test_18_is_the_least_squares_solution(m: int) -> None:
     p = problem(1, m)
-    stacked = np.concatenate((np.sqrt(p.weight)[:, None] * p.rows, np.diag(np.sqrt(p.damping))))
+    stacked = np.concatenate((np.sqrt(p.weight)[:, None] * p.jacobian, np.diag(np.sqrt(p.damping))))
     target = np.concatenate((-np.sqrt(p.weight) * p.error, np.zeros(12)))
     due = np.linalg.lstsq(stacked, target)[0]
     np.testing.assert_allclose(closed_form(p, UNBOUNDED), due, atol=1e-10)
@@ -151,7 +152,7 @@ def test_braking_keeps_position_speed_and_acceleration_at_once() -> None:
     q, last = np.zeros(2), np.zeros(2)
     largest_m = np.zeros(2)
     for tick in range(900):  # always as fast as allowed, back and forth
-        smallest, largest = limits.steps(q, last, PERIOD_S)
+        smallest, largest = limits.step_bounds(q, last, PERIOD_S)
         step = largest if tick // 300 % 2 == 0 else smallest
         assert (np.abs(step - last) <= acceleration * PERIOD_S**2 + 1e-15).all()
         assert (np.abs(step) <= speed * PERIOD_S + 1e-15).all()
@@ -166,18 +167,22 @@ def test_braking_keeps_position_speed_and_acceleration_at_once() -> None:
 def test_a_joint_beyond_its_limit_only_comes_back_and_a_box_is_never_empty() -> None:
     limits = JointLimits(np.array([[-1.0, 1.0]]), np.array([0.5]), np.array([0.1]))
     for q, last in itertools.product((-1.5, -1.0, 0.0, 1.0, 1.2), (-0.005, 0.0, 0.005)):
-        smallest, largest = limits.steps(np.array([q]), np.array([last]), PERIOD_S)
+        smallest, largest = limits.step_bounds(np.array([q]), np.array([last]), PERIOD_S)
         assert smallest <= largest
         assert largest <= 0.0 or q < 1.0
         assert smallest >= 0.0 or q > -1.0
-    assert limits.steps(np.array([1.2]), np.array([0.0]), PERIOD_S)[1][0] == pytest.approx(-0.005)
+    assert limits.step_bounds(np.array([1.2]), np.array([0.0]), PERIOD_S)[1][0] == pytest.approx(-0.005)
     for wrong in (
-        {"range": np.array([[1.0, -1.0]])},
-        {"speed": np.array([0.0])},
-        {"acceleration": np.array([-1.0])},
-        {"range": np.zeros((2, 2))},
+        {"position_range": np.array([[1.0, -1.0]])},
+        {"max_speed": np.array([0.0])},
+        {"max_acceleration": np.array([-1.0])},
+        {"position_range": np.zeros((2, 2))},
     ):
-        values = {"range": limits.range, "speed": limits.speed, "acceleration": limits.acceleration}
+        values = {
+            "position_range": limits.position_range,
+            "max_speed": limits.max_speed,
+            "max_acceleration": limits.max_acceleration,
+        }
         with pytest.raises(ValueError, match="limits"):
             JointLimits(**(values | wrong))
 
@@ -185,7 +190,7 @@ def test_a_joint_beyond_its_limit_only_comes_back_and_a_box_is_never_empty() -> 
 def follow(
     robot: Kinematics,
     q: Floats,
-    path: ObjectPath,
+    path: ObjectTrajectory,
     weights: Weights,
     limits: JointLimits | None = None,
     solver: Solver = closed_form,
@@ -198,8 +203,10 @@ def follow(
     )
     course, deviated = [generator.q], []
     for tick in range(1, round((path.end_ns / 1e9 + rest_s) / PERIOD_S)):
-        moved_m, R = path.at(tick * 10_000_000)
-        asked = desired_contacts(contacts.object_m + moved_m, R, contacts.x_object, contacts.R_object)
+        moved_m, R = path.pose_at(tick * 10_000_000)
+        asked = desired_contacts(
+            contacts.object_centre_m + moved_m, R, contacts.x_object_contact_m, contacts.R_object_contact
+        )
         step = generator.step(*asked)
         course.append(generator.q)
         deviated.append(step.deviations)
@@ -207,7 +214,7 @@ def follow(
     return course, deviated, generator.poses
 
 
-SIDEWAYS = ObjectPath([Waypoint(5 * S, (0.1, 0.0, 0.0))])
+SIDEWAYS = ObjectTrajectory([Waypoint(5 * S, (0.1, 0.0, 0.0))])
 """Experiment A: 0.1 m in x."""
 
 
@@ -221,7 +228,7 @@ def test_experiment_a_forearms_deviate_less_and_weights_trade_position_for_rotat
     assert end.position_m.min() > 0.005  # over-constrained: 24 conditions, 12 joints
     assert (ten[-1].position_m < end.position_m).all()
     assert (ten[-1].rotation_rad > end.rotation_rad).all()
-    moved_m = poses.position_m - robot.at(POSE, contacts_of(robot, POSE).points).position_m
+    moved_m = poses.position_m - robot.surface_poses(POSE, contacts_of(robot, POSE).points).position_m
     assert moved_m[:, 0].min() > 0.03  # all go along
 
 
@@ -254,10 +261,10 @@ def test_any_number_of_contacts_keeps_its_shape_when_the_joints_suffice(names: t
     robot = kinematics((*JOINTS, "cart_x", "cart_y", "cart_yaw"))
     q = np.append(POSE, np.zeros(3))
     turn = (0.0, 0.0, 0.3)
-    path = ObjectPath([Waypoint(2 * S, (0.05, 0.0, 0.0)), Waypoint(5 * S, (0.05, -0.04, 0.0), turn)])
+    path = ObjectTrajectory([Waypoint(2 * S, (0.05, 0.0, 0.0)), Waypoint(5 * S, (0.05, -0.04, 0.0), turn)])
     weights = Weights(np.ones(len(names)), np.full(len(names), 0.2), np.full(15, 1e-4))
     _, deviated, after = follow(robot, q, path, weights, names=names, rest_s=4.0)
-    before = robot.at(q, contacts_of(robot, q, names).points)
+    before = robot.surface_poses(q, contacts_of(robot, q, names).points)
     R = Rotation.from_rotvec(turn).as_matrix()
     middle_m = before.position_m.mean(axis=0)
     due_m = middle_m + [0.05, -0.04, 0.0] + (before.position_m - middle_m) @ R.T
@@ -269,7 +276,7 @@ def test_any_number_of_contacts_keeps_its_shape_when_the_joints_suffice(names: t
 def test_programme_and_closed_form_go_the_same_way_without_active_limits() -> None:
     """Agreement over 300 steps, each from the one before: 1e-9 rad."""
     robot = kinematics()
-    path = ObjectPath([Waypoint(3 * S, (0.05, 0.0, 0.03), (0.0, 0.1, 0.0))])
+    path = ObjectTrajectory([Waypoint(3 * S, (0.05, 0.0, 0.03), (0.0, 0.1, 0.0))])
     weights = paper_weights(12)
     ours, _, _ = follow(robot, POSE, path, weights, rest_s=0.0)
     theirs, _, _ = follow(robot, POSE, path, weights, solver=quadratic_programme(robot), rest_s=0.0)
@@ -280,12 +287,12 @@ def test_programme_and_closed_form_go_the_same_way_without_active_limits() -> No
 def test_a_trajectory_stays_within_the_limits_of_the_joints(kind: str) -> None:
     robot = kinematics()
     yaw = JOINTS.index("waist_yaw")
-    tight = robot.range.copy()
+    tight = robot.joint_range.copy()
     tight[yaw] = (-0.02, 0.02)
     speed, acceleration = np.full(12, 0.05), np.full(12, 0.2)
     limits = JointLimits(tight, speed, acceleration)
     solver = closed_form if kind == "closed_form" else quadratic_programme(robot)
-    path = ObjectPath([Waypoint(3 * S, (0.1, 0.0, 0.0))])
+    path = ObjectTrajectory([Waypoint(3 * S, (0.1, 0.0, 0.0))])
     course = np.array(follow(robot, POSE, path, paper_weights(12), limits, solver)[0])
     velocity = np.diff(course, axis=0) / PERIOD_S
     assert np.abs(velocity).max() == pytest.approx(0.05)
@@ -300,25 +307,26 @@ def test_a_trajectory_stays_within_the_limits_of_the_joints(kind: str) -> None:
 def test_the_path_of_the_object_meets_its_waypoints_at_rest_and_turns_about_one_axis() -> None:
     first, second = (0.1, 0.0, 0.02), (0.1, -0.05, 0.1)
     turns = (0.0, 0.3, 0.0), (0.4, 0.3, 0.0)
-    path = ObjectPath([Waypoint(2 * S, first, turns[0]), Waypoint(5 * S, second, turns[1])])
+    path = ObjectTrajectory([Waypoint(2 * S, first, turns[0]), Waypoint(5 * S, second, turns[1])])
     for t_ns, place, turn in ((0, (0, 0, 0), (0, 0, 0)), (2 * S, first, turns[0]), (9 * S, second, turns[1])):
-        found_m, R = path.at(t_ns)
+        found_m, R = path.pose_at(t_ns)
         np.testing.assert_allclose(found_m, place, atol=1e-15)
         np.testing.assert_allclose(Rotation.from_matrix(R).as_rotvec(), turn, atol=1e-12)
     for t_ns in (0, 2 * S, 5 * S):  # at rest: the way out of a waypoint begins with the third power of time
         for away_ns in (-1_000_000, 1_000_000):
-            step_m = path.at(t_ns + away_ns)[0] - path.at(t_ns)[0]
+            step_m = path.pose_at(t_ns + away_ns)[0] - path.pose_at(t_ns)[0]
             assert np.abs(step_m).max() < 1e-9
     spins = [
-        Rotation.from_matrix(path.at(t)[1].T @ path.at(t + S // 20)[1]) for t in range(2 * S, 5 * S, S // 4)
+        Rotation.from_matrix(path.pose_at(t)[1].T @ path.pose_at(t + S // 20)[1])
+        for t in range(2 * S, 5 * S, S // 4)
     ]
     axes = np.array([spin.as_rotvec() / spin.magnitude() for spin in spins])
     np.testing.assert_allclose(axes, np.tile(axes[0], (len(axes), 1)), atol=1e-6)
     for wrong in ([], [Waypoint(0, first)], [Waypoint(S, first), Waypoint(S, second)]):
         with pytest.raises(ValueError, match="waypoints"):
-            ObjectPath(wrong)
+            ObjectTrajectory(wrong)
     with pytest.raises(ValueError, match="finite"):
-        ObjectPath([Waypoint(S, (np.nan, 0.0, 0.0))])
+        ObjectTrajectory([Waypoint(S, (np.nan, 0.0, 0.0))])
 
 
 @pytest.mark.parametrize("field", Weights._fields)
@@ -342,7 +350,7 @@ def test_mobility_is_the_closed_form_for_one_lever_and_vanishes_when_arms_are_st
     arms = kinematics(JOINTS[:10])
     shares = {}
     for name, pose in (("bent", POSE[:10]), ("straight", np.zeros(10))):
-        poses = arms.at(pose, contacts_of(arms, pose, FOUR[2:]).points)
+        poses = arms.surface_poses(pose, contacts_of(arms, pose, FOUR[2:]).points)
         shares[name] = mobility(poses.J_x, np.ones(2), 0.05)
     assert shares["bent"] > 0.7
     assert shares["straight"] < 0.2

@@ -8,21 +8,21 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import patch, small
 
-from cells.outages import Outage, Transition, outages
-from cells.wiring import Wiring, wire
+from cells.outages import Outage, TopologyChange, compute_topology_changes
+from cells.wiring import Wiring, wire_cells
 from skinnet.deployment.power import PowerSpec
 from skinnet.messages import FOREVER_NS
 from skinnet.network.power import PowerGrid
-from skinnet.skin.placement import bridges_of, place
+from skinnet.skin.placement import place_patch, resolve_bridges
 
 Mask = NDArray[np.bool_]
 
 
 def wired(*patches: dict[str, Any], **tables: Any) -> Wiring:
     deployment = small(*patches, **tables)
-    placed = {one.name: place(one, deployment.cells) for one in deployment.patches}
+    placed = {one.name: place_patch(one, deployment.cells) for one in deployment.patches}
     groups = [[placed[name] for name in group] for group in deployment.groups()]
-    return wire(groups, deployment.network, bridges_of(deployment.bridges, tuple(placed.values())))
+    return wire_cells(groups, deployment.network, resolve_bridges(deployment.bridges, tuple(placed.values())))
 
 
 SKIN = wired(patch("arm", 3, 2), patch("hand", 3, 1), bridges=({"a": "arm/2:0", "b": "hand/0:3"},))
@@ -71,7 +71,7 @@ def gone_at(t_ns: int, found: list[Outage], power: PowerSpec | None, feeds: list
     return up, on
 
 
-def walked(transitions: tuple[Transition, ...], until_ns: int) -> tuple[Mask, Mask]:
+def walked(transitions: tuple[TopologyChange, ...], until_ns: int) -> tuple[Mask, Mask]:
     """Which links and cells are up after all transitions until then; each changes what it says."""
     up, on = np.ones(N_LINKS, dtype=np.bool_), np.ones(N_CELLS, dtype=np.bool_)
     for one in transitions:
@@ -90,7 +90,7 @@ def walked(transitions: tuple[Transition, ...], until_ns: int) -> tuple[Mask, Ma
 def test_at_every_instant_what_is_up_is_what_nothing_has_taken(
     found: list[Outage], power: PowerSpec | None, feeds: list[int]
 ) -> None:
-    transitions = outages(SKIN, found, power, feeds)
+    transitions = compute_topology_changes(SKIN, found, power, feeds)
     for t_ns in range(35):
         up, on = gone_at(t_ns, found, power, feeds)
         walked_up, walked_on = walked(transitions, t_ns)
@@ -100,7 +100,7 @@ def test_at_every_instant_what_is_up_is_what_nothing_has_taken(
 
 @given(found)
 def test_times_ascend_from_the_beginning_and_each_comes_once(found: list[Outage]) -> None:
-    transitions = outages(SKIN, found, None, ())
+    transitions = compute_topology_changes(SKIN, found, None, ())
     times_ns = [one.t_ns for one in transitions]
     assert times_ns[0] == 0
     assert times_ns == sorted(set(times_ns))
@@ -112,26 +112,28 @@ def test_times_ascend_from_the_beginning_and_each_comes_once(found: list[Outage]
 @given(found, st.randoms(use_true_random=False))
 def test_the_order_in_which_outages_are_found_makes_no_difference(found: list[Outage], dice: Any) -> None:
     shuffled = dice.sample(found, len(found))
-    assert outages(SKIN, shuffled, WEAK, [0]) == outages(SKIN, found, WEAK, [0])
+    assert compute_topology_changes(SKIN, shuffled, WEAK, [0]) == compute_topology_changes(
+        SKIN, found, WEAK, [0]
+    )
 
 
 def test_without_faults_and_power_everything_is_up_from_the_start() -> None:
-    assert outages(SKIN, (), None, ()) == (Transition(0),)
+    assert compute_topology_changes(SKIN, (), None, ()) == (TopologyChange(0),)
 
 
 def test_one_that_begins_as_another_ends_leaves_the_link_down() -> None:
     first, second = Outage(5, 10, (3,)), Outage(10, 15, (3,))
     for both in ((first, second), (second, first)):
-        assert outages(SKIN, both, None, ()) == (
-            Transition(0),
-            Transition(5, links_down=(3,)),
-            Transition(10),
-            Transition(15, links_up=(3,)),
+        assert compute_topology_changes(SKIN, both, None, ()) == (
+            TopologyChange(0),
+            TopologyChange(5, links_down=(3,)),
+            TopologyChange(10),
+            TopologyChange(15, links_up=(3,)),
         )
 
 
 def test_a_dead_cell_takes_all_its_links_in_both_directions_and_others_none() -> None:
-    (_, dead, back) = outages(SKIN, [Outage(5, 9, cell=2)], None, ())
+    (_, dead, back) = compute_topology_changes(SKIN, [Outage(5, 9, cell=2)], None, ())
     own = SKIN.link_out[SKIN.node_of_cell[2]]
     own = own[own >= 0].tolist()
     assert dead.links_down == tuple(sorted([*own, *(link ^ 1 for link in own)]))
@@ -144,7 +146,9 @@ def test_a_cut_in_one_direction_carries_power_and_one_in_both_does_not() -> None
     strong = PowerSpec(link_ohm=0.001)
     for cuts_power, off in ((False, ()), (True, (1, 2, 3))):
         link = int(row.link_out[row.node_of_cell[0], 0])
-        last = outages(row, [Outage(5, FOREVER_NS, (link,), cuts_power=cuts_power)], strong, [0])[-1]
+        last = compute_topology_changes(
+            row, [Outage(5, FOREVER_NS, (link,), cuts_power=cuts_power)], strong, [0]
+        )[-1]
         assert last.cells_off == off
         assert link in last.links_down
 
@@ -153,15 +157,15 @@ def test_a_cell_of_a_weak_row_comes_up_when_the_one_before_it_dies() -> None:
     """Cells 0 to 3 stay: 47 mA × (3 + 2 + 1) × 1 Ω = 282 mV; with 4 in the place of 3 it is 329 mV."""
     row = wired(patch("p", 8, 1))
     weak = PowerSpec(link_ohm=1.0, supply_v=3.3, minimum_v=2.97, current_ma=47.0)
-    first, dead, back = outages(row, [Outage(5, 9, cell=3)], weak, [0])
+    first, dead, back = compute_topology_changes(row, [Outage(5, 9, cell=3)], weak, [0])
     assert first.cells_off == (4, 5, 6, 7)
     assert (dead.cells_off, dead.cells_on) == ((3,), (4,))
     assert (back.cells_off, back.cells_on) == ((4,), (3,))
 
 
 def test_cutting_the_wire_of_a_gateway_cuts_no_wire_between_cells() -> None:
-    link = int(SKIN.link_out[SKIN.interface[0], 0])
+    link = int(SKIN.link_out[SKIN.interface_node[0], 0])
     assert link // 2 >= len(SKIN.skin.wires)
-    assert outages(SKIN, [Outage(5, FOREVER_NS, (link, link ^ 1))], PowerSpec(), [0])[-1] == Transition(
-        5, links_down=tuple(sorted((link, link ^ 1)))
-    )
+    assert compute_topology_changes(SKIN, [Outage(5, FOREVER_NS, (link, link ^ 1))], PowerSpec(), [0])[
+        -1
+    ] == TopologyChange(5, links_down=tuple(sorted((link, link ^ 1))))

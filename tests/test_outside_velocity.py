@@ -10,7 +10,7 @@ from test_links import DEPLOYMENTS
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.outside_messages import Velocity
+from skinnet.outside_messages import ExternalVelocity
 
 FRESH_TICKS = 100_000_000 // TICK_NS
 
@@ -23,7 +23,7 @@ def resting(**more: bool) -> Wired:
 def test_a_velocity_moves_the_robot_while_it_is_fresh() -> None:
     robot = resting()
     assert robot.step().velocity_rad_s == [0.0, 0.0]
-    robot.accept("velocity", Velocity(velocity_rad_s=[0.25, -0.5]))
+    robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
     moved = [robot.step().velocity_rad_s for _ in range(FRESH_TICKS + 10)]
     assert moved[:FRESH_TICKS] == [[0.25, -0.5]] * FRESH_TICKS
     assert moved[FRESH_TICKS:] == [[0.0, 0.0]] * 10
@@ -32,7 +32,7 @@ def test_a_velocity_moves_the_robot_while_it_is_fresh() -> None:
 
 def test_it_comes_on_top_of_the_program() -> None:
     alone, pushed = Wired("bow"), Wired("bow", outside_velocity=True)
-    pushed.accept("velocity", Velocity(velocity_rad_s=[0.05, 0.0]))
+    pushed.accept("velocity", ExternalVelocity(velocity_rad_s=[0.05, 0.0]))
     for robot in (alone, pushed):
         robot.step()
     difference = np.subtract(pushed.step().velocity_rad_s, alone.step().velocity_rad_s)
@@ -45,7 +45,7 @@ def test_it_comes_on_top_of_the_program() -> None:
 def test_the_clamp_has_the_last_word(velocity: list[float]) -> None:
     robot = resting()
     robot.step()
-    robot.accept("velocity", Velocity(velocity_rad_s=velocity))
+    robot.accept("velocity", ExternalVelocity(velocity_rad_s=velocity))
     for _ in range(3):
         assert np.abs(robot.step().velocity_rad_s).max() <= 1.2
 
@@ -56,10 +56,10 @@ def test_the_clamp_has_the_last_word(velocity: list[float]) -> None:
 def test_what_makes_no_sense_stops_the_robot(wrong: list[float]) -> None:
     robot = resting()
     robot.step()
-    robot.accept("velocity", Velocity(velocity_rad_s=[0.25, -0.5]))
+    robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
     assert robot.step().velocity_rad_s == [0.25, -0.5]
     with pytest.raises(ProtocolError, match=r"velocities"):
-        robot.accept("velocity", Velocity(velocity_rad_s=wrong))
+        robot.accept("velocity", ExternalVelocity(velocity_rad_s=wrong))
     assert robot.step().velocity_rad_s == [0.0, 0.0]
     assert robot.node.counters["velocities_from_outside"] == 1
 
@@ -67,8 +67,8 @@ def test_what_makes_no_sense_stops_the_robot(wrong: list[float]) -> None:
 def test_a_message_that_is_none_stops_the_robot() -> None:
     robot = resting()
     robot.step()
-    robot.accept("velocity", Velocity(velocity_rad_s=[0.25, -0.5]))
-    with pytest.raises(ProtocolError, match="not a Velocity"):
+    robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
+    with pytest.raises(ProtocolError, match="not a ExternalVelocity"):
         robot.node.accept("velocity", (), b"garbage")
     assert robot.step().velocity_rad_s == [0.0, 0.0]
 
@@ -77,22 +77,22 @@ def test_a_run_takes_none_unless_it_is_let() -> None:
     robot = resting(outside_velocity=False)
     robot.step()
     with pytest.raises(ProtocolError, match=r"controller\.outside_velocity=true"):
-        robot.accept("velocity", Velocity(velocity_rad_s=[0.25, -0.5]))
+        robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
     assert robot.step().velocity_rad_s == [0.0, 0.0]
     assert not robot.node.counters
 
 
 def test_nothing_moves_before_the_skin_is_there() -> None:
     robot = Wired("listen", here=("arm",), lost=False, outside_velocity=True)
-    robot.node.upstreams["hand"].covered_ns = 2**62
-    robot.accept("velocity", Velocity(velocity_rad_s=[0.25, -0.5]))
+    robot.node.upstreams["hand"].watermark_ns = 2**62
+    robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
     assert robot.step().velocity_rad_s == [0.0, 0.0]
 
 
 def test_it_is_part_of_the_log() -> None:
     """Runs that nobody touched have the log they had; others have one that tells the difference."""
     alone, let, pushed = resting(outside_velocity=False), resting(), resting()
-    pushed.accept("velocity", Velocity(velocity_rad_s=[0.0, 0.0]))
+    pushed.accept("velocity", ExternalVelocity(velocity_rad_s=[0.0, 0.0]))
     logs = []
     for robot in (alone, let, pushed):
         for _ in range(5):

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from small_robot import SHIPPED, lattice
 
 from skinnet.deployment import load
-from skinnet.deployment.schema import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec, PlacedCell
+from skinnet.deployment.schema import CellPoseSpec, CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import PORT_ANGLES_RAD, lattice_cells, pitch_m
-from skinnet.skin.placement import PlacedPatch, place, place_all
+from skinnet.skin.placement import PlacedPatch, place_patch, place_patches
 
 Floats = NDArray[np.float64]
 CELLS = CellSpec()
@@ -33,7 +33,7 @@ radii = st.floats(0.045, 0.5)
 
 def patch(
     table: dict[str, Any] | None = None,
-    cells: tuple[PlacedCell, ...] = (),
+    cells: tuple[CellPoseSpec, ...] = (),
     ends: tuple[tuple[int, int], ...] = ((0, 2),),
     **more: Any,
 ) -> PatchSpec:
@@ -44,7 +44,7 @@ def patch(
 
 def bent(columns: int, rows: int, radius_m: float, **more: Any) -> PlacedPatch:
     columns = min(columns, int(2 * math.pi * radius_m / PITCH_M) - 1)
-    return place(patch(lattice(columns, rows, radius_m=radius_m, **more)), CELLS)
+    return place_patch(patch(lattice(columns, rows, radius_m=radius_m, **more)), CELLS)
 
 
 def assert_upright(placed: PlacedPatch, normal: Floats) -> None:
@@ -72,7 +72,7 @@ def test_on_a_plane(
     n, u = np.array(normal), np.array(up)
     if np.linalg.norm(np.cross(n, u)) < 1e-3:
         return
-    placed = place(patch(lattice(*size, normal=normal, up=up, origin_m=origin)), CELLS)
+    placed = place_patch(patch(lattice(*size, normal=normal, up=up, origin_m=origin)), CELLS)
     n /= np.linalg.norm(n)
     assert placed.n_cells == size[0] * size[1]
     assert_upright(placed, n)
@@ -94,7 +94,7 @@ def test_around_a_cylinder(size: tuple[int, int], radius: float) -> None:
     unrolled = np.column_stack(
         [radius * np.arctan2(axis_m[:, 0], axis_m[:, 2]), placed.position_m[:, 1], np.zeros(placed.n_cells)]
     )
-    flat = place(patch(lattice(placed.n_cells // size[1], size[1])), CELLS)
+    flat = place_patch(patch(lattice(placed.n_cells // size[1], size[1])), CELLS)
     np.testing.assert_allclose(unrolled, flat.position_m, atol=1e-12)
     assert placed.wires.tolist() == flat.wires.tolist()
 
@@ -106,7 +106,7 @@ def test_wires_are_those_of_the_lattice(size: tuple[int, int]) -> None:
     number = {cell: i for i, cell in enumerate(cells)}
     right = {(number[q, r], 0, number[q + 1, r], 2) for q, r in cells if (q + 1, r) in number}
     above = {(number[q, r], 1, number[q, r + 1], 3) for q, r in cells if (q, r + 1) in number}
-    placed = place(patch(lattice(*size)), CELLS)
+    placed = place_patch(patch(lattice(*size)), CELLS)
     assert {tuple(wire) for wire in placed.wires.tolist()} == right | above
     ends = Counter(map(tuple, np.vstack([placed.wires[:, :2], placed.wires[:, 2:]]).tolist()))
     assert all(count == 1 for count in ends.values())
@@ -123,8 +123,8 @@ def test_turning_the_lattice_turns_its_cells(
     rotation: tuple[float, ...], shift: tuple[float, ...], radius: float | None
 ) -> None:
     R = Rotation.from_rotvec(3.0 * np.array(rotation)).as_matrix()
-    still = place(patch(lattice(3, 3, radius_m=radius)), CELLS)
-    turned = place(
+    still = place_patch(patch(lattice(3, 3, radius_m=radius)), CELLS)
+    turned = place_patch(
         patch(lattice(3, 3, radius_m=radius, origin_m=shift, normal=tuple(R[:, 2]), up=tuple(R[:, 1]))), CELLS
     )
     np.testing.assert_allclose(turned.position_m, still.position_m @ R.T + shift, atol=1e-12)
@@ -136,16 +136,16 @@ def test_turning_the_lattice_turns_its_cells(
 def test_cells_placed_by_hand_are_as_those_of_a_lattice(
     size: tuple[int, int], radius: float | None, lengths: tuple[float, float]
 ) -> None:
-    model = place(patch(lattice(*size)), CELLS) if radius is None else bent(*size, radius)
+    model = place_patch(patch(lattice(*size)), CELLS) if radius is None else bent(*size, radius)
     cells = tuple(
-        PlacedCell(
+        CellPoseSpec(
             position_m=tuple(position),
             normal=tuple(lengths[0] * R[:, 2]),
             x_axis=tuple(lengths[1] * R[:, 0] + 0.3 * R[:, 2]),  # only its part across the normal counts
         )
         for position, R in zip(model.position_m, model.R_body_cell, strict=True)
     )
-    placed = place(patch(cells=cells), CELLS)
+    placed = place_patch(patch(cells=cells), CELLS)
     np.testing.assert_allclose(placed.position_m, model.position_m)
     np.testing.assert_allclose(placed.R_body_cell, model.R_body_cell, atol=1e-12)
     assert placed.wires.tolist() == model.wires.tolist()
@@ -156,37 +156,37 @@ def test_cells_that_turn_away_are_not_wired() -> None:
     for degrees, wired in ((0, True), (180, True), (60, False)):
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         pair = tuple(
-            PlacedCell(position_m=(x, 0.0, 0.0), normal=(0, 0, 1), x_axis=axis)
+            CellPoseSpec(position_m=(x, 0.0, 0.0), normal=(0, 0, 1), x_axis=axis)
             for x, axis in ((0.0, (c, s, 0.0)), (PITCH_M, (1.0, 0.0, 0.0)))
         )
-        assert bool(len(place(patch(cells=pair, ends=((0, 3),)), CELLS).wires)) == wired
+        assert bool(len(place_patch(patch(cells=pair, ends=((0, 3),)), CELLS).wires)) == wired
 
 
 def by_hand(*positions_m: float, **more: Any) -> PatchSpec:
-    cells = tuple(PlacedCell(position_m=(x, 0, 0), normal=(0, 0, 1), x_axis=(1, 0, 0)) for x in positions_m)
+    cells = tuple(CellPoseSpec(position_m=(x, 0, 0), normal=(0, 0, 1), x_axis=(1, 0, 0)) for x in positions_m)
     return patch(cells=cells, **more)
 
 
 def test_overlapping_cells_are_refused() -> None:
-    place(by_hand(0.0, PITCH_M, 2 * PITCH_M), CELLS)
+    place_patch(by_hand(0.0, PITCH_M, 2 * PITCH_M), CELLS)
     with pytest.raises(
         DeploymentError, match=r"patches\.p: cells 1 and 2 overlap.* 10\.0 mm apart; 24\.2 mm"
     ):
-        place(by_hand(0.0, PITCH_M, PITCH_M + 0.01), CELLS)
+        place_patch(by_hand(0.0, PITCH_M, PITCH_M + 0.01), CELLS)
     with pytest.raises(DeploymentError, match="radius"):
-        place(patch(lattice(12, 1, radius_m=0.045)), CELLS)
+        place_patch(patch(lattice(12, 1, radius_m=0.045)), CELLS)
     with pytest.raises(DeploymentError, match=r"patches\.p: cells"):  # chords far shorter than their arcs
-        place(patch(lattice(2, 1, radius_m=0.0085)), CELLS)
+        place_patch(patch(lattice(2, 1, radius_m=0.0085)), CELLS)
 
 
 def test_patches_of_one_body_may_not_overlap_but_lie_back_to_back() -> None:
     one, other = patch(lattice(2, 2)), patch(lattice(2, 2, origin_m=(0.01, 0, 0)), name="q")
     with pytest.raises(DeploymentError, match=r"patches\.q: cell \d overlaps cell \d of p on b"):
-        place_all((one, other), CELLS)
+        place_patches((one, other), CELLS)
     elsewhere = patch(lattice(2, 2, origin_m=(0.01, 0, 0)), name="q", body="c")
     back = patch(lattice(2, 2, origin_m=(0.0, 0.0, -0.015), normal=(0, 0, -1)), name="q")
     for second in (elsewhere, back):
-        assert [placed.name for placed in place_all((one, second), CELLS)] == ["p", "q"]
+        assert [placed.name for placed in place_patches((one, second), CELLS)] == ["p", "q"]
 
 
 @pytest.mark.parametrize(
@@ -196,14 +196,14 @@ def test_patches_of_one_body_may_not_overlap_but_lie_back_to_back() -> None:
         (
             patch(
                 lattice(1, 1),
-                cells=(PlacedCell(position_m=(0, 0, 0), normal=(0, 0, 1), x_axis=(1, 0, 0)),),
+                cells=(CellPoseSpec(position_m=(0, 0, 0), normal=(0, 0, 1), x_axis=(1, 0, 0)),),
             ),
             "either lattice or cells",
         ),
         (patch(lattice(2, 1, normal=(0, 0, 0))), r"p\.lattice\.normal .*length above zero"),
         (patch(lattice(2, 1, up=(0, 0, 5))), r"p\.lattice\.up .*parallel"),
         (
-            patch(cells=(PlacedCell(position_m=(0, 0, 0), normal=(0, 0, 1), x_axis=(0, 0, 2)),)),
+            patch(cells=(CellPoseSpec(position_m=(0, 0, 0), normal=(0, 0, 1), x_axis=(0, 0, 2)),)),
             r"p\.cells\[0\]\.x_axis",
         ),
         (patch(lattice(2, 1), ends=((2, 0),)), r"interfaces\[0\]\.cell = 2: .*0 to 1"),
@@ -213,13 +213,13 @@ def test_patches_of_one_body_may_not_overlap_but_lie_back_to_back() -> None:
 )
 def test_what_cannot_be_placed(spec: PatchSpec, said: str) -> None:
     with pytest.raises(DeploymentError, match=said):
-        place(spec, CELLS)
+        place_patch(spec, CELLS)
 
 
 def test_shipped_patches_are_each_in_one_piece() -> None:
     deployment = load(SHIPPED)
     assert pitch_m(deployment.cells.side_m) == PITCH_M
-    for placed in place_all(deployment.patches, deployment.cells):
+    for placed in place_patches(deployment.patches, deployment.cells):
         n = placed.n_cells
         graph = coo_array(
             (np.ones(len(placed.wires)), (placed.wires[:, 0], placed.wires[:, 2])), shape=(n, n)
@@ -231,4 +231,4 @@ def test_shipped_patches_are_each_in_one_piece() -> None:
 def test_islands_are_refused() -> None:
     """One column of cells cannot be wired through: no port looks to where the third row is."""
     with pytest.raises(DeploymentError, match=r"patches\.p: no wire leads from cell 2 \(2 in all\)"):
-        place_all([patch(lattice(1, 4))], CELLS)
+        place_patches([patch(lattice(1, 4))], CELLS)

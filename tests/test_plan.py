@@ -17,20 +17,20 @@ from typer.testing import CliRunner
 
 from cells.skin_network import SkinNetwork
 from cells.transducers import phases_ns
-from cells.wiring import wire
+from cells.wiring import wire_cells
 from skinnet.cli.main import app
 from skinnet.deployment import Deployment, load
 from skinnet.errors import DeploymentError
-from skinnet.plan.budget import draw_up
-from skinnet.plan.forest import GATEWAY, NOWHERE, Forest, grow
-from skinnet.plan.plan import Plan, make
-from skinnet.plan.report import report
+from skinnet.plan.budget import compute_budget
+from skinnet.plan.forest import GATEWAY, UNREACHED, RoutingForest, compute_forest
+from skinnet.plan.plan import Plan, make_plan
+from skinnet.plan.report import plan_report
 from skinnet.plan.search import breaches
-from skinnet.plan.traffic import Source, Traffic, send_ns, traffic_of
+from skinnet.plan.traffic import PacketSource, Traffic, traffic_of, transmission_ns
 from skinnet.plan.waiting import mean_wait_ns
-from skinnet.plan.words import problems
-from skinnet.skin.placement import place
-from skinnet.skin.unroll import unroll
+from skinnet.plan.words import diagnose
+from skinnet.skin.placement import place_patch
+from skinnet.skin.unroll import unroll_patch
 
 PERIOD_NS = 4_000_000
 CLOCK = {"encoding": {"kind": "clock"}}
@@ -39,7 +39,7 @@ SHAPES = ((6, 3, (0, 2)), (5, 5, (0, 2)), (8, 4, (3, 3)), (9, 1, (0, 2)))
 
 def plan_of(*shapes: tuple[Any, ...], **tables: Any) -> Plan:
     patches = [patch(f"p{i}", columns, rows, *ends) for i, (columns, rows, *ends) in enumerate(shapes)]
-    return make(small(*patches, **({"cells": CLOCK} | tables)))
+    return make_plan(small(*patches, **({"cells": CLOCK} | tables)))
 
 
 def play_plan(plan: Plan, t_ns: Any, cell: Any, size: Any) -> Played:
@@ -57,7 +57,7 @@ def periodic(plan: Plan, phase_ns: Any, periods: int) -> Played:
 def way_ns(plan: Plan) -> Ints:
     """From a cell to the entry of its gateway's link, undisturbed."""
     network = plan.deployment.network
-    hop_ns = send_ns(network, 23) + round(network.hop_delay_us * 1e3)
+    hop_ns = transmission_ns(network, 23) + round(network.hop_delay_us * 1e3)
     return (plan.budget.forest.depth - 1) * hop_ns
 
 
@@ -67,17 +67,17 @@ def way_ns(plan: Plan) -> Ints:
 @given(columns=st.integers(2, 6), rows=st.integers(1, 5), data=st.data())
 def test_every_cell_takes_a_way_of_fewest_hops(columns: int, rows: int, data: st.DataObject) -> None:
     deployment = small(patch("arm", columns, rows))
-    placed = place(deployment.patches[0], deployment.cells)
+    placed = place_patch(deployment.patches[0], deployment.cells)
     free = [p for p in np.ndindex(placed.n_cells, 4) if list(p) not in placed.wires.reshape(-1, 2).tolist()]
     gateways: Ints = np.array(data.draw(st.lists(st.sampled_from(free), min_size=1, max_size=3, unique=True)))
-    forest = grow(placed.n_cells, placed.wires, gateways)
+    forest = compute_forest(placed.n_cells, placed.wires, gateways)
     n, ends = placed.n_cells, placed.wires
     graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 2])), shape=(n, n))
     hops = shortest_path(graph, directed=False, unweighted=True, indices=gateways[:, 0]).min(axis=0) + 1
     reached = np.isfinite(hops)
     assert forest.depth[reached].tolist() == hops[reached].tolist()
-    assert (forest.parent[~reached] == NOWHERE).all()
-    assert forest.below[forest.parent == GATEWAY].sum() == reached.sum()
+    assert (forest.parent[~reached] == UNREACHED).all()
+    assert forest.subtree_size[forest.parent == GATEWAY].sum() == reached.sum()
     ports = {(int(a), int(p)): int(b) for a, p, b, _ in np.vstack([ends, ends[:, [2, 3, 0, 1]]])}
     for cell in np.flatnonzero(forest.parent >= 0).tolist():
         assert ports[cell, int(forest.port[cell])] == forest.parent[cell]
@@ -91,13 +91,13 @@ def test_every_cell_takes_a_way_of_fewest_hops(columns: int, rows: int, data: st
 @pytest.mark.parametrize("ends", [((0, 2),), ((0, 2), (19, 0)), ((3, 3), (16, 1), (19, 0))])
 def test_the_forest_is_the_one_that_the_cells_form(ends: tuple[tuple[int, int], ...]) -> None:
     deployment = small(patch("arm", 5, 4, *ends))
-    placed = place(deployment.patches[0], deployment.cells)
-    network = SkinNetwork(wire([[placed]], deployment.network), deployment.cells, deployment.network, 1)
+    placed = place_patch(deployment.patches[0], deployment.cells)
+    network = SkinNetwork(wire_cells([[placed]], deployment.network), deployment.cells, deployment.network, 1)
     network.start(0)
-    while None in network.members.formed_ns:
+    while None in network.membership.formed_ns:
         network.advance(network.kernel.now_ns + PERIOD_NS)
-    found = network.members.topology(0, 0)
-    forest = grow(placed.n_cells, placed.wires, placed.interfaces)
+    found = network.membership.topology_message(0, 0)
+    forest = compute_forest(placed.n_cells, placed.wires, placed.interfaces)
     assert forest.depth.tolist() == list(found.depth)
     assert forest.port.tolist() == list(found.master_port)
     assert forest.parent.tolist() == list(found.parent)
@@ -112,7 +112,7 @@ def test_a_tree_delivers_as_one_queue_would() -> None:
     rng = np.random.default_rng(5)
     plan = plan_of(*SHAPES[:3])
     forest, network = plan.budget.forest, plan.deployment.network
-    tx_ns, delay_ns = send_ns(network, 23), round(network.hop_delay_us * 1e3)
+    tx_ns, delay_ns = transmission_ns(network, 23), round(network.hop_delay_us * 1e3)
     for _ in range(20):
         phase_ns = rng.integers(0, PERIOD_NS // 4, plan.skin.n_cells)
         played = periodic(plan, phase_ns, 3)
@@ -131,7 +131,7 @@ def test_the_mean_of_one_queue_against_a_simulation_of_it() -> None:
     """nD/D/1: the wait is the largest lead of the arrivals over the server, over all stretches before."""
     rng = np.random.default_rng(1)
     tx_ns = 115_000
-    traffic = Traffic("clock", "", PERIOD_NS, 40, 1.0, (Source(tx_ns, 1, 250.0, True),), ())
+    traffic = Traffic("clock", "", PERIOD_NS, 40, 1.0, (PacketSource(tx_ns, 1, 250.0, True),), ())
     mean = mean_wait_ns(traffic, 36)
     assert mean[:2].tolist() == [0.0, 0.0]
     assert mean[2] == pytest.approx(tx_ns**2 / (2 * PERIOD_NS))  # two cells meet for a share of the period
@@ -144,7 +144,7 @@ def test_the_mean_of_one_queue_against_a_simulation_of_it() -> None:
 
 def test_events_wait_as_in_m_d_1() -> None:
     """Few events of many cells are a Poisson stream: ρ / (2 (1 − ρ)) of a packet's time."""
-    source = Source(40_000, 1, 100.0, False)
+    source = PacketSource(40_000, 1, 100.0, False)
     traffic = Traffic("delta", "", PERIOD_NS, 200, 1.0, (source,), ())
     load = 200 * 100.0 * 40e-6
     assert mean_wait_ns(traffic, 200)[200] == pytest.approx(load / (2 * (1 - load)) * 40_000)
@@ -168,12 +168,12 @@ def test_clock_latencies_stay_below_the_bound_and_reach_it(shape: tuple[Any, ...
             phase_ns = together.copy()
             phase_ns[rng.integers(n)] += rng.integers(0, n * 115_000)
         played = periodic(plan, phase_ns % PERIOD_NS, 4)
-        assert (played.latency_ns.reshape(4, n) <= budget.worst_ns).all()
-        assert (played.backlog <= budget.backlog).all()
+        assert (played.latency_ns.reshape(4, n) <= budget.worst_latency_ns).all()
+        assert (played.backlog <= budget.worst_backlog_packets).all()
         latency = max(latency, int(played.latency_ns.max()))
         backlog = np.maximum(backlog, played.backlog)
-    assert latency == budget.worst_ns.max()
-    assert backlog.max() == budget.backlog.max()
+    assert latency == budget.worst_latency_ns.max()
+    assert backlog.max() == budget.worst_backlog_packets.max()
 
 
 def test_bursts_of_events_and_streams_stay_below_the_bound() -> None:
@@ -182,13 +182,13 @@ def test_bursts_of_events_and_streams_stay_below_the_bound() -> None:
     tables = {"encoding": "delta", "stimulated": 0.5, "events_hz": 200.0, "streams_when_touched": True}
     plan = plan_of((6, 4, (0, 2)), plan=tables)
     traffic, n = plan.traffic, plan.skin.n_cells
-    assert [source.at_once for source in traffic.touched] == [8, 1]
+    assert [source.burst_packets for source in traffic.touched_sources] == [8, 1]
     together = -way_ns(plan) % PERIOD_NS
     nearest = 0.0
     for repeat in range(60):
-        touched = rng.permutation(n)[: traffic.stimulated]
+        touched = rng.permutation(n)[: traffic.touched_cells]
         if repeat % 3 == 0:
-            touched = np.argsort(-plan.budget.forest.depth)[: traffic.stimulated]
+            touched = np.argsort(-plan.budget.forest.depth)[: traffic.touched_cells]
         phase_ns = together if repeat % 2 else rng.integers(0, PERIOD_NS, n)
         burst = np.repeat(touched, 8)
         stream = np.tile(touched, 5)
@@ -199,26 +199,28 @@ def test_bursts_of_events_and_streams_stay_below_the_bound() -> None:
         size = np.concatenate([np.full(len(burst), 8), np.full(len(stream), 23), np.full(n, 8)])
         keep = ~np.isin(cell, touched) | (np.arange(len(cell)) < len(burst) + len(stream))
         played = play_plan(plan, t_ns[keep], cell[keep], size[keep])
-        assert (played.latency_ns <= plan.budget.worst_ns[cell[keep]]).all()
-        assert (played.backlog <= plan.budget.backlog).all()
-        nearest = max(nearest, float((played.latency_ns / plan.budget.worst_ns[cell[keep]]).max()))
+        assert (played.latency_ns <= plan.budget.worst_latency_ns[cell[keep]]).all()
+        assert (played.backlog <= plan.budget.worst_backlog_packets).all()
+        nearest = max(nearest, float((played.latency_ns / plan.budget.worst_latency_ns[cell[keep]]).max()))
     assert nearest > 0.6
 
 
 def test_jitter_is_part_of_the_bound() -> None:
     rng = np.random.default_rng(4)
     still, plan = plan_of((5, 4, (0, 2))), plan_of((5, 4, (0, 2)), network={"jitter_us": 80.0})
-    assert (plan.budget.worst_ns >= still.budget.worst_ns + 80_000 * plan.budget.forest.depth).all()
+    assert (
+        plan.budget.worst_latency_ns >= still.budget.worst_latency_ns + 80_000 * plan.budget.forest.depth
+    ).all()
     for _ in range(30):
         phase_ns = (-way_ns(plan) + rng.integers(0, 300_000, 20)) % PERIOD_NS
         played = periodic(plan, phase_ns, 4)
-        assert (played.latency_ns.reshape(4, 20) <= plan.budget.worst_ns).all()
-        assert (played.backlog <= plan.budget.backlog).all()
+        assert (played.latency_ns.reshape(4, 20) <= plan.budget.worst_latency_ns).all()
+        assert (played.backlog <= plan.budget.worst_backlog_packets).all()
 
 
 def test_expected_latencies_are_the_means_of_many_phases() -> None:
     """Over the phases that cells draw from 40 seeds: all cells within 1 %, each cell within 8 %."""
-    plan = make(load(SHIPPED))
+    plan = make_plan(load(SHIPPED))
     assert plan.traffic.encoding == "clock"  # the program explores
     n, periods, means = plan.skin.n_cells, 9, []
     for seed in range(1, 41):
@@ -226,8 +228,8 @@ def test_expected_latencies_are_the_means_of_many_phases() -> None:
         latency_ns = periodic(plan, phase_ns, periods).latency_ns.reshape(periods, n)
         means.append(latency_ns[3:].mean(axis=0))  # the network is full of packets from the third period on
     mean_ns = np.mean(means, axis=0)
-    assert plan.budget.expected_ns.mean() == pytest.approx(mean_ns.mean(), rel=0.01)
-    np.testing.assert_allclose(plan.budget.expected_ns, mean_ns, rtol=0.08)
+    assert plan.budget.mean_latency_ns.mean() == pytest.approx(mean_ns.mean(), rel=0.01)
+    np.testing.assert_allclose(plan.budget.mean_latency_ns, mean_ns, rtol=0.08)
 
 
 # Published figures
@@ -240,32 +242,34 @@ def test_published_number_of_cells_at_a_port() -> None:
         traffic = traffic_of(
             small(patch("arm", 300, 1), network=tables, cells=CLOCK | {"period_ms": period_ms})
         )
-        assert traffic.load_of(cells) <= 1.0 < traffic.load_of(cells + 1)
-        assert math.isfinite(traffic.busy_ns(cells))
-        assert math.isinf(traffic.busy_ns(cells + 1))
+        assert traffic.utilisation_of(cells) <= 1.0 < traffic.utilisation_of(cells + 1)
+        assert math.isfinite(traffic.busy_period_ns(cells))
+        assert math.isinf(traffic.busy_period_ns(cells + 1))
 
 
 def test_published_worst_case_of_8_cells_behind_one_uart() -> None:
     """Three transactions of 300 µs from each of 7 others come first: 6.3 ms = 7 × 3 × 300 µs [T11]."""
-    source = Source(300_000, 3, 250.0, False)
+    source = PacketSource(300_000, 3, 250.0, False)
     others = Traffic("levels", "", 100_000_000, 7, 1.0, (source,), ())
-    assert others.busy_ns(7) == pytest.approx(6.3e6)
+    assert others.busy_period_ns(7) == pytest.approx(6.3e6)
 
 
 def test_an_overloaded_port_says_so() -> None:
     """Behind one port of 2 Mbit/s, 34 cells of 250 Hz fit and 35 do not."""
     full = plan_of((34, 1, (0, 2)))
     assert full.budget.utilisation.max() < 1.0
-    assert not any("will drop" in line for line in problems(full))
+    assert not any("will drop" in line for line in diagnose(full))
     over = plan_of((40, 1, (0, 2)))
     assert over.budget.utilisation[0] == pytest.approx(40 * 115e-6 * 250)
-    (first, *_) = problems(over)
+    (first, *_) = diagnose(over)
     assert "will drop packets" in first
     assert "p0/0:2 → gateway" in first
-    rate = report(over)["figures"]["plan.dropped_per_s"]
+    rate = plan_report(over)["figures"]["plan.dropped_per_s"]
     assert rate == pytest.approx(40 * 250 - 1 / 115e-6)
-    assert np.isfinite(over.budget.worst_ns).all()  # what is delivered waits behind full queues at most
-    assert np.isinf(plan_of((40, 1, (0, 2)), network={"queue_packets": -1}).budget.worst_ns[0])
+    assert np.isfinite(
+        over.budget.worst_latency_ns
+    ).all()  # what is delivered waits behind full queues at most
+    assert np.isinf(plan_of((40, 1, (0, 2)), network={"queue_packets": -1}).budget.worst_latency_ns[0])
 
 
 # Gateways, power, bridges
@@ -276,9 +280,9 @@ def test_the_fewest_gateways_keep_the_limit_and_one_less_does_not(limit: dict[st
     plan = plan_of((6, 4, (0, 2)), plan=limit)
     (search,) = plan.searches
     assert search.breaches == {}
-    assert search.at_least <= len(search.gateways)
+    assert search.lower_bound <= len(search.gateways)
     group = plan.groups[0]
-    again = draw_up(
+    again = compute_budget(
         24, group.wires, search.gateways, [], plan.traffic, plan.deployment.network, plan.deployment.power
     )
     assert breaches(again, plan.limits) == {}
@@ -290,9 +294,9 @@ def test_the_fewest_gateways_keep_the_limit_and_one_less_does_not(limit: dict[st
 
 def test_what_cannot_be_kept_is_said_with_its_limit() -> None:
     plan = plan_of((6, 4, (0, 2)), plan={"latency_ms": 0.5})
-    assert report(plan)["figures"]["plan.fewest_gateways"] is None
-    assert any("even" in line and "worst-case latency" in line for line in problems(plan))
-    assert not any("utilisation" in line for line in problems(plan))
+    assert plan_report(plan)["figures"]["plan.fewest_gateways"] is None
+    assert any("even" in line and "worst-case latency" in line for line in diagnose(plan))
+    assert not any("utilisation" in line for line in diagnose(plan))
 
 
 def test_voltage_decides_where_power_is_scarce() -> None:
@@ -308,8 +312,8 @@ def test_voltage_decides_where_power_is_scarce() -> None:
     fixed = plan_of((8, 4, (0, 2)), power=power | {"feeds": ("p0/0:2",)}, plan={"voltage_v": 3.0})
     assert set(fixed.searches[0].breaches) == {"voltage_v"}
     dim = plan_of((8, 4, (0, 2)), power={"link_ohm": 1.0})
-    assert any("brown out" in line for line in problems(dim))
-    assert report(dim)["figures"]["plan.browned_out"] > 0
+    assert any("brown out" in line for line in diagnose(dim))
+    assert plan_report(dim)["figures"]["plan.browned_out"] > 0
 
 
 def test_bridged_patches_are_one_network() -> None:
@@ -318,16 +322,16 @@ def test_bridged_patches_are_one_network() -> None:
     deployment = small(
         patch("p0", 3, 2, (0, 2)), lone, bridges=({"a": "p0/2:0", "b": "p1/0:2"},), cells=CLOCK, power={}
     )
-    plan = make(deployment)
+    plan = make_plan(deployment)
     assert len(plan.groups) == 1
     forest = plan.budget.forest
     assert (forest.gateway == 0).all()
     assert forest.parent[6] == 2
     assert forest.depth[6] == forest.depth[2] + 1 == 4
-    assert forest.below[2] == 7
+    assert forest.subtree_size[2] == 7
     assert plan.budget.power is not None
     assert 0 < plan.budget.power.voltage_v[6:].max() < plan.budget.power.voltage_v[2]
-    assert len(report(plan)["fewest"]) == 1
+    assert len(plan_report(plan)["fewest"]) == 1
 
 
 # Output
@@ -337,8 +341,8 @@ def test_patches_unroll_into_the_lattice_that_they_are() -> None:
     """Bent or flat, by lattice or by hand: neighbours one pitch apart, ports on their common edge."""
     deployment = load(SHIPPED)
     for spec in deployment.patches:
-        placed = place(spec, deployment.cells)
-        at, turn = unroll(placed)
+        placed = place_patch(spec, deployment.cells)
+        at, turn = unroll_patch(placed)
         a, b = placed.wires[:, 0], placed.wires[:, 2]
         np.testing.assert_allclose(np.linalg.norm(at[a] - at[b], axis=1), 1.0, atol=1e-9)
         np.testing.assert_allclose(np.cos(turn), 1.0, atol=1e-9)
@@ -397,8 +401,8 @@ def test_bad_input_is_refused(given: tuple[str, str], said: str) -> None:
 
 def test_events_are_far_below_the_clock() -> None:
     deployment: Deployment = load(SHIPPED, ("plan.encoding=levels",))
-    levels, clock = make(deployment), make(load(SHIPPED))
-    rate = report(levels)["figures"]["plan.packets_per_s"]
+    levels, clock = make_plan(deployment), make_plan(load(SHIPPED))
+    rate = plan_report(levels)["figures"]["plan.packets_per_s"]
     share = deployment.plan.stimulated
     assert rate == pytest.approx(74 * (59.0 * share + 0.1 * (1 - share)))
     assert levels.budget.utilisation.max() < 0.2 * clock.budget.utilisation.max()
@@ -407,6 +411,6 @@ def test_events_are_far_below_the_clock() -> None:
 def test_a_skin_that_says_nothing_costs_nothing() -> None:
     plan = plan_of((3, 2, (0, 2)), plan={"encoding": "levels", "events_hz": 0.0, "idle_events_hz": 0.0})
     assert plan.budget.utilisation.max() == 0.0
-    assert plan.budget.backlog.max() == 0.0
-    assert isinstance(plan.budget.forest, Forest)
-    assert problems(plan) == []
+    assert plan.budget.worst_backlog_packets.max() == 0.0
+    assert isinstance(plan.budget.forest, RoutingForest)
+    assert diagnose(plan) == []

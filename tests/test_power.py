@@ -120,7 +120,7 @@ def test_a_cut_wire_costs_power(skin: Any, feed_ohm: float, cut: int) -> None:
     """
     n, wires, feeds = skin
     grid = PowerGrid(n, np.array(wires), feeds, spec(feed_ohm=feed_ohm))
-    whole, less = grid.solve(), grid.solve(wire_ok=np.arange(len(wires)) != cut % len(wires))
+    whole, less = grid.solve(), grid.solve(wire_intact=np.arange(len(wires)) != cut % len(wires))
     still_fed = less.voltage_v > 0
     if (still_fed == (whole.voltage_v > 0)).all():
         assert less.voltage_v.sum() <= whole.voltage_v.sum() + 1e-9
@@ -150,7 +150,7 @@ def test_a_ring_is_symmetric() -> None:
     n = 10
     state = PowerGrid(n, [*line(n), (n - 1, 0)], [0], spec()).solve()
     np.testing.assert_allclose(state.voltage_v[1:], state.voltage_v[:0:-1], atol=1e-12)
-    opened = PowerGrid(n, [*line(n), (n - 1, 0)], [0], spec()).solve(wire_ok=np.arange(n) != n - 1)
+    opened = PowerGrid(n, [*line(n), (n - 1, 0)], [0], spec()).solve(wire_intact=np.arange(n) != n - 1)
     assert (opened.voltage_v[1:] < state.voltage_v[1:]).all()
 
 
@@ -226,11 +226,11 @@ def test_equal_cells_leave_by_number_and_pieces_do_not_wait_for_each_other() -> 
 
 def test_what_no_wire_leads_to_has_no_voltage() -> None:
     grid = PowerGrid(4, line(4), [0], PowerSpec())
-    state = grid.solve(wire_ok=[True, False, True])
+    state = grid.solve(wire_intact=[True, False, True])
     assert state.voltage_v[2:].tolist() == [0.0, 0.0]
     assert state.browned_out.tolist() == [False, False, True, True]
     assert state.current_a[1:].tolist() == [0.0, 0.0]
-    off = grid.solve(cell_on=[True, True, False, True], wire_ok=[True, False, True])
+    off = grid.solve(cell_on=[True, True, False, True], wire_intact=[True, False, True])
     assert off.browned_out.tolist() == [False, False, False, True]  # a dead cell does not brown out
     nobody = PowerGrid(2, line(2), [], PowerSpec()).solve()
     assert nobody.browned_out.all()
@@ -241,10 +241,10 @@ def test_a_repair_brings_everything_back() -> None:
     """The state depends on what is in order now, not on what was before."""
     grid = PowerGrid(20, line(20), [0, 19], PowerSpec(minimum_v=3.0))
     whole = grid.solve()
-    cut = grid.solve(wire_ok=np.arange(19) != 17)
+    cut = grid.solve(wire_intact=np.arange(19) != 17)
     assert cut.browned_out.any()
     assert_equal(grid.solve(), whole)
-    assert_equal(grid.solve(wire_ok=np.arange(19) != 17), cut)
+    assert_equal(grid.solve(wire_intact=np.arange(19) != 17), cut)
 
 
 def assert_equal(one: PowerState, other: PowerState) -> None:

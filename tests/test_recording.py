@@ -14,12 +14,12 @@ from mcap.reader import make_reader
 from protobuf_wire import Schema
 from recorded import ARM, SHORT, SHORT_ARM, Plain, plain, record
 
-from skinnet.body.shapes import Figure
+from skinnet.body.shapes import VisualModel
 from skinnet.channels import CHANNELS, Keys
-from skinnet.messages import ControllerState, Events, SkinFrame, Stream, decode
+from skinnet.messages import ControllerState, Events, PeriodEnd, Stream, decode
 from skinnet.recording.process import build
-from skinnet.recording.reader import Recorded, Recording
-from skinnet.watch_messages import Machine
+from skinnet.recording.reader import RecordedMessage, Recording
+from skinnet.watch_messages import StateMachineDescription
 
 pytestmark = pytest.mark.timeout(300)
 FOXGLOVE = ("foxglove.FrameTransforms", "foxglove.SceneUpdate", "foxglove.Log")
@@ -49,13 +49,13 @@ def test_counts_are_those_of_the_summary_and_nothing_is_lost(recorded: Any) -> N
     end_ns = round(summary["sim_s"] * 1e9)
     assert counts["joints"] == counts["world"] == end_ns // deployment.body.joints_ns + 1
     controller = json.loads((folder / "deployment.json").read_text())["controller"]
-    assert controller == own.raw["controller"]
+    assert controller == own.deployment_dict["controller"]
     for patch in deployment.patches:
-        frames: list[Stream | SkinFrame] = []
+        frames: list[Stream | PeriodEnd] = []
         n_events = n_topologies = 0
         for m in own.messages():
             if m.channel in ("frame", "stream") and m.fields == (patch.name,):
-                frames.append(decode(m.payload, Stream if m.channel == "stream" else SkinFrame))
+                frames.append(decode(m.payload, Stream if m.channel == "stream" else PeriodEnd))
             elif m.channel == "events" and m.fields[0] == patch.name:
                 n_events += len(decode(m.payload, Events).cell)
             elif m.channel == "topology" and m.fields == (patch.name,):
@@ -68,7 +68,7 @@ def test_counts_are_those_of_the_summary_and_nothing_is_lost(recorded: Any) -> N
 def test_the_states_that_there_are_are_known_before_the_first(recorded: Any) -> None:
     folder, _, _ = recorded
     said = [m for m in Recording(folder / "run.mcap").messages() if m.channel in ("machine", "state")]
-    (machine,) = [decode(m.payload, Machine) for m in said if m.channel == "machine"]
+    (machine,) = [decode(m.payload, StateMachineDescription) for m in said if m.channel == "machine"]
     stages = [decode(m.payload, ControllerState).stage for m in said if m.channel == "state"]
     assert machine.t_ns == 0
     assert set(stages) <= set(machine.states)
@@ -165,7 +165,7 @@ def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) ->
     (robot,) = shown("/robot")
     frames = {t["child_frame_id"] for t in shown("/tf")[0]["transforms"]}
     assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"world"}
-    looks = Figure(deployment, own.base).shapes
+    looks = VisualModel(deployment, own.base).shapes
     primitives_of = ("cubes", "spheres", "cylinders", "triangles")
     drawn = [p["color"] for e in robot["entities"] for kind in primitives_of for p in e.get(kind, ())]
     told = {tuple(colour.get(part, 0.0) for part in "rgba") for colour in drawn}
@@ -196,9 +196,9 @@ def test_colours_are_those_of_touch(recorded: Any) -> None:
     assert dark.max() < 0.25
 
 
-def interleaved(messages: list[Recorded], rng: np.random.Generator) -> list[Recorded]:
+def interleaved(messages: list[RecordedMessage], rng: np.random.Generator) -> list[RecordedMessage]:
     """What one process and its neighbours say in another order; each its own in the old one."""
-    queues: dict[str, list[Recorded]] = {}
+    queues: dict[str, list[RecordedMessage]] = {}
     for m in messages:
         sender = {"skin": "skin" + m.fields[0] if m.fields else "", "host": "host" + "".join(m.fields)}
         head = m.key.split("/")[2]
@@ -228,7 +228,7 @@ def test_the_order_of_arrival_changes_nothing(recorded: Any, tmp_path: Path, see
     for m in interleaved([m for m in heard if m.channel != "counters"], np.random.default_rng(seed)):
         node.accept(m.channel, m.fields, m.payload)
         while (needs := node.needs()) is not None and all(
-            node.upstreams[name].covered_ns >= t_ns for name, t_ns in needs.items()
+            node.upstreams[name].watermark_ns >= t_ns for name, t_ns in needs.items()
         ):
             node.step(_nowhere)
     assert node.needs() is None

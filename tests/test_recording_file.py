@@ -23,10 +23,10 @@ from small_robot import small
 
 from skinnet.errors import RecordingError
 from skinnet.memory.store import read_memory, write_memory
-from skinnet.recording.mcap_file import McapFile
+from skinnet.recording.mcap_file import McapWriter
 from skinnet.recording.reader import Recording
 from skinnet.recording.replay import with_memory
-from skinnet.recording.writer import Writer
+from skinnet.recording.writer import RecordingWriter
 
 pytestmark = pytest.mark.timeout(300)
 KILLS = 10
@@ -38,17 +38,17 @@ entries = st.lists(
 def written(rows: list[tuple[int, int, bytes, bool]]) -> tuple[bytes, list[int]]:
     """A file of messages, chunks ended where a row says so, and where each chunk ends."""
     file = io.BytesIO()
-    mcap = McapFile(file, "test", "test")
+    mcap = McapWriter(file, "test", "test")
     schema = mcap.add_schema("s", "jsonschema", b"{}")
     channels = [mcap.add_channel(f"topic{i}", "msgpack", schema) for i in range(4)]
-    mcap.describe("about", {"a": "b"})
+    mcap.add_metadata("about", {"a": "b"})
     ends = []
     for channel, t_ns, payload, ends_chunk in rows:
-        mcap.add(channels[channel], t_ns, payload)
+        mcap.add_message(channels[channel], t_ns, payload)
         if ends_chunk:
             mcap.flush()
             ends.append(mcap.n_bytes)
-    mcap.attach("file", "text/plain", b"content")
+    mcap.add_attachment("file", "text/plain", b"content")
     mcap.finish()
     return file.getvalue(), ends
 
@@ -149,7 +149,7 @@ def test_a_kill_at_any_moment_leaves_a_readable_file(recording: Path, tmp_path: 
         assert feeder.returncode == -signal.SIGKILL
         own = Recording(out / "run.mcap")
         assert not own.complete
-        found = list(own.every())
+        found = list(own.all_messages())
         assert found == [(m.t_ns, m.topic, m.payload) for m in wanted[: len(found)]]
         assert up_to_the_end((out / "run.mcap").read_bytes())[: len(found)] == [m[2] for m in found]
         lengths.append(len(found))
@@ -292,9 +292,9 @@ def test_the_memory_that_a_run_starts_with_is_in_its_record(tmp_path: Path) -> N
     deployment = small(*patches, **settings)
     (tmp_path / "here").mkdir()
     write_memory(tmp_path / "here" / "taught.sqlite", known())
-    writer = Writer(tmp_path / "run.mcap", deployment, tmp_path / "here")
-    writer.begin()
-    writer.finish()
+    writer = RecordingWriter(tmp_path / "run.mcap", deployment, tmp_path / "here")
+    writer.open()
+    writer.close()
     own = Recording(tmp_path / "run.mcap")
     (tmp_path / "here" / "taught.sqlite").unlink()
     with with_memory(own, own.deployment()) as remembering:

@@ -18,9 +18,9 @@ from test_request_runs import request
 from test_watch import client, endpoint_of
 
 from skinnet.messages import Answer, Command, Request, decode
-from skinnet.recording.publish import Playback, Stretch
+from skinnet.recording.publish import PlaybackOptions, PlaybackSchedule
 from skinnet.recording.reader import Recording
-from skinnet.recording.replay import Difference, replay_into
+from skinnet.recording.replay import CommandDifference, replay_into
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -73,7 +73,7 @@ def test_one_gain_changed_is_named(touched: Path, tmp_path: Path) -> None:
     own = Recording(touched)
     first = json.loads(report.read_text())["difference"]
     (command,) = [m for m in own.messages() if m.channel == "command" and m.t_ns == first["t_ns"]]
-    joint = own.raw["body"]["joints"].index(named[3])
+    joint = own.deployment_dict["body"]["joints"].index(named[3])
     velocity = decode(command.payload, Command).velocity_rad_s[joint]
     assert float(named[4]) == velocity != float(named[5])
     assert float(named[5]) == pytest.approx(velocity * 1.001, rel=1e-3)
@@ -86,7 +86,7 @@ def test_another_program_is_a_difference_as_well(touched: Path) -> None:
     stages = {**deployment.controller.stages, "force_guidance": stage}
     control = msgspec.structs.replace(deployment.controller, stages=stages)
     verdict = replay_into(own, msgspec.structs.replace(deployment, controller=control), own.base)
-    assert isinstance(verdict.difference, Difference)
+    assert isinstance(verdict.difference, CommandDifference)
     assert verdict.difference.stage == "force_guidance"
 
 
@@ -158,12 +158,12 @@ def test_requests_are_replayed_at_their_ticks(tmp_path: Path) -> None:
 def test_playing_keeps_to_time_rate_and_stretch(touched: Path) -> None:
     own = Recording(touched)
     everything = list(own.messages())
-    at_once = list(Playback(own, Stretch()).rounds())
+    at_once = list(PlaybackSchedule(own, PlaybackOptions()).scheduled_messages())
     assert [m for _, m in at_once] == everything
     assert [due_s for due_s, _ in at_once] == pytest.approx([m.t_ns * 1e-9 for m in everything])
     from_ns, until_ns = 1_000_000_000, 1_500_000_000
-    playback = Playback(own, Stretch(from_ns, until_ns, rate=0.5))
-    part = list(playback.rounds())
+    playback = PlaybackSchedule(own, PlaybackOptions(from_ns, until_ns, rate=0.5))
+    part = list(playback.scheduled_messages())
     inside = [m for m in everything if from_ns <= m.t_ns <= until_ns]
     assert [m for _, m in part][-len(inside) :] == inside
     assert [due_s for due_s, _ in part][-len(inside) :] == pytest.approx(
@@ -173,10 +173,12 @@ def test_playing_keeps_to_time_rate_and_stretch(touched: Path) -> None:
     known = {m.channel for m in before}
     assert known == {"topology", "state", "machine"}, "who comes later has to know what holds"
     assert all(m.t_ns < from_ns for m in before)
-    assert {key for key in playback.newest if key.endswith("topology")} == {
+    assert {key for key in playback.latched if key.endswith("topology")} == {
         m.key for m in everything if m.channel == "topology"
     }
-    looped = Playback(own, Stretch(from_ns, until_ns, rate=0.5, loop=True)).rounds()
+    looped = PlaybackSchedule(
+        own, PlaybackOptions(from_ns, until_ns, rate=0.5, loop=True)
+    ).scheduled_messages()
     twice = list(islice(looped, 2 * len(part)))
     assert [m for _, m in twice] == 2 * [m for _, m in part]
     assert [due_s for due_s, _ in twice[len(part) :]] == [due_s + 1.0 for due_s, _ in part]
@@ -204,7 +206,7 @@ def test_watchers_see_what_was_recorded(touched: Path) -> None:
         with client(endpoint) as session:
             (reply,) = session.get("skinnet/*/deployment", timeout=30)
             deployed = msgpack.unpackb(reply.ok.payload.to_bytes())
-            assert json.loads(deployed["deployment"]) == own.raw
+            assert json.loads(deployed["deployment"]) == own.deployment_dict
             assert deployed["base"] == str(own.base)
 
             def keep(sample: Any) -> None:

@@ -13,17 +13,26 @@ from launching import ROOT
 from reported import ARM, SHORT, Page, browser, png, small_run
 
 from skinnet.deployment import load
-from skinnet.deployment.load import build
+from skinnet.deployment.load import from_document
 from skinnet.errors import RunFolderError, SkinnetError
 from skinnet.report.as_run import sections
-from skinnet.report.claims import Against, Below, Between, Claim, Equals, Near, Verdict, judge
-from skinnet.report.collect import Run, Seeds, Stress, collect
-from skinnet.report.groups import groups, spread
-from skinnet.report.html import render
+from skinnet.report.claims import (
+    Between,
+    Claim,
+    ElementwiseInequality,
+    Equals,
+    LessThanMetrics,
+    RelativeTolerance,
+    Verdict,
+    evaluate_claim,
+)
+from skinnet.report.collect import RunResults, SeedResults, StressResults, read_run_folder
+from skinnet.report.groups import group_metrics, group_over_seeds
+from skinnet.report.html import render_html
 from skinnet.report.markup import Html, join, tag
 from skinnet.report.papers import CLAIMS, SOURCES
-from skinnet.report.pictures import pictures_of
-from skinnet.report.units import number, quantity, shown
+from skinnet.report.pictures import read_pictures
+from skinnet.report.units import format_number, format_value, parse_quantity
 
 DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
 
@@ -84,7 +93,7 @@ def sweep(folder: Path) -> Path:
 
 
 def page_of(folder: Path) -> Page:
-    return Page(render(collect(folder)))
+    return Page(render_html(read_run_folder(folder)))
 
 
 def skinnet(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -102,7 +111,7 @@ def test_a_page_has_every_figure_and_every_picture(folder: Path) -> None:
     for name, value in summary["figures"].items():
         assert name in named or name.rpartition(".")[0] in named, name
         if isinstance(value, int) and not isinstance(value, bool):
-            assert number(value) in page.text
+            assert format_number(value) in page.text
     pictures = sorted(path.name for path in folder.glob("*.png"))
     assert len(pictures) >= 4
     assert len(page.all("img")) == len(pictures)
@@ -136,7 +145,7 @@ def test_a_page_is_whole_and_loads_nothing(folder: Path, several: Path, tmp_path
 
 
 def test_the_same_folder_gives_the_same_page(folder: Path) -> None:
-    assert render(collect(folder)) == render(collect(folder))
+    assert render_html(read_run_folder(folder)) == render_html(read_run_folder(folder))
 
 
 def test_what_is_lost_counted_or_new_is_told(folder: Path, tmp_path: Path) -> None:
@@ -209,8 +218,8 @@ def test_a_deployment_of_another_version_is_shown_as_it_is(folder: Path, tmp_pat
 
 
 def test_seeds_are_summed_up(several: Path) -> None:
-    results = collect(several)
-    assert isinstance(results, Seeds)
+    results = read_run_folder(several)
+    assert isinstance(results, SeedResults)
     assert [run.summary.seed for run in results.runs] == [1, 2]
     page = page_of(several)
     assert len(page.all("img")) == 2 * len(list((several / "seed-1").glob("*.png")))
@@ -220,9 +229,9 @@ def test_seeds_are_summed_up(several: Path) -> None:
 
 def test_a_sweep_is_a_row_for_each_point(tmp_path: Path) -> None:
     folder = sweep(tmp_path / "sweep")
-    results = collect(folder)
-    assert isinstance(results, Stress)
-    verdicts = {compared.claim.figures[0]: compared.verdict for compared in results.compared}
+    results = read_run_folder(folder)
+    assert isinstance(results, StressResults)
+    verdicts = {compared.claim.metrics[0]: compared.verdict for compared in results.comparisons}
     assert verdicts["clock.stimulated.packets_per_s"] is Verdict.WITHIN
     assert verdicts["delta.stimulated.dropped"] is Verdict.OUTSIDE  # three went missing
     assert verdicts["clock.stimulated.cpu.controller"] is Verdict.UNMEASURED
@@ -297,7 +306,7 @@ def test_what_is_no_finished_run_is_refused(kind: str, folder: Path, tmp_path: P
     target = tmp_path / "run"
     told = broken(kind, target, folder)
     with pytest.raises(RunFolderError) as caught:
-        collect(target)
+        read_run_folder(target)
     line = str(caught.value)
     assert told in line
     assert line.startswith(str(target))
@@ -315,7 +324,7 @@ def test_a_run_that_fails_takes_the_summary_of_an_earlier_one_away(
     with pytest.raises(SkinnetError, match="host0"):
         small_run(tmp_path / "run")
     with pytest.raises(RunFolderError, match="failed, was stopped"):
-        collect(tmp_path / "run")
+        read_run_folder(tmp_path / "run")
 
 
 def test_the_command_writes_the_page_or_one_line(folder: Path, tmp_path: Path) -> None:
@@ -323,7 +332,7 @@ def test_the_command_writes_the_page_or_one_line(folder: Path, tmp_path: Path) -
     done = skinnet("report", str(folder), "--out", str(out))
     assert (done.returncode, done.stderr) == (0, "")
     assert str(out) in done.stdout
-    assert out.read_text(encoding="utf-8") == render(collect(folder))
+    assert out.read_text(encoding="utf-8") == render_html(read_run_folder(folder))
     for arguments, told in (
         ((str(tmp_path),), "no run folder"),
         ((str(folder), "--out", str(tmp_path)), "folder"),
@@ -338,7 +347,7 @@ def test_pictures_that_are_none_are_named(tmp_path: Path) -> None:
     (tmp_path / "zebra_crossing.png").write_bytes(png(7, 5))
     (tmp_path / "touch.png").write_bytes(png()[:-5])
     (tmp_path / "body.png").write_bytes(png())
-    found, damaged = pictures_of(tmp_path)
+    found, damaged = read_pictures(tmp_path)
     assert [(p.name, p.title, p.width, p.height) for p in found] == [
         ("body", "The body", 3, 2),
         ("zebra_crossing", "Zebra crossing", 7, 5),
@@ -354,7 +363,7 @@ def test_the_deployment_as_run_is_that_deployment(path: Path) -> None:
     settings = ("run.max_s=7.5", 'body.body_temperature_c={"odd name"=30.0}')
     deployment = load(path, settings)
     lines = [line for section in sections(deployment) for line in section.lines]
-    assert build(tomllib.loads("\n".join(line.text for line in lines)), path.stem) == deployment
+    assert from_document(tomllib.loads("\n".join(line.text for line in lines)), path.stem) == deployment
     told = {line.text: line for line in lines}
     assert told["max_s = 7.5"].differs
     assert told["max_s = 7.5"].default == "300.0"
@@ -379,7 +388,7 @@ def test_only_what_differs_from_the_defaults_is_marked() -> None:
 
 
 def claim(*figures: str, expected: Any = None, when: Any = ()) -> Claim:
-    return Claim("what", "says", "M14", "VI", figures or ("x.a_n",), expected, when=when)
+    return Claim("what", "says", "M14", "VI", figures or ("x.a_n",), expected, conditions=when)
 
 
 @pytest.mark.parametrize(
@@ -392,22 +401,29 @@ def claim(*figures: str, expected: Any = None, when: Any = ()) -> Claim:
         (Between(1.0, 2.0), {"a": 2.1}, "1 to 2 N", Verdict.OUTSIDE),
         (Between(None, 2.0), {"a": -9.0}, "at most 2 N", Verdict.WITHIN),
         (Between(1.0, None), {"a": 0.5}, "at least 1 N", Verdict.OUTSIDE),
-        (Below(("x.b",), "b"), {"a": 1.0, "b": 2.0}, "less than b", Verdict.WITHIN),
-        (Below(("x.b",), "b"), {"a": 2.0, "b": 2.0}, "less than b", Verdict.OUTSIDE),
-        (Below(("x.b",), "b"), {"a": 2.0}, "less than b", Verdict.UNMEASURED),
-        (Near(("x.b",), 0.3, "b"), {"a": 7.0, "b": 10.0}, "within 30 % of b", Verdict.WITHIN),
-        (Near(("x.b",), 0.3, "b"), {"a": 6.9, "b": 10.0}, "within 30 % of b", Verdict.OUTSIDE),
-        (Near(("x.b",), 0.3, "b"), {"a": 6.9}, "within 30 % of b", Verdict.UNMEASURED),
-        (Against((3.0,), True, "before"), {"a": 3.1}, "more than before: 3 N", Verdict.WITHIN),
-        (Against((3.0,), False, "before"), {"a": 3.1}, "less than before: 3 N", Verdict.OUTSIDE),
+        (LessThanMetrics(("x.b",), "b"), {"a": 1.0, "b": 2.0}, "less than b", Verdict.WITHIN),
+        (LessThanMetrics(("x.b",), "b"), {"a": 2.0, "b": 2.0}, "less than b", Verdict.OUTSIDE),
+        (LessThanMetrics(("x.b",), "b"), {"a": 2.0}, "less than b", Verdict.UNMEASURED),
+        (RelativeTolerance(("x.b",), 0.3, "b"), {"a": 7.0, "b": 10.0}, "within 30 % of b", Verdict.WITHIN),
+        (RelativeTolerance(("x.b",), 0.3, "b"), {"a": 6.9, "b": 10.0}, "within 30 % of b", Verdict.OUTSIDE),
+        (RelativeTolerance(("x.b",), 0.3, "b"), {"a": 6.9}, "within 30 % of b", Verdict.UNMEASURED),
+        (ElementwiseInequality((3.0,), True, "before"), {"a": 3.1}, "more than before: 3 N", Verdict.WITHIN),
+        (
+            ElementwiseInequality((3.0,), False, "before"),
+            {"a": 3.1},
+            "less than before: 3 N",
+            Verdict.OUTSIDE,
+        ),
         (Between(1.0, 2.0), {}, "1 to 2 N", Verdict.UNMEASURED),
         (Between(1.0, 2.0), {"a": "lost"}, "1 to 2 N", Verdict.UNMEASURED),
-        (None, {"a": 3.0}, "–", Verdict.BESIDE),
+        (None, {"a": 3.0}, "–", Verdict.NO_EXPECTATION),
     ],
 )
 def test_an_expectation_and_its_verdict(expected: Any, figures: Any, text: str, verdict: Verdict) -> None:
     names = {"a": "x.a_n", "b": "x.b"}
-    compared = judge(claim(expected=expected), {names[key]: value for key, value in figures.items()}, {})
+    compared = evaluate_claim(
+        claim(expected=expected), {names[key]: value for key, value in figures.items()}, {}
+    )
     assert compared is not None
     assert compared.verdict is verdict
     assert compared.expected.replace("\u00a0", " ") == text
@@ -415,11 +431,11 @@ def test_an_expectation_and_its_verdict(expected: Any, figures: Any, text: str, 
 
 def test_a_claim_says_nothing_of_another_experiment() -> None:
     blind = claim(when=(("nursing.feedback", ("none",)),))
-    assert judge(blind, {"x.a_n": 1.0}, {"nursing": {"feedback": "position"}}) is None
-    assert judge(blind, {"x.a_n": 1.0}, {"nursing": None}) is None
-    compared = judge(blind, {"x.a_n": 1.0}, {"nursing": {"feedback": "none"}})
+    assert evaluate_claim(blind, {"x.a_n": 1.0}, {"nursing": {"feedback": "position"}}) is None
+    assert evaluate_claim(blind, {"x.a_n": 1.0}, {"nursing": None}) is None
+    compared = evaluate_claim(blind, {"x.a_n": 1.0}, {"nursing": {"feedback": "none"}})
     assert compared is not None
-    assert compared.here == "1\u00a0N"
+    assert compared.measured_text == "1\u00a0N"
 
 
 def test_claims_are_well_formed() -> None:
@@ -427,9 +443,9 @@ def test_claims_are_well_formed() -> None:
     assert shipped - {"two_link_arm"} <= set(CLAIMS)
     for one in (one for claims in CLAIMS.values() for one in claims):
         assert one.source in SOURCES
-        assert one.what
-        assert one.says
-        assert all("." in figure for figure in one.figures)
+        assert one.subject
+        assert one.published
+        assert all("." in figure for figure in one.metrics)
 
 
 # Names and numbers
@@ -451,7 +467,7 @@ def test_claims_are_well_formed() -> None:
     ],
 )
 def test_names_say_label_and_unit(name: str, label: str, unit: str) -> None:
-    meant = quantity(name)
+    meant = parse_quantity(name)
     assert (meant.label, meant.unit) == (label, unit)
 
 
@@ -473,11 +489,11 @@ def test_names_say_label_and_unit(name: str, label: str, unit: str) -> None:
     ],
 )
 def test_values_are_readable(value: Any, text: str) -> None:
-    assert shown(value) == text
+    assert format_value(value) == text
 
 
 def test_statistics_of_one_quantity_share_a_row() -> None:
-    found = groups(
+    found = group_metrics(
         {"r.count": 3, "r.latency_ms.p50": 1.0, "r.latency_ms.p99": 2.0, "r.way_m.min": 0.5, "points": 4}
     )
     assert [group.title for group in found] == ["R", "The sweep"]
@@ -487,7 +503,9 @@ def test_statistics_of_one_quantity_share_a_row() -> None:
 
 
 def test_several_runs_are_spread() -> None:
-    (group,) = spread([{"x.a_n": 1.0, "x.fell": True}, {"x.a_n": 3.0, "x.fell": False}, {"x.fell": True}])
+    (group,) = group_over_seeds(
+        [{"x.a_n": 1.0, "x.fell": True}, {"x.a_n": 3.0, "x.fell": False}, {"x.fell": True}]
+    )
     assert group.statistics[0].texts == {"least": "1", "median": "2", "greatest": "3"}
     assert group.values[0].texts == {"": "yes: 2, no: 1"}
 
@@ -506,7 +524,7 @@ def test_it_opens_offline_with_every_picture(folder: Path, several: Path, tmp_pa
     with browser() as chromium:
         for number, one in enumerate(folders):
             path = tmp_path / f"{number}.html"
-            path.write_text(render(collect(one)), encoding="utf-8")
+            path.write_text(render_html(read_run_folder(one)), encoding="utf-8")
             for width in (1280, 400):
                 context = chromium.new_context(viewport={"width": width, "height": 900}, offline=True)
                 page = context.new_page()
@@ -530,7 +548,7 @@ def test_it_opens_offline_with_every_picture(folder: Path, several: Path, tmp_pa
 
 def test_a_picture_opens_in_its_own_size_without_a_script(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "arm.html"
-    path.write_text(render(collect(folder)), encoding="utf-8")
+    path.write_text(render_html(read_run_folder(folder)), encoding="utf-8")
     with browser() as chromium:
         page = chromium.new_page(viewport={"width": 400, "height": 700}, java_script_enabled=False)
         page.goto(path.as_uri())
@@ -543,8 +561,8 @@ def test_a_picture_opens_in_its_own_size_without_a_script(folder: Path, tmp_path
 
 
 def test_the_run_says_what_it_ran_with(folder: Path) -> None:
-    results = collect(folder)
-    assert isinstance(results, Run)
+    results = read_run_folder(folder)
+    assert isinstance(results, RunResults)
     known = results.summary.environment
     assert {"skinnet", "python", "numpy", "mujoco", "eclipse-zenoh", "platform", "cores"} <= set(known)
     assert results.summary.settings == SHORT

@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 from typer.testing import CliRunner
 
-from skinnet.channels import OUTSIDE, Keys, Role
+from skinnet.channels import EXTERNAL, Keys, Role
 from skinnet.cli.main import app
 from skinnet.errors import UnreachableError
 from skinnet.messages import Answer, ControllerState, Request, decode, encode
-from skinnet.run.requests import MOST_OPEN, PATIENCE_S, Clerk, RequestDesk
-from skinnet.run.watch import Watch
+from skinnet.run.requests import MAX_PENDING, TIMEOUT_S, RequestServer, RequestWorker
+from skinnet.run.watch import ObserverEndpoint
 from skinnet.transport.base import Delivery, Transport
-from skinnet.transport.client import Reply, ask
-from skinnet.transport.memory import MemoryHub
+from skinnet.transport import client
+from skinnet.transport.client import Reply
+from skinnet.transport.memory import InMemoryHub
 
 KEYS = Keys("bot")
 LONG_S = 30.0
@@ -40,8 +41,8 @@ class Asked:
         assert key.startswith(KEYS.of("request", ""))
         self._hear(decode(payload, Answer))
 
-    def refuse(self, why: str) -> None:
-        self._hear(why)
+    def reply_error(self, reason: str) -> None:
+        self._hear(reason)
 
     def drop(self) -> None:
         self._hear("")
@@ -73,9 +74,9 @@ def loop() -> Loop:
 
 
 @pytest.fixture
-def desk(loop: Loop) -> RequestDesk:
-    desk = RequestDesk(KEYS, loop)
-    desk.begin()
+def desk(loop: Loop) -> RequestServer:
+    desk = RequestServer(KEYS, loop)
+    desk.enable()
     return desk
 
 
@@ -91,17 +92,17 @@ def desk(loop: Loop) -> RequestDesk:
     ],
 )
 def test_a_query_becomes_a_request_and_its_answer_returns(
-    desk: RequestDesk, loop: Loop, query: Asked, argument: str
+    desk: RequestServer, loop: Loop, query: Asked, argument: str
 ) -> None:
-    desk.ask(query, 0.0)
+    desk.handle_query(query, 0.0)
     ((what, request),) = loop.requests
     assert (what, request.argument) == ("go", argument)
     assert query.said == []
-    desk.answer(answer_to(request.id + 1))  # nobody's
-    desk.answer(b"\xc1")
+    desk.handle_answer(answer_to(request.id + 1))  # nobody's
+    desk.handle_answer(b"\xc1")
     assert query.said == []
     for _ in range(2):
-        desk.answer(answer_to(request.id))
+        desk.handle_answer(answer_to(request.id))
     assert query.said == [Answer(id=request.id, t_ns=5, accepted=True, state="up")]
     assert desk.counters == {"requests": 1}
 
@@ -119,9 +120,9 @@ def test_a_query_becomes_a_request_and_its_answer_returns(
     ],
 )
 def test_a_question_that_makes_no_sense_is_refused_at_once(
-    desk: RequestDesk, loop: Loop, query: Asked, why: str
+    desk: RequestServer, loop: Loop, query: Asked, why: str
 ) -> None:
-    desk.ask(query, 0.0)
+    desk.handle_query(query, 0.0)
     assert loop.requests == []
     (said,) = query.said
     assert isinstance(said, str)
@@ -132,51 +133,51 @@ def test_a_question_that_makes_no_sense_is_refused_at_once(
 
 @pytest.mark.parametrize("what", ["*", "**", "g*"])
 def test_who_asks_for_everything_there_is_has_asked_for_nothing(
-    desk: RequestDesk, loop: Loop, what: str
+    desk: RequestServer, loop: Loop, what: str
 ) -> None:
     query = Asked(what)
-    desk.ask(query, 0.0)
+    desk.handle_query(query, 0.0)
     assert query.said == [""]
     assert not loop.requests
     assert not desk.counters
 
 
 def test_without_a_controller_nobody_waits(loop: Loop) -> None:
-    desk = RequestDesk(KEYS, loop)
+    desk = RequestServer(KEYS, loop)
     early, during, late = Asked(), Asked(), Asked()
-    desk.ask(early, 0.0)
+    desk.handle_query(early, 0.0)
     assert early.said == ["the controller is not running yet; ask again when the run has begun"]
-    desk.begin()
-    desk.ask(during, 1.0)
-    desk.end("the controller is gone", 2.0)
+    desk.enable()
+    desk.handle_query(during, 1.0)
+    desk.disable("the controller is gone", 2.0)
     assert during.said == []  # its last words may be on their way
-    due_s = desk.due_s()
+    due_s = desk.next_timeout_s()
     assert due_s is not None
     assert 2.0 < due_s < 3.0
-    desk.begin()  # so may be an old state
-    desk.ask(late, 2.1)
-    desk.expire(due_s)
+    desk.enable()  # so may be an old state
+    desk.handle_query(late, 2.1)
+    desk.expire_queries(due_s)
     assert late.said == ["the controller is gone"]
     assert during.said == ["no answer: the controller is gone"]
     assert len(loop.requests) == 1
 
 
-def test_a_flood_is_refused_and_counted(desk: RequestDesk, loop: Loop) -> None:
+def test_a_flood_is_refused_and_counted(desk: RequestServer, loop: Loop) -> None:
     flood = [Asked() for _ in range(1000)]
     for query in flood:
-        desk.ask(query, 0.0)
-    assert len(loop.requests) == MOST_OPEN
+        desk.handle_query(query, 0.0)
+    assert len(loop.requests) == MAX_PENDING
     refused = [query for query in flood if query.said]
-    assert refused == flood[MOST_OPEN:]
+    assert refused == flood[MAX_PENDING:]
     assert {why for query in refused for why in query.said} == {
-        f"{MOST_OPEN} requests wait for their answers already; ask again later"
+        f"{MAX_PENDING} requests wait for their answers already; ask again later"
     }
     for _, request in loop.requests:
-        desk.answer(answer_to(request.id))
+        desk.handle_answer(answer_to(request.id))
     assert all(len(query.said) == 1 for query in flood)
-    desk.ask(again := Asked(), 1.0)
+    desk.handle_query(again := Asked(), 1.0)
     assert again.said == []
-    assert desk.counters == {"requests": MOST_OPEN + 1, "refused_requests": 1000 - MOST_OPEN}
+    assert desk.counters == {"requests": MAX_PENDING + 1, "refused_requests": 1000 - MAX_PENDING}
 
 
 class AnyOrder(RuleBasedStateMachine):
@@ -185,8 +186,8 @@ class AnyOrder(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.loop = Loop()
-        self.desk = RequestDesk(KEYS, self.loop)
-        self.desk.begin()
+        self.desk = RequestServer(KEYS, self.loop)
+        self.desk.enable()
         self.now_s = 0.0
         self.asked: dict[int, tuple[Asked, float]] = {}
         self.all: list[Asked] = []
@@ -195,7 +196,7 @@ class AnyOrder(RuleBasedStateMachine):
     def ask(self, sense: bool) -> None:
         query = Asked("go" if sense else "go!")
         before = len(self.loop.requests)
-        self.desk.ask(query, self.now_s)
+        self.desk.handle_query(query, self.now_s)
         self.all.append(query)
         if len(self.loop.requests) > before:
             self.asked[self.loop.requests[-1][1].id] = query, self.now_s
@@ -207,25 +208,25 @@ class AnyOrder(RuleBasedStateMachine):
     def answer(self, data: st.DataObject) -> None:
         number = data.draw(st.sampled_from(sorted(self.asked)))
         open_before = not self.asked[number][0].said
-        self.desk.answer(answer_to(number))
+        self.desk.handle_answer(answer_to(number))
         assert isinstance(self.asked[number][0].said[0], Answer) or not open_before
 
     @rule(later_s=st.floats(0.0, 3.0))
     def wait(self, later_s: float) -> None:
         self.now_s += later_s
-        self.desk.expire(self.now_s)
+        self.desk.expire_queries(self.now_s)
 
     @invariant()
     def nobody_is_answered_twice_or_waits_too_long(self) -> None:
         assert all(len(query.said) <= 1 for query in self.all)
         waiting = [since_s for query, since_s in self.asked.values() if not query.said]
-        assert len(waiting) <= MOST_OPEN
-        assert all(since_s + PATIENCE_S > self.now_s for since_s in waiting)
-        due_s = self.desk.due_s()
-        assert due_s == (min(waiting) + PATIENCE_S if waiting else None)
+        assert len(waiting) <= MAX_PENDING
+        assert all(since_s + TIMEOUT_S > self.now_s for since_s in waiting)
+        due_s = self.desk.next_timeout_s()
+        assert due_s == (min(waiting) + TIMEOUT_S if waiting else None)
 
     def teardown(self) -> None:
-        self.desk.end("the run is over", self.now_s, grace_s=0.0)
+        self.desk.disable("the run is over", self.now_s, grace_s=0.0)
         assert all(len(query.said) == 1 for query in self.all)
 
 
@@ -233,24 +234,24 @@ TestAnyOrder = AnyOrder.TestCase
 
 
 @pytest.fixture
-def clerk(loop: Loop) -> Iterator[Clerk]:
-    clerk = Clerk(RequestDesk(KEYS, loop))
+def clerk(loop: Loop) -> Iterator[RequestWorker]:
+    clerk = RequestWorker(RequestServer(KEYS, loop))
     yield clerk
     clerk.close()
 
 
 def test_the_clerk_answers_gives_up_and_sends_away(
-    clerk: Clerk, loop: Loop, monkeypatch: pytest.MonkeyPatch
+    clerk: RequestWorker, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clerk.begin()
-    clerk.ask(asked := Asked())
-    clerk.answer(answer_to(1))
+    clerk.enable()
+    clerk.handle_query(asked := Asked())
+    clerk.handle_answer(answer_to(1))
     assert asked.came.get(timeout=30.0) == Answer(id=1, t_ns=5, accepted=True, state="up")
-    monkeypatch.setattr("skinnet.run.requests.PATIENCE_S", 0.01)
-    clerk.ask(in_vain := Asked())
+    monkeypatch.setattr("skinnet.run.requests.TIMEOUT_S", 0.01)
+    clerk.handle_query(in_vain := Asked())
     assert "no answer: nothing came within 0.01 s" in str(in_vain.came.get(timeout=30.0))
-    monkeypatch.setattr("skinnet.run.requests.PATIENCE_S", 1e6)
-    clerk.ask(last := Asked())
+    monkeypatch.setattr("skinnet.run.requests.TIMEOUT_S", 1e6)
+    clerk.handle_query(last := Asked())
     clerk.close()
     assert last.said == ["no answer: the run is over"]
     assert [request.id for _, request in loop.requests] == [1, 2, 3]
@@ -258,21 +259,23 @@ def test_the_clerk_answers_gives_up_and_sends_away(
 
 @pytest.mark.parametrize("accepted", [True, False])
 def test_the_command_line_says_what_was_answered(accepted: bool) -> None:
-    hub = MemoryHub()
+    hub = InMemoryHub()
     controller = hub.connect("controller")
 
     def obey(key: str, payload: bytes) -> None:
         asked = decode(payload, Request)
         why = "" if accepted else f"no floor {asked.argument}"
         answer = Answer(id=asked.id, t_ns=1_500_000_000, accepted=accepted, state="lift.up", why=why)
-        controller.tell(KEYS.of("answer"), encode(answer))
+        controller.publish_best_effort(KEYS.of("answer"), encode(answer))
 
-    controller.overhear(KEYS.of("request", "go"), obey)
+    controller.declare_loop_subscriber(KEYS.of("request", "go"), obey)
     with tempfile.TemporaryDirectory(prefix="skin") as folder:
         endpoint = f"unixsock-stream/{folder}/watch"
-        watch = Watch(KEYS, endpoint)
-        watch.open(hub.connect(OUTSIDE))
-        controller.tell(KEYS.of("state"), encode(ControllerState(t_ns=0, stage="lift.up", progress=0.0)))
+        watch = ObserverEndpoint(KEYS, endpoint)
+        watch.attach(hub.connect(EXTERNAL))
+        controller.publish_best_effort(
+            KEYS.of("state"), encode(ControllerState(t_ns=0, stage="lift.up", progress=0.0))
+        )
         done = CliRunner().invoke(app, ["request", endpoint, "go", "2"])
         watch.close()
     said = (
@@ -293,45 +296,45 @@ async def hear(transport: Transport, n: int) -> list[Delivery]:
 
 async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
     """From a Zenoh client to the controller and back: before it runs, when it does, when it is gone."""
-    hub = MemoryHub()
+    hub = InMemoryHub()
     controller = hub.connect("controller")
-    controller.subscribe([KEYS.of("request", "*")], [OUTSIDE])
+    controller.subscribe([KEYS.of("request", "*")], [EXTERNAL])
     state = encode(ControllerState(t_ns=0, stage="up", progress=0.0))
     with tempfile.TemporaryDirectory(prefix="skin") as folder, ThreadPoolExecutor(2) as pool:
         endpoint = f"unixsock-stream/{folder}/watch"
-        watch = Watch(KEYS, endpoint)
+        watch = ObserverEndpoint(KEYS, endpoint)
 
         def query(what: str, argument: str = "") -> Future[list[Reply]]:
-            return pool.submit(ask, endpoint, f"skinnet/*/controller/{what}", argument.encode(), LONG_S)
+            return pool.submit(client.query, endpoint, f"skinnet/*/controller/{what}", argument.encode(), LONG_S)
 
         def error(why: str) -> list[Reply]:
             return [Reply("", b"", why)]
 
         not_yet = "the controller is not running yet; ask again when the run has begun"
         assert query("request/go").result() == error(not_yet)
-        watch.open(hub.connect(OUTSIDE))
-        controller.announce(KEYS.alive(Role.CONTROLLER, "controller"))
+        watch.attach(hub.connect(EXTERNAL))
+        controller.declare_token(KEYS.liveliness(Role.CONTROLLER, "controller"))
         assert query("request/go").result() == error(not_yet)
         assert query("state").result() == []
-        controller.tell(KEYS.of("state"), state)
+        controller.publish_best_effort(KEYS.of("state"), state)
         assert query("state").result() == [Reply(KEYS.of("state"), state, "")]
 
         going, lost = query("request/go", "2"), query("request/stop")
         heard = {key: decode(payload, Request) for key, payload in await hear(controller, 2) if payload}
         go = heard[KEYS.of("request", "go")]
         assert go.argument == "2"
-        controller.tell(KEYS.of("answer"), answer_to(go.id))
+        controller.publish_best_effort(KEYS.of("answer"), answer_to(go.id))
         assert going.result() == [Reply(KEYS.of("request", "go"), answer_to(go.id), "")]
 
         controller.close()
         assert lost.result() == error("no answer: the controller is gone")
         assert query("request/go").result() == error("the controller is gone")
-        watch.leave()
+        watch.detach()
         assert query("request/go").result() == error("the run is over")
         assert await controller.receive(0.0) == []
         watch.close()
         with pytest.raises(UnreachableError):
-            ask(endpoint, KEYS.of("request", "go"), b"", 0.01)
+            client.query(endpoint, KEYS.of("request", "go"), b"", 0.01)
     assert watch.counters == {
         "copied": 2,
         "requests": 2,

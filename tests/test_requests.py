@@ -11,7 +11,7 @@ from small_robot import SHIPPED
 from test_brain import TICK_NS, Robot, Wired
 
 from controller.process import build
-from controller.requests import Asked, Reply, Requests
+from controller.requests import Reply, RequestHandler, RequestQueue
 from controller.stages import make_stage
 from skinnet.channels import Keys
 from skinnet.deployment import load
@@ -39,14 +39,14 @@ class Lift:
         return getattr(self._stage, name)
 
     @property
-    def label(self) -> str:
+    def state_name(self) -> str:
         return f"floor{self.floor}"
 
-    def ask(self, t_ns: int, what: str, argument: str) -> Reply:
-        if what != "go" or not argument.isdecimal():
-            return Reply(False, self.label, f"{what} {argument}: say go and a floor")
+    def handle_request(self, t_ns: int, name: str, argument: str) -> Reply:
+        if name != "go" or not argument.isdecimal():
+            return Reply(False, self.state_name, f"{name} {argument}: say go and a floor")
         self.floor = int(argument)
-        return Reply(True, self.label)
+        return Reply(True, self.state_name)
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def ask(robot: Wired, number: int, what: str, argument: str = "") -> None:
 
 @given(bursts=st.lists(st.integers(0, 12), min_size=1, max_size=20))
 def test_requests_wait_in_their_order_and_a_tick_handles_few(bursts: list[int]) -> None:
-    requests = Requests(KEYS, counters := Counter())
+    requests = RequestQueue(KEYS, counters := Counter())
     asked: list[tuple[int, str, str]] = []
     arrived = handled = waiting = 0
 
@@ -75,7 +75,7 @@ def test_requests_wait_in_their_order_and_a_tick_handles_few(bursts: list[int]) 
             arrived += 1
         waiting = min(waiting + burst, 64)
         noted = requests.handle(t_ns, reply)
-        told = answers(requests.news())
+        told = answers(requests.take_answers())
         now = asked[handled:]
         assert len(now) == len(told) == min(waiting, 8)
         waiting -= len(now)
@@ -84,7 +84,7 @@ def test_requests_wait_in_their_order_and_a_tick_handles_few(bursts: list[int]) 
         assert [a.accepted for a in told] == [int(argument) % 2 == 0 for _, _, argument in now]
         accepted = [list(row) for row in now if int(row[2]) % 2 == 0]
         assert (msgpack.unpackb(noted) if noted else []) == accepted
-        assert requests.news() == []
+        assert requests.take_answers() == []
     assert asked == sorted(asked, key=lambda row: int(row[2]))
     assert counters["requests_from_outside"] == arrived
     assert counters["dropped_requests"] == arrived - handled - waiting
@@ -97,7 +97,7 @@ def test_a_stage_that_takes_none_refuses_and_says_which_it_is() -> None:
     while robot.node.needs() is not None:
         ask(robot, len(told), "go", "2")
         robot.step()
-        told += answers(robot.node.news())
+        told += answers(robot.node.best_effort_messages())
     begun = "the program has not begun: the network of the skin is forming"
     assert told[0] == Answer(id=0, t_ns=0, accepted=False, state="forming", why=begun)
     assert [a.id for a in told] == list(range(len(told)))
@@ -110,7 +110,7 @@ def test_a_stage_that_takes_none_refuses_and_says_which_it_is() -> None:
 def test_when_the_program_is_over_there_is_nobody_to_ask() -> None:
     robot = Robot("home")
     robot.live()
-    assert robot.brain.ask(robot.t_ns, "go", "2") == Reply(False, "home", "the program is over")
+    assert robot.brain.handle_request(robot.t_ns, "go", "2") == Reply(False, "home", "the program is over")
 
 
 @pytest.mark.usefixtures("lift")
@@ -120,7 +120,7 @@ def test_what_a_stage_makes_of_a_request_is_the_answer() -> None:
     for number, (what, argument) in enumerate((("go", "2"), ("go", "up"), ("stop", ""), ("go", "1"))):
         ask(robot, number, what, argument)
     robot.step()
-    assert answers(robot.node.news()) == [
+    assert answers(robot.node.best_effort_messages()) == [
         Answer(id=0, t_ns=TICK_NS, accepted=True, state="bow.floor2"),
         Answer(id=1, t_ns=TICK_NS, accepted=False, state="bow.floor2", why="go up: say go and a floor"),
         Answer(id=2, t_ns=TICK_NS, accepted=False, state="bow.floor2", why="stop : say go and a floor"),
@@ -137,7 +137,7 @@ def log_of(*requests: tuple[str, str], at: int = 2, ticks: int = 5) -> str:
             for number, (what, argument) in enumerate(requests):
                 ask(robot, number, what, argument)
         robot.step()
-        robot.node.news()
+        robot.node.best_effort_messages()
     return str(robot.result.facts["logs"]["controller"])
 
 
@@ -162,7 +162,7 @@ def test_watchers_see_every_stage_at_once(monkeypatch: pytest.MonkeyPatch) -> No
     told = []
     while robot.node.needs() is not None:
         robot.step()
-        told += states(robot.node.news())
+        told += states(robot.node.best_effort_messages())
     assert told == ["forming", "bow", "structure", "home", "home"]  # the last says that it is over
 
 
@@ -184,7 +184,7 @@ def test_the_nursing_program_takes_none() -> None:
     node.accept("joints", (), encode(Joints(t_ns=0, covered_ns=0, position_rad=home)))
     node.accept("request", ("grasp",), encode(Request(id=7)))
     node.step(lambda _key, _payload: None)
-    (key, payload), *rest = node.news()
+    (key, payload), *rest = node.best_effort_messages()
     answer = decode(payload, Answer)
     assert key == keys.of("answer")
     assert (answer.id, answer.accepted, answer.why) == (7, False, "the nursing program takes no requests")
@@ -193,5 +193,5 @@ def test_the_nursing_program_takes_none() -> None:
 
 
 def test_a_stage_takes_requests_if_it_has_a_way_to_ask() -> None:
-    assert isinstance(Lift(None), Asked)
-    assert not isinstance(object(), Asked)
+    assert isinstance(Lift(None), RequestHandler)
+    assert not isinstance(object(), RequestHandler)

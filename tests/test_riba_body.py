@@ -9,7 +9,7 @@ import pytest
 from riba_scene import CYLINDER, riba
 
 import skinnet.body
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.load import load
 from skinnet.errors import DeploymentError, ModelError
 
@@ -30,7 +30,7 @@ def bare() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(MODEL))
 
 
-def held(*overrides: str) -> Body:
+def held(*overrides: str) -> BodySimulation:
     """One second after the world began to let go."""
     body = riba(*overrides)
     body.begin_stage("hold")
@@ -38,7 +38,7 @@ def held(*overrides: str) -> Body:
     return body
 
 
-def on_object(body: Body) -> np.ndarray:
+def on_object(body: BodySimulation) -> np.ndarray:
     """Force [N] of the skin on the payload now, world frame."""
     body.pressures()
     force_n: np.ndarray = body.data.xfrc_applied[body.model.mj.body("payload").id, :3].copy()
@@ -126,10 +126,10 @@ def test_three_kilograms_between_the_forearms_in_equilibrium() -> None:
     """Friction carries the weight, the normal forces of both sides are alike, nothing slips in 2 s."""
     body = held()
     assert body.payload is not None
-    before_m, slid_m = body.data.body("payload").xpos.copy(), body.payload.slid_m
+    before_m, slid_m = body.data.body("payload").xpos.copy(), body.payload.sliding_distance_m
     body.advance(3 * S)
     assert body.payload.dropped_ns is None
-    assert body.payload.slid_m - slid_m < 1e-5
+    assert body.payload.sliding_distance_m - slid_m < 1e-5
     assert np.abs(body.data.body("payload").xpos - before_m).max() < 1e-4
     assert on_object(body) == pytest.approx([0.0, 0.0, 3.0 * G], abs=0.01)
     force_n = body.sheet_foundation.body_force_n()
@@ -142,16 +142,16 @@ def test_it_does_not_creep_in_twenty_seconds() -> None:
     body = held()
     assert body.payload is not None
     body.advance(3 * S)
-    before_m, slid_m = body.data.body("payload").xpos.copy(), body.payload.slid_m
+    before_m, slid_m = body.data.body("payload").xpos.copy(), body.payload.sliding_distance_m
     body.advance(20 * S)
     assert np.abs(body.data.body("payload").xpos - before_m).max() < 5e-5
-    assert body.payload.slid_m - slid_m < 1e-5
+    assert body.payload.sliding_distance_m - slid_m < 1e-5
 
 
 def test_on_slippery_foam_it_falls_and_the_body_says_when() -> None:
     body = held("body.foam.friction=0.15")
     body.advance(2 * S)
-    truth = body.truth()
+    truth = body.ground_truth()
     payload = truth.facts["payload"]
     t_ns, pose = truth.arrays["object_t_ns"], truth.arrays["object_pose"]
     assert payload["dropped_ns"] is not None
@@ -162,7 +162,7 @@ def test_on_slippery_foam_it_falls_and_the_body_says_when() -> None:
 
 def test_the_way_of_the_object_is_recorded_with_the_joints() -> None:
     body = held()
-    arrays = body.truth().arrays
+    arrays = body.ground_truth().arrays
     assert arrays["object_t_ns"].tolist() == list(range(0, S + 1, 10 * MS))
     assert arrays["object_pose"].shape == (101, 7)
     here = body.data.joint("payload").qpos
@@ -176,7 +176,7 @@ def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
     for body in (soft, hard):
         body.data.qpos[:] = soft.data.qpos
         body.data.qvel[:] = 0.0
-        body._press()
+        body._compute_contact()
     assert soft.sheet_foundation.element_force_n().sum() > 50.0
     np.testing.assert_allclose(
         2.0 * soft.sheet_foundation.element_force_n(),
@@ -198,7 +198,7 @@ def test_chunks_and_readings_change_nothing() -> None:
         return (
             body.data.qpos.tobytes()
             + body.pressures().tobytes()
-            + body.truth().arrays["object_pose"].tobytes()
+            + body.ground_truth().arrays["object_pose"].tobytes()
         )
 
     assert history(4, read=True) == history(4, read=False) == history(2, read=True)

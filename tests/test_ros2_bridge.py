@@ -18,15 +18,15 @@ import zenoh
 from launching import TOUCH, launched, wait_for
 from test_ros2_mirror import ARM, KEYS, events, joints, stream, topology
 
-from skinnet.body.links import Links
-from skinnet.channels import OUTSIDE
+from skinnet.body.links import LinkKinematics
+from skinnet.channels import EXTERNAL
 from skinnet.deployment import load, resolved_json
 from skinnet.errors import DeploymentError, PortInUseError, SkinnetError, UnreachableError
 from skinnet.messages import ControllerState, decode, encode
-from skinnet.outside_messages import Deployed, Velocity
-from skinnet.ros2.bridge import NODE, Order, bridge
-from skinnet.run.watch import Watch, free_endpoint
-from skinnet.transport.memory import MemoryHub
+from skinnet.outside_messages import DeploymentInfo, ExternalVelocity
+from skinnet.ros2.bridge import NODE_NAME, BridgeOptions, bridge
+from skinnet.run.watch import ObserverEndpoint, free_endpoint
+from skinnet.transport.memory import InMemoryHub
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
 
@@ -39,52 +39,52 @@ FULL = (0.5, 0.25, 0.125, 0.75, 0.0, 0.0, 1.0, 30.5)
 class Run:
     """A run's watch endpoint, and a loop behind it in which nothing happens by itself."""
 
-    def __init__(self, deployed: Deployed | None) -> None:
-        self.watch = Watch(KEYS)
+    def __init__(self, deployed: DeploymentInfo | None) -> None:
+        self.watch = ObserverEndpoint(KEYS)
         self.endpoint = self.watch.endpoint
         if deployed is not None:
-            self.watch.tell_deployment(deployed)
-        hub = MemoryHub()
-        self.watch.open(hub.connect(OUTSIDE))
+            self.watch.serve_deployment(deployed)
+        hub = InMemoryHub()
+        self.watch.attach(hub.connect(EXTERNAL))
         self._member = hub.connect("body")
         self.velocities: queue.SimpleQueue[list[float]] = queue.SimpleQueue()
-        self._member.overhear(KEYS.of("velocity"), self._on_velocity)
+        self._member.declare_loop_subscriber(KEYS.of("velocity"), self._on_velocity)
 
     def _on_velocity(self, _key: str, payload: bytes) -> None:
-        self.velocities.put(decode(payload, Velocity).velocity_rad_s)
+        self.velocities.put(decode(payload, ExternalVelocity).velocity_rad_s)
 
     def put(self, name: str, *fields: str | int, payload: bytes) -> None:
         self._member.put(KEYS.of(name, *fields), payload)
 
-    def tell(self, name: str, *fields: str | int, payload: bytes) -> None:
-        self._member.tell(KEYS.of(name, *fields), payload)
+    def publish_best_effort(self, name: str, *fields: str | int, payload: bytes) -> None:
+        self._member.publish_best_effort(KEYS.of(name, *fields), payload)
 
 
 @contextmanager
-def run_of(deployed: Deployed | None) -> Iterator[Run]:
+def run_of(deployed: DeploymentInfo | None) -> Iterator[Run]:
     run = Run(deployed)
     try:
         yield run
     finally:
-        run.watch.leave()
+        run.watch.detach()
         run.watch.close()
 
 
-def arm(*overrides: str) -> Deployed:
-    return Deployed(deployment=resolved_json(load(ARM, overrides)).decode(), base=str(ARM.parent))
+def arm(*overrides: str) -> DeploymentInfo:
+    return DeploymentInfo(deployment=resolved_json(load(ARM, overrides)).decode(), base=str(ARM.parent))
 
 
 class Bridged:
     """A bridge in a thread of its own: what it says, and how it ends."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: BridgeOptions) -> None:
         self.said: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.sent: dict[str, int] = {}
         self.error: SkinnetError | None = None
         self._thread = threading.Thread(target=self._go, args=(order,))
         self._thread.start()
 
-    def _go(self, order: Order) -> None:
+    def _go(self, order: BridgeOptions) -> None:
         try:
             self.sent = bridge(order, self.said.put)
         except SkinnetError as error:
@@ -201,7 +201,9 @@ def keep_telling(run: Run, stop: threading.Event) -> None:
         run.put("events", "fore_link", 1, payload=encode(touch))
         run.put("stream", "base", payload=encode(readings))
         run.put("joints", payload=joints(t_ns, *POSE))
-        run.tell("state", payload=encode(ControllerState(t_ns=t_ns, stage="evade", progress=0.5)))
+        run.publish_best_effort(
+            "state", payload=encode(ControllerState(t_ns=t_ns, stage="evade", progress=0.5))
+        )
 
 
 @contextmanager
@@ -233,9 +235,11 @@ def chain(transforms: list[Any], frame: str) -> np.ndarray:
 def test_a_stranger_reads_the_run_in_ros() -> None:
     """Values are the run's; topics are found by tokens; a late listener gets the fixed transforms."""
     with run_of(arm()) as run, zenoh_router() as router:
-        run.tell("topology", "upper_link", payload=encode(topology("upper_link", 1, 0, 2, 3, 4, 5)))
+        run.publish_best_effort(
+            "topology", "upper_link", payload=encode(topology("upper_link", 1, 0, 2, 3, 4, 5))
+        )
         with telling(run), listener(router, 3) as ros:
-            bridged = Bridged(Order(run.endpoint, domain=3, router=router))
+            bridged = Bridged(BridgeOptions(run.endpoint, domain_id=3, router=router))
             bridged.wait_for("/diagnostics")
             fixed = ros.message("/tf_static")["transforms"]
             state = ros.message("/arm/joint_states")
@@ -247,7 +251,7 @@ def test_a_stranger_reads_the_run_in_ros() -> None:
                 for s in ros.message("/diagnostics", lambda m: m["status"][0]["level"] == 0)["status"]
             }
             seconds = ros.message("/clock")["clock"]
-            assert f"/arm/{NODE}" in ros.nodes
+            assert f"/arm/{NODE_NAME}" in ros.nodes
             assert {name: fact["type"] for name, fact in ros.found.items()} == {
                 "/clock": "rosgraph_msgs/msg/Clock",
                 "/arm/joint_states": "sensor_msgs/msg/JointState",
@@ -257,7 +261,7 @@ def test_a_stranger_reads_the_run_in_ros() -> None:
                 "/arm/skin/markers": "visualization_msgs/msg/MarkerArray",
                 "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
             }
-            assert {fact["node"] for fact in ros.found.values()} == {f"/arm/{NODE}"}
+            assert {fact["node"] for fact in ros.found.values()} == {f"/arm/{NODE_NAME}"}
             with listener(router, 3) as late:
                 assert late.message("/tf_static")["transforms"] == fixed
             with listener(router, 0) as elsewhere:
@@ -269,7 +273,7 @@ def test_a_stranger_reads_the_run_in_ros() -> None:
     assert state["position"] == list(POSE)
     assert state["name"] == ["shoulder_pitch", "shoulder_roll", "elbow"]
     assert seconds["sec"] + seconds["nanosec"] * 1e-9 > 0.0
-    poses = Links(load(ARM), ARM.parent).poses(POSE)
+    poses = LinkKinematics(load(ARM), ARM.parent).poses(POSE)
     for i, name in enumerate(("arm/base", "arm/upper_link", "arm/fore_link")):
         np.testing.assert_allclose(chain(fixed + moving, name), poses.position_m[i], atol=1e-12)
     rows = list(zip(felt["patch"], felt["cell"], felt["force"], felt["proximity"], strict=True))
@@ -287,7 +291,7 @@ def test_the_bridge_can_be_the_router() -> None:
     with run_of(arm()) as run:
         endpoint = free_endpoint()
         with telling(run):
-            bridged = Bridged(Order(run.endpoint, listen=endpoint))
+            bridged = Bridged(BridgeOptions(run.endpoint, listen=endpoint))
             bridged.wait_for("/diagnostics")
             with listener(endpoint) as ros:
                 assert ros.message("/arm/joint_states")["position"] == list(POSE)
@@ -332,7 +336,7 @@ COMMANDS = "/arm/joint_velocity_commands"
 def test_velocities_of_ros_reach_the_run() -> None:
     """What makes no sense is refused with one line that names its sender, and stops the robot."""
     with run_of(arm(MOVABLE)) as run, zenoh_router() as router, telling(run), listener(router) as ros:
-        bridged = Bridged(Order(run.endpoint, router=router, control=True))
+        bridged = Bridged(BridgeOptions(run.endpoint, router=router, accept_velocities=True))
         bridged.wait_for(COMMANDS)
         ros.wait_for_subscription(COMMANDS)
         ros.say(f"velocities {COMMANDS} 0.25 -0.5 0.125")
@@ -357,7 +361,7 @@ def test_velocities_of_ros_reach_the_run() -> None:
 
 def test_without_control_ros_moves_nothing() -> None:
     with run_of(arm(MOVABLE)) as run, zenoh_router() as router, telling(run), listener(router) as ros:
-        bridged = Bridged(Order(run.endpoint, router=router))
+        bridged = Bridged(BridgeOptions(run.endpoint, router=router))
         bridged.wait_for("/diagnostics")
         ros.say(f"velocities {COMMANDS} 0.25 -0.5 0.125")
         ros.message("/arm/joint_states")
@@ -368,31 +372,31 @@ def test_without_control_ros_moves_nothing() -> None:
 
 def test_a_run_that_takes_no_velocities() -> None:
     with run_of(arm()) as run, pytest.raises(SkinnetError, match=r"controller\.outside_velocity=true"):
-        bridge(Order(run.endpoint, control=True), print)
+        bridge(BridgeOptions(run.endpoint, accept_velocities=True), print)
 
 
 def test_nobody_at_the_watch_endpoint() -> None:
     with pytest.raises(UnreachableError, match="nobody answers there"):
-        bridge(Order(free_endpoint()), print)
+        bridge(BridgeOptions(free_endpoint()), print)
 
 
 def test_a_zenoh_endpoint_without_a_run() -> None:
     with zenoh_router() as router, pytest.raises(SkinnetError, match="nobody there tells what runs"):
-        bridge(Order(router), print)
+        bridge(BridgeOptions(router), print)
 
 
 @pytest.mark.parametrize("deployment", ["no json", "{}", '{"name": 1}'])
 def test_a_run_of_another_version(deployment: str) -> None:
     with (
-        run_of(Deployed(deployment=deployment, base="/")) as run,
+        run_of(DeploymentInfo(deployment=deployment, base="/")) as run,
         pytest.raises(SkinnetError, match=run.endpoint),
     ):
-        bridge(Order(run.endpoint), print)
+        bridge(BridgeOptions(run.endpoint), print)
 
 
 def test_no_router() -> None:
     with run_of(arm()) as run, pytest.raises(SkinnetError, match="or give --listen"):
-        bridge(Order(run.endpoint, router=free_endpoint()), print)
+        bridge(BridgeOptions(run.endpoint, router=free_endpoint()), print)
 
 
 def test_the_port_of_the_router_is_taken() -> None:
@@ -401,20 +405,20 @@ def test_the_port_of_the_router_is_taken() -> None:
         taken.listen()
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(PortInUseError, match="already taken"):
-            bridge(Order(run.endpoint, listen=endpoint), print)
+            bridge(BridgeOptions(run.endpoint, listen=endpoint), print)
 
 
 def test_the_model_is_not_on_this_machine(tmp_path: Path) -> None:
     with run_of(arm()) as run, pytest.raises(DeploymentError, match=r"two_link_arm\.xml"):
-        bridge(Order(run.endpoint, base=tmp_path), print)
+        bridge(BridgeOptions(run.endpoint, base=tmp_path), print)
 
 
 def test_two_bridges_of_one_robot() -> None:
     with run_of(arm()) as run, zenoh_router() as router:
-        first = Bridged(Order(run.endpoint, router=router))
+        first = Bridged(BridgeOptions(run.endpoint, router=router))
         first.wait_for("/diagnostics")
         with pytest.raises(SkinnetError, match="already has a node of that name"):
-            bridge(Order(run.endpoint, router=router), print)
+            bridge(BridgeOptions(run.endpoint, router=router), print)
     first.join()
 
 

@@ -14,8 +14,17 @@ from rosbags.typesys import Stores, get_typestore
 from skinnet.errors import ProtocolError
 from skinnet.ros2 import types
 from skinnet.ros2.attachment import Attachment, gid_of
-from skinnet.ros2.keys import Entity, Kind, Node, demangled, mangled, ros_name, topic_key, wire_type
-from skinnet.ros2.qos import Durability, History, Qos, Reliability
+from skinnet.ros2.keys import (
+    Entity,
+    EntityType,
+    NodeInfo,
+    dds_type_name,
+    demangle_name,
+    mangle_name,
+    to_ros_name,
+    topic_key,
+)
+from skinnet.ros2.qos import Durability, History, QosProfile, Reliability
 
 STRING = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 """std_msgs/msg/String in the design document of rmw_zenoh."""
@@ -36,7 +45,7 @@ PUBLISHED = {
 NAMES = st.text(st.characters(codec="ascii", categories=("L", "N"), include_characters="_/"), max_size=40)
 PARTS = st.text(st.characters(codec="ascii", categories=("L", "N"), include_characters="_:"), min_size=1)
 QUALITIES = st.builds(
-    Qos,
+    QosProfile,
     st.sampled_from(Reliability),
     st.sampled_from(Durability),
     st.sampled_from(History),
@@ -45,21 +54,21 @@ QUALITIES = st.builds(
 TOPICS = st.lists(st.from_regex(r"[a-z][a-z0-9_]*", fullmatch=True), min_size=1, max_size=4)
 
 
-@pytest.mark.parametrize("name", types.TYPES)
+@pytest.mark.parametrize("name", types.MESSAGE_TYPES)
 def test_type_hashes_are_the_published_ones(name: str) -> None:
     assert types.type_hash(name) == f"RIHS01_{PUBLISHED[name]}" == rihs01(name)
 
 
 def test_rihs01_by_the_book_gives_what_the_design_document_has() -> None:
     assert rihs01("std_msgs/msg/String") == STRING
-    assert set(PUBLISHED) == set(types.TYPES) <= set(DEFINITIONS)
+    assert set(PUBLISHED) == set(types.MESSAGE_TYPES) <= set(DEFINITIONS)
 
 
 @pytest.mark.parametrize("store", [Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.LATEST])
 def test_type_hashes_are_the_same_in_all_distributions_that_have_them(store: Stores) -> None:
     found = get_typestore(store)
-    assert {name: found.hash_rihs01(name) for name in types.TYPES} == {
-        name: types.type_hash(name) for name in types.TYPES
+    assert {name: found.hash_rihs01(name) for name in types.MESSAGE_TYPES} == {
+        name: types.type_hash(name) for name in types.MESSAGE_TYPES
     }
 
 
@@ -69,45 +78,47 @@ def test_type_hashes_are_the_same_in_all_distributions_that_have_them(store: Sto
      ("/robot1/chatter", f"0/robot1/chatter/std_msgs::msg::dds_::String_/{STRING}")],
 )  # fmt: skip
 def test_keys_of_the_design_document(topic: str, key: str) -> None:
-    assert topic_key(0, topic, wire_type("std_msgs/msg/String"), STRING) == key
+    assert topic_key(0, topic, dds_type_name("std_msgs/msg/String"), STRING) == key
 
 
 def test_tokens_of_the_design_document() -> None:
-    listener = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", 0, "/", "listener")
-    talker = Node(2, "8b20917502ee955ac4476e0266340d5c", 0, "/", "talker")
-    string = "/chatter", wire_type("std_msgs/msg/String"), STRING
-    assert Entity(listener, Kind.NODE, 0).token == (
+    listener = NodeInfo(2, "aac3178e146ba6f1fc6e6a4085e77f21", 0, "/", "listener")
+    talker = NodeInfo(2, "8b20917502ee955ac4476e0266340d5c", 0, "/", "talker")
+    string = "/chatter", dds_type_name("std_msgs/msg/String"), STRING
+    assert Entity(listener, EntityType.NODE, 0).liveliness_token == (
         "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener"
     )
-    assert Entity(listener, Kind.SUBSCRIPTION, 10, *string, Qos(depth=10).compact).token == (
+    assert Entity(
+        listener, EntityType.SUBSCRIPTION, 10, *string, QosProfile(depth=10).compact_form
+    ).liveliness_token == (
         "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MS/%/%/listener/%chatter/"
         f"std_msgs::msg::dds_::String_/{STRING}/::,10:,:,:,,"
     )
-    publisher = Entity(talker, Kind.PUBLISHER, 10, *string, Qos(depth=7).compact)
-    assert publisher.token == (
+    publisher = Entity(talker, EntityType.PUBLISHER, 10, *string, QosProfile(depth=7).compact_form)
+    assert publisher.liveliness_token == (
         "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/%chatter/"
         f"std_msgs::msg::dds_::String_/{STRING}/::,7:,:,:,,"
     )
-    assert publisher.key == f"2/chatter/std_msgs::msg::dds_::String_/{STRING}"
+    assert publisher.topic_key == f"2/chatter/std_msgs::msg::dds_::String_/{STRING}"
 
 
 @given(NAMES)
 def test_mangling_goes_there_and_back(name: str) -> None:
-    assert "/" not in mangled(name)
-    assert demangled(mangled(name)) == name
+    assert "/" not in mangle_name(name)
+    assert demangle_name(mangle_name(name)) == name
 
 
 @given(
     st.builds(
-        Node,
-        domain=st.integers(0, 232),
-        session=st.from_regex(r"[0-9a-f]{1,32}", fullmatch=True),
-        number=st.integers(0, 99),
+        NodeInfo,
+        domain_id=st.integers(0, 232),
+        session_id=st.from_regex(r"[0-9a-f]{1,32}", fullmatch=True),
+        node_id=st.integers(0, 99),
         namespace=TOPICS.map(lambda parts: "/" + "/".join(parts)) | st.just("/"),
         name=st.from_regex(r"[a-z][a-z0-9_]*", fullmatch=True),
         enclave=st.sampled_from(["/", "/secure/one"]),
     ),
-    st.sampled_from(Kind),
+    st.sampled_from(EntityType),
     st.integers(0, 999),
     TOPICS.map(lambda parts: "/" + "/".join(parts)),
     PARTS,
@@ -115,12 +126,12 @@ def test_mangling_goes_there_and_back(name: str) -> None:
     QUALITIES,
 )
 def test_tokens_go_there_and_back(
-    node: Node, kind: Kind, number: int, topic: str, type_name: str, type_hash: str, qos: Qos
+    node: NodeInfo, kind: EntityType, number: int, topic: str, type_name: str, type_hash: str, qos: QosProfile
 ) -> None:
-    described = (topic, type_name, type_hash, qos.compact) if kind is not Kind.NODE else ()
+    described = (topic, type_name, type_hash, qos.compact_form) if kind is not EntityType.NODE else ()
     entity = Entity(node, kind, number, *described)
-    assert Entity.of_token(entity.token) == entity
-    assert not re.search(r"//|[*$?#]", entity.token)
+    assert Entity.from_token(entity.liveliness_token) == entity
+    assert not re.search(r"//|[*$?#]", entity.liveliness_token)
 
 
 @pytest.mark.parametrize(
@@ -137,22 +148,22 @@ def test_tokens_go_there_and_back(
 )
 def test_what_is_no_token_is_refused(token: str) -> None:
     with pytest.raises(ProtocolError, match=r"token|parts"):
-        Entity.of_token(token)
+        Entity.from_token(token)
 
 
 @pytest.mark.parametrize(
     ("qos", "compact"),
     [
-        (Qos(), "::,10:,:,:,,"),
-        (Qos(depth=42), "::,:,:,:,,"),
-        (Qos(reliability=Reliability.BEST_EFFORT, depth=5), "2::,5:,:,:,,"),
-        (Qos(durability=Durability.TRANSIENT_LOCAL, depth=1), ":1:,1:,:,:,,"),
-        (Qos(history=History.KEEP_ALL), "::2,10:,:,:,,"),
+        (QosProfile(), "::,10:,:,:,,"),
+        (QosProfile(depth=42), "::,:,:,:,,"),
+        (QosProfile(reliability=Reliability.BEST_EFFORT, depth=5), "2::,5:,:,:,,"),
+        (QosProfile(durability=Durability.TRANSIENT_LOCAL, depth=1), ":1:,1:,:,:,,"),
+        (QosProfile(history=History.KEEP_ALL), "::2,10:,:,:,,"),
     ],
 )
-def test_quality_of_service_as_rmw_zenoh_writes_it(qos: Qos, compact: str) -> None:
+def test_quality_of_service_as_rmw_zenoh_writes_it(qos: QosProfile, compact: str) -> None:
     """Six parts by ":", of which history, deadline, lifespan have two by "," and liveliness three."""
-    assert qos.compact == compact
+    assert qos.compact_form == compact
     parts = compact.split(":")
     assert [part.count(",") for part in parts] == [0, 0, 1, 1, 1, 2]
     assert all(number == "" or number.isdecimal() for part in parts for number in part.split(","))
@@ -184,17 +195,17 @@ def test_what_is_no_attachment_is_refused(payload: bytes | None) -> None:
 
 @given(st.text(max_size=20))
 def test_any_robot_has_a_name_in_ros(name: str) -> None:
-    found = ros_name(name)
+    found = to_ros_name(name)
     assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", found)
-    assert ros_name(found) == found
+    assert to_ros_name(found) == found
 
 
 @given(st.lists(st.floats(), max_size=8))
 def test_cdr_goes_there_and_back(values: list[float]) -> None:
-    layout = types.make("std_msgs/msg/MultiArrayLayout", [], 0)
-    payload = types.encode(types.make(types.VELOCITIES, layout, np.array(values)))
+    layout = types.make_message("std_msgs/msg/MultiArrayLayout", [], 0)
+    payload = types.encode(types.make_message(types.FLOAT64_MULTI_ARRAY, layout, np.array(values)))
     assert payload[:4] == b"\x00\x01\x00\x00"  # CDR, little-endian: what rmw_zenoh reads and writes
-    np.testing.assert_array_equal(types.decode(payload, types.VELOCITIES).data, values)
+    np.testing.assert_array_equal(types.decode(payload, types.FLOAT64_MULTI_ARRAY).data, values)
 
 
 @pytest.mark.parametrize(
@@ -202,4 +213,4 @@ def test_cdr_goes_there_and_back(values: list[float]) -> None:
 )
 def test_what_is_no_message_is_refused(payload: bytes) -> None:  # fmt: skip
     with pytest.raises(ProtocolError, match="no std_msgs/msg/Float64MultiArray"):
-        types.decode(payload, types.VELOCITIES)
+        types.decode(payload, types.FLOAT64_MULTI_ARRAY)

@@ -13,13 +13,14 @@ from launching import ROOT, run
 from skinnet.body.kinematics import cell_poses
 from skinnet.body.process import build
 from skinnet.body.scripted_body import ScriptedBody
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
-from skinnet.deployment.load import build as deployment_of
+from skinnet.deployment.load import from_document
+from skinnet.deployment.load import from_document
 from skinnet.errors import DeploymentError
 from skinnet.messages import STIMULUS_NAMES
-from skinnet.skin.placement import place_all
+from skinnet.skin.placement import place_patches
 
 MS = 1_000_000
 FRAME_S = 0.004
@@ -32,9 +33,9 @@ def scripted(*overrides: str, file: Path = UR5) -> ScriptedBody:
     return ScriptedBody(load(file, overrides), file.parent)
 
 
-def poses_at(body: ScriptedBody, world: Body, position_rad):
+def poses_at(body: ScriptedBody, world: BodySimulation, position_rad):
     """Where the cells are in a pose, by the physical twin."""
-    world.data.qpos[world.model.qpos] = position_rad
+    world.data.qpos[world.model.qpos_address] = position_rad
     mujoco.mj_kinematics(world.model.mj, world.data)
     return cell_poses(world)
 
@@ -43,7 +44,7 @@ def poses_at(body: ScriptedBody, world: Body, position_rad):
 def test_at_rest_it_feels_what_physics_feels(file):
     deployment = load(file, ("script.stimulated=0.0",))
     still = ScriptedBody(deployment, file.parent).stimulus()
-    real = Body(deployment, file.parent).stimulus()
+    real = BodySimulation(deployment, file.parent).stimulus()
     np.testing.assert_allclose(still[:, ACCELERATION], real[:, ACCELERATION], atol=1e-6)
     np.testing.assert_array_equal(still[:, 7], real[:, 7])
     assert not still[:, :3].any()
@@ -65,7 +66,7 @@ def test_joints_follow_their_command_and_stop_at_their_limits():
     held = body.joints()
     body.advance(2100 * MS)
     np.testing.assert_array_equal(body.joints(), held)
-    assert body.truth().facts["refused_commands"] == 3
+    assert body.ground_truth().facts["refused_commands"] == 3
 
 
 @pytest.mark.parametrize("chunk_ms", [1, 4, 5, 20])
@@ -84,7 +85,7 @@ def test_chunks_and_readings_change_nothing(chunk_ms):
 def test_accelerations_are_those_of_the_motion():
     """Second differences of the cells' positions by MuJoCo's kinematics, and gravity, in their frames."""
     deployment = load(UR5, ("script.stimulated=0.0",))
-    body, world = ScriptedBody(deployment, UR5.parent), Body(deployment, UR5.parent)
+    body, world = ScriptedBody(deployment, UR5.parent), BodySimulation(deployment, UR5.parent)
     velocity = np.array([1.2, -0.9, 0.7, 1.4, -1.1, 0.5])
     body.set_command(velocity)
     body.advance(40 * MS)
@@ -100,7 +101,7 @@ def test_accelerations_are_those_of_the_motion():
 
 def test_a_change_of_velocity_is_felt_as_its_mean_over_a_frame():
     deployment = load(UR5, ("script.stimulated=0.0",))
-    body, world = ScriptedBody(deployment, UR5.parent), Body(deployment, UR5.parent)
+    body, world = ScriptedBody(deployment, UR5.parent), BodySimulation(deployment, UR5.parent)
     change = np.array([0.01, 0.02, -0.01, 0.005, 0.01, 0.02])
     body.set_command(change)
     body.advance(4 * MS)
@@ -120,9 +121,9 @@ def test_crossings_of_scripted_touches_are_exact():
     """A raised cosine of 2 N in 0.2 s passes 0.6 N where its share is 0.3."""
     raw = tomllib.loads(ARM.read_text())
     touch = {"cells": ["fore_link/1"], "start_s": 0.1, "force_n": 2.0, "approach_s": 0.3, "rise_s": 0.2}
-    body = ScriptedBody(deployment_of(raw | {"script": {"touches": [touch]}}, "arm"), ARM.parent)
+    body = ScriptedBody(from_document(raw | {"script": {"touches": [touch]}}, "arm"), ARM.parent)
     body.advance(1000 * MS)
-    forces = [fact for fact in body.truth().facts["reaction_crossings"] if fact[2] < 3]
+    forces = [fact for fact in body.ground_truth().facts["reaction_crossings"] if fact[2] < 3]
     assert len(forces) == 3
     expected_ns = (0.4 + 0.2 * np.arccos(1 - 2 * 0.3) / np.pi) * 1e9
     for t_ns, cell, _, reading in forces:
@@ -132,7 +133,7 @@ def test_crossings_of_scripted_touches_are_exact():
 
 def test_the_node_is_the_same_and_scripted_by_its_table(tmp_path):
     physical, script = (
-        build(deployment_of(raw, "arm"), "body", ARM.parent, None)
+        build(from_document(raw, "arm"), "body", ARM.parent, None)
         for raw in (tomllib.loads(ARM.read_text()), tomllib.loads(ARM.read_text()) | {"script": {}})
     )
     assert type(physical) is type(script)
@@ -149,7 +150,7 @@ def test_a_bad_script_is_refused_by_the_check():
     raw = tomllib.loads(ARM.read_text())
     touch = {"cells": ["elbow/0"], "start_s": 0.0, "force_n": 1.0}
     with pytest.raises(DeploymentError, match=r"script.touches\[0\].cells: 'elbow/0': unknown patch"):
-        check(deployment_of(raw | {"script": {"touches": [touch]}}, "arm"))
+        check(from_document(raw | {"script": {"touches": [touch]}}, "arm"))
 
 
 @pytest.mark.parametrize(("file", "cells", "patches", "touched"), [(UR5, 260, 10, 130), (H1, 1260, 47, 693)])
@@ -158,16 +159,16 @@ def test_shipped_skins_hold_with_and_without_script(file, cells, patches, touche
     raw = tomllib.loads(file.read_text())
     if not with_script:
         del raw["script"]
-    deployment = deployment_of(raw, file.name)
+    deployment = from_document(raw, file.name)
     check(deployment)
-    placed = place_all(deployment.patches, deployment.cells)
+    placed = place_patches(deployment.patches, deployment.cells)
     assert len(placed) == patches
     assert sum(patch.n_cells for patch in placed) == cells
     assert len(deployment.host_patches()) == 2
     if with_script:
-        assert len(ScriptedBody(deployment, file.parent).presses.cell) == touched
+        assert len(ScriptedBody(deployment, file.parent).press_schedule.cell_row) == touched
     else:
-        body = Body(deployment, file.parent)
+        body = BodySimulation(deployment, file.parent)
         body.advance(100 * MS)
         stimulus = body.stimulus()
         assert body.data.ncon == 0

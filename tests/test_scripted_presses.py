@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from skinnet.body.scripted_presses import press, presses_of, presses_until
-from skinnet.deployment.script import ScriptSpec, ScriptTouch, StimulationSpec
+from skinnet.body.scripted_presses import build_press_schedule, presses_before, write_press_stimulus
+from skinnet.deployment.script import RandomPressSpec, ScriptedPressSpec, ScriptedStimuliSpec
 from skinnet.errors import DeploymentError
 from skinnet.messages import STIMULUS_NAMES
 
@@ -15,7 +15,7 @@ SIZES = {"chest": 61, "arm": 40}
 N = sum(SIZES.values())
 AMBIENT_C = 21.0
 DISTANCE, WARMTH = (STIMULUS_NAMES.index(name) for name in ("distance_m", "temperature_c"))
-TOUCH = ScriptTouch(
+TOUCH = ScriptedPressSpec(
     cells=("arm/7",),
     start_s=0.2,
     force_n=2.5,
@@ -32,17 +32,17 @@ ROW = 61 + 7
 
 def felt(script, times_ms, seed=1, sizes=SIZES):
     """Stimuli (times, n, 8) and the presses."""
-    presses = presses_of(script, seed, sizes)
+    presses = build_press_schedule(script, seed, sizes)
     n = sum(sizes.values())
     frames = np.full((len(times_ms), n, len(STIMULUS_NAMES)), np.nan)
     for frame, t_ms in zip(frames, times_ms, strict=True):
-        press(presses, round(t_ms * MS), np.full(n, AMBIENT_C), frame)
+        write_press_stimulus(presses, round(t_ms * MS), np.full(n, AMBIENT_C), frame)
     return frames, presses
 
 
 def test_a_touch_has_the_course_that_it_is_given():
     times_ms = np.arange(0, 2000, 4)
-    frames, _ = felt(ScriptSpec(touches=(TOUCH,)), times_ms)
+    frames, _ = felt(ScriptedStimuliSpec(touches=(TOUCH,)), times_ms)
     mine = frames[:, ROW]
     rise = 0.5 - 0.5 * np.cos(np.pi * np.clip((times_ms - CONTACT_MS) / 100, 0, 1))
     fall = 0.5 - 0.5 * np.cos(np.pi * np.clip((LOOSE_MS - times_ms) / 200, 0, 1))
@@ -63,26 +63,27 @@ def test_a_touch_has_the_course_that_it_is_given():
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.333, 0.5, 0.55, 1.0])
 def test_exactly_the_share_is_stimulated(share):
-    presses = presses_of(ScriptSpec(stimulated=share), 1, SIZES)
-    assert len(presses.cell) == len(set(presses.cell.tolist())) == round(share * N)
+    presses = build_press_schedule(ScriptedStimuliSpec(stimulated=share), 1, SIZES)
+    assert len(presses.cell_row) == len(set(presses.cell_row.tolist())) == round(share * N)
 
 
 def test_cells_are_chosen_by_their_names_and_the_seed():
     some, more, others = (
-        set(presses_of(ScriptSpec(stimulated=share), seed, SIZES).cell.tolist())
+        set(build_press_schedule(ScriptedStimuliSpec(stimulated=share), seed, SIZES).cell_row.tolist())
         for share, seed in ((0.3, 1), (0.6, 1), (0.3, 2))
     )
     assert some < more
     assert some != others
     swapped = {"arm": 40, "chest": 61}
     moved = {
-        row + 61 if row < 40 else row - 40 for row in presses_of(ScriptSpec(stimulated=0.3), 1, swapped).cell
+        row + 61 if row < 40 else row - 40
+        for row in build_press_schedule(ScriptedStimuliSpec(stimulated=0.3), 1, swapped).cell_row
     }
     assert moved == some
 
 
 def test_a_cell_feels_the_same_whatever_else_there_is():
-    script = ScriptSpec(stimulated=1.0)
+    script = ScriptedStimuliSpec(stimulated=1.0)
     times_ms = range(0, 6000, 40)
     both, _ = felt(script, times_ms)
     alone, _ = felt(script, times_ms, sizes={"arm": 40})
@@ -90,21 +91,21 @@ def test_a_cell_feels_the_same_whatever_else_there_is():
 
 
 def test_frames_stand_alone():
-    script = ScriptSpec(stimulated=0.7, touches=(TOUCH,))
+    script = ScriptedStimuliSpec(stimulated=0.7, touches=(TOUCH,))
     times_ms = np.arange(0, 5000, 36)
     forwards, presses = felt(script, times_ms)
     shuffled = np.random.default_rng(3).permutation(len(times_ms))
     again = np.zeros((N, len(STIMULUS_NAMES)))
     for index in shuffled:
-        press(presses, int(times_ms[index]) * MS, np.full(N, AMBIENT_C), again)
+        write_press_stimulus(presses, int(times_ms[index]) * MS, np.full(N, AMBIENT_C), again)
         np.testing.assert_array_equal(
             again[:, [0, 1, 2, DISTANCE, WARMTH]], forwards[index][:, [0, 1, 2, 3, 7]]
         )
 
 
 def test_forces_stay_in_range_and_are_smooth():
-    spec = StimulationSpec(force_n=(1.0, 4.0), modulation=0.1, unevenness=0.4)
-    frames, _ = felt(ScriptSpec(stimulated=1.0, stimulation=spec), np.arange(0, 12_000, 4))
+    spec = RandomPressSpec(force_n=(1.0, 4.0), modulation=0.1, unevenness=0.4)
+    frames, _ = felt(ScriptedStimuliSpec(stimulated=1.0, stimulation=spec), np.arange(0, 12_000, 4))
     force_n = frames[:, :, :3]
     assert force_n.min() == 0.0
     assert 3.9 < force_n.max() <= 4.4
@@ -118,10 +119,10 @@ def test_forces_stay_in_range_and_are_smooth():
 
 def test_the_mean_force_is_that_of_the_truth():
     """Impulse of each press = held force × (hold + half of rise and release); the modulation averages out."""
-    spec = StimulationSpec(modulation=0.2, modulation_hz=40.0, unevenness=0.0)
+    spec = RandomPressSpec(modulation=0.2, modulation_hz=40.0, unevenness=0.0)
     times_ms = np.arange(0, 9000, 1.0)
-    frames, presses = felt(ScriptSpec(stimulated=0.2, stimulation=spec), times_ms)
-    truth = presses_until(presses, 9000 * MS)
+    frames, presses = felt(ScriptedStimuliSpec(stimulated=0.2, stimulation=spec), times_ms)
+    truth = presses_before(presses, 9000 * MS)
     whole = truth[truth["end_ns"] <= 9000 * MS]
     assert len(whole) >= 40
     for row in whole:
@@ -132,8 +133,8 @@ def test_the_mean_force_is_that_of_the_truth():
 
 def test_the_truth_says_when_cells_were_touched():
     times_ms = np.arange(0, 9000, 1)
-    frames, presses = felt(ScriptSpec(stimulated=0.5, touches=(TOUCH,)), times_ms)
-    truth = presses_until(presses, 9000 * MS)
+    frames, presses = felt(ScriptedStimuliSpec(stimulated=0.5, touches=(TOUCH,)), times_ms)
+    truth = presses_before(presses, 9000 * MS)
     touched = np.zeros((len(times_ms), N), dtype=bool)
     near = np.zeros_like(touched)
     for row in truth:
@@ -145,8 +146,8 @@ def test_the_truth_says_when_cells_were_touched():
 
 
 def test_many_cells_are_in_contact_at_once():
-    spec = StimulationSpec()
-    frames, _ = felt(ScriptSpec(stimulated=0.55), np.arange(6000, 12_000, 20))
+    spec = RandomPressSpec()
+    frames, _ = felt(ScriptedStimuliSpec(stimulated=0.55), np.arange(6000, 12_000, 20))
     at_once = (frames[:, :, DISTANCE] == 0.0).sum(axis=1)
     touching_share = (spec.rise_s + spec.hold_s + spec.release_s) / (spec.period_ns * 1e-9)
     assert at_once.mean() == pytest.approx(round(0.55 * N) * touching_share, rel=0.1)
@@ -154,22 +155,22 @@ def test_many_cells_are_in_contact_at_once():
 
 
 def test_a_hug_presses_once_and_together():
-    spec = StimulationSpec(repeat=False, stagger_s=0.2, start_s=1.0)
-    frames, presses = felt(ScriptSpec(stimulated=0.8, stimulation=spec), np.arange(0, 20_000, 20))
+    spec = RandomPressSpec(repeat=False, stagger_s=0.2, start_s=1.0)
+    frames, presses = felt(ScriptedStimuliSpec(stimulated=0.8, stimulation=spec), np.arange(0, 20_000, 20))
     touching = (frames[:, :, DISTANCE] == 0.0).sum(axis=1)
     assert touching.max() == round(0.8 * N)
-    assert len(presses_until(presses, 10**12)) == round(0.8 * N)
+    assert len(presses_before(presses, 10**12)) == round(0.8 * N)
     assert not touching[round((1.2 + spec.duration_ns * 1e-9) / 0.02) :].any()
 
 
 def test_touches_repeat_and_add_up():
-    every = ScriptTouch(cells=("arm/7", "arm/8"), start_s=0.0, force_n=1.0, every_s=3.0)
-    one, _ = felt(ScriptSpec(touches=(every,)), np.arange(0, 3000, 4))
-    later, _ = felt(ScriptSpec(touches=(every,)), np.arange(9000, 12_000, 4))
+    every = ScriptedPressSpec(cells=("arm/7", "arm/8"), start_s=0.0, force_n=1.0, every_s=3.0)
+    one, _ = felt(ScriptedStimuliSpec(touches=(every,)), np.arange(0, 3000, 4))
+    later, _ = felt(ScriptedStimuliSpec(touches=(every,)), np.arange(9000, 12_000, 4))
     np.testing.assert_array_equal(one, later)
     assert one[:, ROW, 0].max() == 1.0
-    both, _ = felt(ScriptSpec(touches=(every, TOUCH)), np.arange(0, 3000, 4))
-    single, _ = felt(ScriptSpec(touches=(TOUCH,)), np.arange(0, 3000, 4))
+    both, _ = felt(ScriptedStimuliSpec(touches=(every, TOUCH)), np.arange(0, 3000, 4))
+    single, _ = felt(ScriptedStimuliSpec(touches=(TOUCH,)), np.arange(0, 3000, 4))
     np.testing.assert_allclose(both[:, :, :3], one[:, :, :3] + single[:, :, :3])
     np.testing.assert_array_equal(
         both[:, :, DISTANCE], np.minimum(one[:, :, DISTANCE], single[:, :, DISTANCE])
@@ -187,7 +188,7 @@ def test_touches_repeat_and_add_up():
     ],
 )
 def test_patterns_name_each_cell_once(patterns, expected):
-    script = ScriptSpec(touches=(ScriptTouch(cells=patterns, start_s=0.0, force_n=1.0),))
+    script = ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=patterns, start_s=0.0, force_n=1.0),))
     assert script.touched(0, SIZES) == expected
 
 
@@ -195,19 +196,24 @@ def test_patterns_name_each_cell_once(patterns, expected):
     ("script", "words"),
     [
         (
-            ScriptSpec(touches=(ScriptTouch(cells=("leg/1",), start_s=0, force_n=1),)),
+            ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=("leg/1",), start_s=0, force_n=1),)),
             "unknown patch.*chest, arm",
         ),
         (
-            ScriptSpec(touches=(ScriptTouch(cells=("arm/40",), start_s=0, force_n=1),)),
+            ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=("arm/40",), start_s=0, force_n=1),)),
             "arm has cells 0 to 39",
         ),
-        (ScriptSpec(touches=(ScriptTouch(cells=("*/61",), start_s=0, force_n=1),)), "cells 0 to 60"),
         (
-            ScriptSpec(touches=(ScriptTouch(cells=("arm/1",), start_s=0, force_n=1, every_s=1.8),)),
+            ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=("*/61",), start_s=0, force_n=1),)),
+            "cells 0 to 60",
+        ),
+        (
+            ScriptedStimuliSpec(
+                touches=(ScriptedPressSpec(cells=("arm/1",), start_s=0, force_n=1, every_s=1.8),)
+            ),
             r"touches\[0\].every_s = 1.8: .* 1.9 s",
         ),
-        (ScriptSpec(stimulation=StimulationSpec(force_n=(2.0, 1.0))), r"force_n = \[2, 1\]"),
+        (ScriptedStimuliSpec(stimulation=RandomPressSpec(force_n=(2.0, 1.0))), r"force_n = \[2, 1\]"),
     ],
 )
 def test_a_script_that_does_not_hold_is_refused(script, words):

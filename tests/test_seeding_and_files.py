@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from skinnet.clock import NS_PER_S, WallPace, next_multiple
-from skinnet.files import replacing, write_bytes, write_json
-from skinnet.part import Part
-from skinnet.seeding import StreamName, gaussian, hash64, key_of, stream, uniform
+from skinnet.clock import NS_PER_S, WallClockPace, next_multiple
+from skinnet.files import atomic_replacement, write_bytes, write_json
+from skinnet.part import ProcessResult
+from skinnet.seeding import StreamName, generator, hash64, standard_normal, stream_key, uniform
 
 MASK = 2**64 - 1
 words = st.integers(0, MASK)
@@ -60,14 +60,14 @@ def test_the_names_of_streams_are_frozen() -> None:
         "babble bench boards burst fault joint link network node noise nursing phase pick script stand sway"
     )
     assert names >= set(frozen.split())
-    assert int(key_of(1, StreamName.SWAY, "waist")) == 15665211996656346448
+    assert int(stream_key(1, StreamName.SWAY, "waist")) == 15665211996656346448
 
 
 def test_values_are_distributed_as_they_should() -> None:
-    key = key_of(1, "distribution")
+    key = stream_key(1, "distribution")
     counters = [np.uint64(i) for i in range(20_000)]
     flat = np.array([uniform(key, i) for i in counters])
-    bell = np.array([gaussian(key, i) for i in counters])
+    bell = np.array([standard_normal(key, i) for i in counters])
     assert stats.kstest(flat, "uniform").pvalue > 1e-3
     assert stats.kstest(bell, "norm").pvalue > 1e-3
     for values in (flat, bell):  # neighbours know nothing of each other
@@ -75,10 +75,10 @@ def test_values_are_distributed_as_they_should() -> None:
 
 
 def test_neighbouring_keys_give_unrelated_values() -> None:
-    keys = [key_of(1, "cell", i) for i in range(3000)]
+    keys = [stream_key(1, "cell", i) for i in range(3000)]
     first = np.array([uniform(key, np.uint64(0)) for key in keys])
     assert stats.kstest(first, "uniform").pvalue > 1e-3
-    beside = np.array([gaussian(np.uint64(int(keys[0]) + i), np.uint64(5)) for i in range(3000)])
+    beside = np.array([standard_normal(np.uint64(int(keys[0]) + i), np.uint64(5)) for i in range(3000)])
     assert abs(np.corrcoef(beside[:-1], beside[1:])[0, 1]) < 0.06
 
 
@@ -93,12 +93,12 @@ def test_streams_have_names() -> None:
         ("a", "1"),
         ("a", 11),
     ]
-    keys = {int(key_of(seed, *name)) for seed in (1, 2, 11) for name in names}
+    keys = {int(stream_key(seed, *name)) for seed in (1, 2, 11) for name in names}
     assert len(keys) == 3 * len(names)
     # the same on every machine and in every version: a recorded run stays what it was
-    assert int(key_of(1, "torso", 0, "noise")) == 0x39FE109882D82130
-    assert stream(1, "a").random(3).tolist() == stream(1, "a").random(3).tolist()
-    assert stream(1, "a").random() != stream(1, "b").random()
+    assert int(stream_key(1, "torso", 0, "noise")) == 0x39FE109882D82130
+    assert generator(1, "a").random(3).tolist() == generator(1, "a").random(3).tolist()
+    assert generator(1, "a").random() != generator(1, "b").random()
 
 
 @given(t=st.integers(0, 10**12), period=st.integers(1, 10**8), offset=st.integers(0, 10**9))
@@ -111,7 +111,7 @@ def test_the_next_multiple_is_the_first_after_now(t: int, period: int, offset: i
 def test_the_wall_pace_counts_from_its_first_use(monkeypatch: pytest.MonkeyPatch) -> None:
     wall_ns = itertools.count(50 * NS_PER_S, NS_PER_S)
     monkeypatch.setattr(time, "monotonic_ns", lambda: next(wall_ns))
-    pace = WallPace()
+    pace = WallClockPace()
     assert pace.wait_s(2 * NS_PER_S) == 2.0
     assert pace.wait_s(2 * NS_PER_S) == 1.0
     assert pace.wait_s(0) == -2.0
@@ -120,7 +120,7 @@ def test_the_wall_pace_counts_from_its_first_use(monkeypatch: pytest.MonkeyPatch
 def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     path = tmp_path / "new" / "file"
     write_bytes(path, b"old")
-    with replacing(path) as file:
+    with atomic_replacement(path) as file:
         file.write(b"new")
         file.flush()
         assert path.read_bytes() == b"old"
@@ -133,7 +133,7 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     write_bytes(path, b"old")
 
     def fail() -> None:
-        with replacing(path) as file:
+        with atomic_replacement(path) as file:
             file.write(b"half")
             raise KeyboardInterrupt
 
@@ -161,9 +161,9 @@ def test_a_part_survives_its_files(tmp_path: Path) -> None:
         "empty": np.zeros((0, 4), dtype=np.float16),
         "mask": np.eye(2, dtype=bool),
     }
-    part = Part("left", "cells", {"logs": {"p": "00"}, "n": 2**60}, arrays)
+    part = ProcessResult("left", "cells", {"logs": {"p": "00"}, "n": 2**60}, arrays)
     part.save(tmp_path)
-    back = Part.load(tmp_path, "left")
+    back = ProcessResult.load(tmp_path, "left")
     assert (back.name, back.role, back.facts) == (part.name, part.role, part.facts)
     assert back.arrays.keys() == arrays.keys()
     for name, array in arrays.items():
@@ -173,9 +173,9 @@ def test_a_part_survives_its_files(tmp_path: Path) -> None:
 
 def test_a_part_that_was_not_finished_is_not_there(tmp_path: Path) -> None:
     """The arrays are written first: a kill in between leaves no part."""
-    broken = Part("left", "cells", {"bad": object()}, {})
+    broken = ProcessResult("left", "cells", {"bad": object()}, {})
     with pytest.raises(TypeError):
         broken.save(tmp_path)
     assert (tmp_path / "left.npz").exists()
     with pytest.raises(FileNotFoundError):
-        Part.load(tmp_path, "left")
+        ProcessResult.load(tmp_path, "left")

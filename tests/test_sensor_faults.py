@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from scipy import stats
 from small_robot import patch, small
 
-from cells.babbling import Babbling
+from cells.babbling import SpuriousEvents
 from cells.sensor_faults import SensorFaults
-from cells.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns, scales
+from cells.transducers import STANDARD_GRAVITY_M_S2, Transducers, channel_scales, noise_keys, phases_ns
 from skinnet.deployment.schema import CellSpec
 from skinnet.messages import READING_NAMES, EventKind, Modality
-from skinnet.network.faults import timeline
-from skinnet.skin.placement import place_all
+from skinnet.network.faults import fault_schedule
+from skinnet.skin.placement import place_patches
 
 SPEC = CellSpec()
 PERIOD_NS = SPEC.period_ns
 ARM, HAND = patch("arm"), patch("hand", 2, 1)
-PLACED = place_all(small(ARM, HAND).patches, SPEC)
+PLACED = place_patches(small(ARM, HAND).patches, SPEC)
 FIRST_CELL = {"arm": 0, "hand": 6}
 N = 8
 PHASES_NS = np.concatenate([phases_ns(1, p.name, p.n_cells, PERIOD_NS) for p in PLACED])
@@ -32,7 +32,7 @@ PHASES_NS = np.concatenate([phases_ns(1, p.name, p.n_cells, PERIOD_NS) for p in 
 
 def faults(*rules: dict[str, Any], seed: int = 1, first_cell: dict[str, int] | None = None) -> SensorFaults:
     deployment = small(ARM, HAND, faults=rules, seed=seed)
-    return SensorFaults(timeline(deployment, PLACED), first_cell or FIRST_CELL, SPEC, seed)
+    return SensorFaults(fault_schedule(deployment, PLACED), first_cell or FIRST_CELL, SPEC, seed)
 
 
 def column(name: str) -> int:
@@ -126,7 +126,7 @@ def test_a_drift_has_its_slope_by_least_squares(channel: str, per_s: float) -> N
     offset = (out[:, 3, what] - SERIES[:, 3, what]).astype(np.float64)
     assert np.all(offset[~since] == 0.0)
     fit = stats.linregress(t_s[since], offset[since])
-    step = scales(SPEC).lsb[what]
+    step = channel_scales(SPEC).lsb[what]
     # an offset is rounded to steps: errors up to half of one, of variance step² / 12
     spread = math.sqrt(step**2 / 12.0 / (since.sum() * t_s[since].var()))
     assert fit.slope == pytest.approx(per_s, abs=6 * spread)
@@ -170,7 +170,7 @@ def test_drifts_add_up_and_what_is_stuck_drifts_no_more_whatever_the_order_of_th
 def test_without_a_fault_not_a_bit_changes(rules: list[dict[str, Any]]) -> None:
     broken = faults(*rules)
     assert sick(broken, SERIES).tobytes() == SERIES.tobytes()
-    assert all(len(part) == 0 for part in broken.babble(0, 10**9))
+    assert all(len(part) == 0 for part in broken.spurious_events(0, 10**9))
     untouched = SERIES[0].copy()
     untouched.flags.writeable = False
     broken.apply(0, PHASES_NS, untouched)  # it does not even look
@@ -202,10 +202,10 @@ def test_a_host_knows_its_own_cells_only_and_by_its_own_numbers() -> None:
         assert np.array_equal(column_alone, column_together[mine])
 
 
-def said(broken: SensorFaults, *cuts_ns: int) -> Babbling:
+def said(broken: SensorFaults, *cuts_ns: int) -> SpuriousEvents:
     """What is babbled between the first cut and the last."""
-    parts = [broken.babble(a, b) for a, b in pairwise(cuts_ns)]
-    return Babbling._make(map(np.concatenate, zip(*parts, strict=True)))
+    parts = [broken.spurious_events(a, b) for a, b in pairwise(cuts_ns)]
+    return SpuriousEvents._make(map(np.concatenate, zip(*parts, strict=True)))
 
 
 BABBLE = {"kind": "babble", "target": "arm/4", "packets_per_s": 800.0, "at_s": 0.5, "duration_s": 20.0}
@@ -233,7 +233,7 @@ def test_it_says_anything_that_a_sensor_can_read() -> None:
     what = first + events.channel
     assert stats.chisquare(np.bincount(what, minlength=8)).pvalue > 1e-3
     assert set(events.modality.tolist()) == set(Modality)
-    _, lsb, lowest, highest = scales(SPEC)
+    _, lsb, lowest, highest = channel_scales(SPEC)
     for channel in range(8):
         steps = events.value[what == channel].astype(np.float64) / lsb[channel]
         assert np.abs(steps - np.rint(steps)).max() < 1e-3

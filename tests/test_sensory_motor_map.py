@@ -10,7 +10,12 @@ from synthetic_robot import G_M_S2, Floats, SkinnedArms, run
 
 from controller.selforganisation.lock_in import LockIn
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
-from controller.selforganisation.sensory_motor_map import SensoryMotorMap, agreement, fuse, normal_weights
+from controller.selforganisation.sensory_motor_map import (
+    SensoryMotorMap,
+    compare_maps,
+    fuse_with_activity,
+    normal_weights,
+)
 
 NOISE_G = LSB_G = 0.004
 
@@ -46,22 +51,22 @@ def explored(arm: SkinnedArms) -> MapExploration:
 
 def test_the_map_agrees_with_the_jacobian(arm: SkinnedArms, J: Floats, explored: MapExploration) -> None:
     assert explored.result.problems == ()
-    W = fuse(arm.activity, normal_weights(explored.result.deflection_m))
+    W = fuse_with_activity(arm.activity, normal_weights(explored.result.deflection_m))
 
-    same_form = agreement(W, unit_rows(analytic_weights(J)))
-    assert same_form.entries > 200
-    assert same_form.sign >= 0.97
+    same_form = compare_maps(W, unit_rows(analytic_weights(J)))
+    assert same_form.n_entries > 200
+    assert same_form.sign_fraction >= 0.97
     assert same_form.correlation >= 0.97
 
-    normal_jacobian = agreement(
+    normal_jacobian = compare_maps(
         W, -J[:, :, 2] / np.maximum(np.linalg.norm(J[:, :, 2], axis=1), 1e-9)[:, None]
     )
-    assert normal_jacobian.sign >= 0.97
+    assert normal_jacobian.sign_fraction >= 0.97
     assert normal_jacobian.correlation >= 0.9
 
 
 def test_every_reaction_evades(arm: SkinnedArms, J: Floats, explored: MapExploration) -> None:
-    W = fuse(arm.activity, normal_weights(explored.result.deflection_m))
+    W = fuse_with_activity(arm.activity, normal_weights(explored.result.deflection_m))
     normal_velocity = np.einsum("sd,sd->s", J[:, :, 2], W)
     reacts = W.any(axis=1)
     assert reacts.sum() >= 0.9 * arm.n_arm_cells
@@ -74,7 +79,7 @@ def test_without_the_activity_matrix_cells_at_rest_would_react(
     weights = normal_weights(explored.result.deflection_m)
     unrelated = ~arm.activity
     assert np.abs(weights[unrelated]).mean() > 0.2  # the ratio of noise to noise
-    assert not fuse(arm.activity, weights)[unrelated].any()
+    assert not fuse_with_activity(arm.activity, weights)[unrelated].any()
 
 
 @pytest.mark.parametrize(("frequency_hz", "lag_s"), [(4.0, 0.005), (8.0, 0.02)])
@@ -176,9 +181,9 @@ def test_weights_and_fusion_by_hand() -> None:
     weights = normal_weights(deflection)
     np.testing.assert_allclose(weights, np.array([[-0.5, 1], [0, -0.05], [-0.5, -0.5]]))
     activity = np.array([[True, True], [True, True], [False, True]])
-    fused = fuse(activity, weights, least_norm=0.1)
+    fused = fuse_with_activity(activity, weights, min_row_norm=0.1)
     np.testing.assert_allclose(fused, np.array([[-math.sqrt(0.2), math.sqrt(0.8)], [0, 0], [0, -1]]))
-    assert fuse(activity, weights, least_norm=0.0)[1].tolist() == [0.0, -1.0]
+    assert fuse_with_activity(activity, weights, min_row_norm=0.0)[1].tolist() == [0.0, -1.0]
 
 
 def test_the_closest_pose_decides() -> None:
@@ -200,10 +205,10 @@ def test_the_closest_pose_decides() -> None:
 
 def test_agreement_has_its_fixed_points() -> None:
     W = np.array([[0.5, -0.5], [0.05, 0.9]])
-    assert agreement(W, W).sign == 1.0
-    assert agreement(W, W).correlation == pytest.approx(1.0)
-    assert agreement(W, W).entries == 3
-    assert agreement(-W, W).sign == 0.0
-    assert agreement(-W, W).correlation == pytest.approx(-1.0)
-    assert math.isnan(agreement(W, np.zeros((2, 2))).sign)
-    assert math.isnan(agreement(W, np.zeros((2, 2))).correlation)
+    assert compare_maps(W, W).sign_fraction == 1.0
+    assert compare_maps(W, W).correlation == pytest.approx(1.0)
+    assert compare_maps(W, W).n_entries == 3
+    assert compare_maps(-W, W).sign_fraction == 0.0
+    assert compare_maps(-W, W).correlation == pytest.approx(-1.0)
+    assert math.isnan(compare_maps(W, np.zeros((2, 2))).sign_fraction)
+    assert math.isnan(compare_maps(W, np.zeros((2, 2))).correlation)

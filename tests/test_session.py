@@ -10,26 +10,26 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import small
 
-from controller.grasping.directives import Area, directives
+from controller.grasping.directives import Area, merge_state_parameters
 from controller.grasping.memory import LongTermMemory
-from controller.grasping.session import Session
+from controller.grasping.session import TeachAndGrasp
 from controller.grasping.state_machine import (
-    CARRYING,
-    GRASPING,
-    RESTING,
-    SENSED,
-    TABLE,
+    CARRYING_STATES,
+    GRASPING_STATES,
+    RESTING_STATES,
+    SENSED_EVENTS,
+    TRANSITIONS,
     Event,
     State,
-    after,
-    diagram,
+    mermaid_diagram,
+    next_state,
 )
-from controller.grasping.teaching import Attention, learn_area
-from controller.grasping.touch_events import limbs_of
-from controller.knowledge import Knowledge
+from controller.grasping.teaching import AreaTeaching, replace_area
+from controller.grasping.touch_events import group_by_limb
+from controller.knowledge import SelfModel
 from controller.selforganisation.map_exploration import MapExplorationConfig
 from controller.selforganisation.structure import find_structure
-from controller.touch.fusion import TactilePicture
+from controller.touch.fusion import TactileState
 from skinnet.messages import EventKind, Modality
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,7 @@ AREAS = {"pat": PAT, "contact": LEFT + RIGHT, "chest": CHEST}
 GRASP = (State.OPEN, State.APPROACH, State.CONTACT, State.LOAD, State.PULL, State.HOLD)
 
 
-class Skin(TactilePicture):
+class Skin(TactileState):
     """A picture whose levels a test can set."""
 
     def __init__(self) -> None:
@@ -83,10 +83,10 @@ class Robot:
 
     def __init__(self, *, taught: bool = True, **session: Any) -> None:
         control = small(controller={"session": session}).controller
-        self.knowledge = Knowledge(cut=0.05)
+        self.knowledge = SelfModel(min_row_norm=0.05)
         if taught:
             self.knowledge.structure = find_structure(ACTIVITY)
-            self.knowledge.map.add(POSES["home"], WEIGHTS)
+            self.knowledge.sensory_motor_map.add(POSES["home"], WEIGHTS)
             self.knowledge.poses |= POSES
             self.knowledge.areas |= {name: np.array(cells) for name, cells in AREAS.items()}
         self.skin = Skin()
@@ -94,7 +94,7 @@ class Robot:
         self.position_rad = np.zeros(D)
         self.blocked = False
         config = MapExplorationConfig(frequency_hz=10.0, periods=1, settle_ns=0)
-        self.session = Session(
+        self.session = TeachAndGrasp(
             control, self.knowledge, LongTermMemory(None, self.knowledge), config, self.skin, D, S, 0
         )
 
@@ -109,7 +109,7 @@ class Robot:
         return velocity
 
     def ask(self, what: str, argument: str = "") -> bool:
-        return self.session.ask(self.t_ns, what, argument).accepted
+        return self.session.handle_request(self.t_ns, what, argument).accepted
 
     def until(self, *states: State, ticks: int = 4000) -> "Robot":
         for _ in range(ticks):
@@ -178,9 +178,9 @@ REQUESTS = {
 
 
 def test_every_event_is_sensed_or_a_request() -> None:
-    assert set(SENSED).isdisjoint(REQUESTS)
-    assert set(SENSED) | set(REQUESTS) == set(Event)
-    assert set(TABLE) == set(State)
+    assert set(SENSED_EVENTS).isdisjoint(REQUESTS)
+    assert set(SENSED_EVENTS) | set(REQUESTS) == set(Event)
+    assert set(TRANSITIONS) == set(State)
 
 
 @pytest.mark.parametrize("event", REQUESTS, ids=lambda event: event.name)
@@ -192,8 +192,8 @@ def test_every_request_in_every_state(state: State, event: Event) -> None:
         robot.skin.touch_all(PAT)
         robot.tick()
     before = len(robot.session.log), robot.session.gains.tolist(), dict(robot.knowledge.areas)
-    target = after(state, event)
-    reply = robot.session.ask(robot.t_ns, *REQUESTS[event])
+    target = next_state(state, event)
+    reply = robot.session.handle_request(robot.t_ns, *REQUESTS[event])
     assert reply.accepted == (target is not None)
     assert reply.state == robot.session.state.value == (target or state).value
     if target is None:
@@ -207,7 +207,7 @@ def test_cancel_leads_to_the_safe_state_from_everywhere(state: State) -> None:
     """At once, or when what it carries can have been taken; then the arms open slowly and evade."""
     robot = brought(state)
     assert robot.ask("cancel")
-    if state in CARRYING:
+    if state in CARRYING_STATES:
         assert robot.session.state is State.SET_DOWN
         began_ns = robot.t_ns
         before = robot.position_rad.copy()
@@ -215,22 +215,22 @@ def test_cancel_leads_to_the_safe_state_from_everywhere(state: State) -> None:
         assert robot.t_ns - began_ns >= 3_900_000_000
         assert np.abs(robot.position_rad - before).max() < 0.02  # what it holds it goes on to hold
     assert robot.session.state is State.SAFE
-    robot.skin.set_found(np.arange(S), False)  # nothing felt
+    robot.skin.set_present(np.arange(S), False)  # nothing felt
     fastest = max(np.abs(robot.tick()).max() for _ in range(4000))
     assert fastest <= 0.1 + 1e-12
     np.testing.assert_allclose(robot.position_rad, POSES["open"], atol=0.011)
 
 
-@pytest.mark.parametrize("state", GRASPING, ids=lambda state: state.name)
+@pytest.mark.parametrize("state", GRASPING_STATES, ids=lambda state: state.name)
 @pytest.mark.parametrize("event", [Event.PAIN, Event.SKIN_LOST], ids=lambda event: event.name)
 def test_pain_and_lost_skin_end_every_grasp(state: State, event: Event) -> None:
     robot = brought(state)
     if event is Event.PAIN:
         robot.skin.touch_all((7,), 4, 0.5)
     else:
-        robot.skin.set_found(np.array(RIGHT), False)
+        robot.skin.set_present(np.array(RIGHT), False)
     robot.tick()
-    assert robot.session.state is (State.SET_DOWN if state in CARRYING else State.SAFE)
+    assert robot.session.state is (State.SET_DOWN if state in CARRYING_STATES else State.SAFE)
     assert robot.session.log[-1].event == event.value
 
 
@@ -333,12 +333,12 @@ def test_a_pose_is_remembered_with_its_map() -> None:
     assert robot.ask("remember", "here")
     robot.until(State.IDLE)
     np.testing.assert_allclose(robot.knowledge.poses["here"], [0.2, -0.1])
-    assert len(robot.knowledge.map) == 1
+    assert len(robot.knowledge.sensory_motor_map) == 1
     robot.position_rad = np.array([0.3, -0.1])
     robot.ask("remember", "here")
     robot.until(State.IDLE)
-    assert len(robot.knowledge.map) == 1  # the newer in the place of the older
-    np.testing.assert_allclose(robot.knowledge.map.poses_rad[0], [0.3, -0.1])
+    assert len(robot.knowledge.sensory_motor_map) == 1  # the newer in the place of the older
+    np.testing.assert_allclose(robot.knowledge.sensory_motor_map.poses_rad[0], [0.3, -0.1])
 
 
 def test_a_cancelled_exploration_leaves_no_pose() -> None:
@@ -346,7 +346,7 @@ def test_a_cancelled_exploration_leaves_no_pose() -> None:
     robot.tick(3)
     robot.ask("cancel")
     assert "here" not in robot.knowledge.poses
-    assert len(robot.knowledge.map) == 1
+    assert len(robot.knowledge.sensory_motor_map) == 1
 
 
 @pytest.mark.parametrize(
@@ -364,7 +364,7 @@ def test_a_cancelled_exploration_leaves_no_pose() -> None:
 )
 def test_requests_that_make_no_sense_change_nothing(what: str, argument: str, why: str) -> None:
     robot = Robot()
-    reply = robot.session.ask(0, what, argument)
+    reply = robot.session.handle_request(0, what, argument)
     assert not reply.accepted
     assert why in reply.why
     assert robot.session.state is State.IDLE
@@ -375,7 +375,7 @@ def test_a_grasp_needs_two_arms_and_a_chest() -> None:
     for areas, why in (({"contact": LEFT}, "two arms"), ({"contact": LEFT + RIGHT}, "chest")):
         robot = Robot()
         robot.knowledge.areas = {name: np.array(cells) for name, cells in areas.items()}
-        robot.session = Session(
+        robot.session = TeachAndGrasp(
             small().controller,
             robot.knowledge,
             LongTermMemory(None, robot.knowledge),
@@ -390,10 +390,12 @@ def test_a_grasp_needs_two_arms_and_a_chest() -> None:
 
 
 def test_limbs_are_what_no_joint_moves_together() -> None:
-    arms = limbs_of(np.array(RIGHT + LEFT + CHEST), ACTIVITY)
+    arms = group_by_limb(np.array(RIGHT + LEFT + CHEST), ACTIVITY)
     assert [arm.tolist() for arm in arms] == [list(LEFT), list(RIGHT)]
     chain = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 1], [1, 1, 0]], dtype=np.bool_)
-    assert [limb.tolist() for limb in limbs_of(np.arange(4), chain)] == [[0, 1, 2, 3]]  # joined by the last
+    assert [limb.tolist() for limb in group_by_limb(np.arange(4), chain)] == [
+        [0, 1, 2, 3]
+    ]  # joined by the last
 
 
 def test_without_pre_contact_only_force_counts() -> None:
@@ -411,19 +413,25 @@ def test_without_pre_contact_only_force_counts() -> None:
 
 def test_table_two_and_what_a_deployment_changes() -> None:
     control = small().controller
-    table = directives(control.session)
+    table = merge_state_parameters(control.session)
     pull = table[State.PULL]
     assert (pull.pose, pull.speed_rad_s, pull.accuracy_rad) == ("pulled", 0.05, 0.01)
-    assert (pull.gains[Area.CONTACT].force_threshold, pull.gains[Area.CONTACT].force_gain) == (0.10, 0.80)
-    assert (pull.gains[Area.OTHER].proximity_threshold, pull.gains[Area.OTHER].proximity_gain) == (0.01, 0.01)
-    assert table[State.APPROACH].gains[Area.CONTACT].proximity_gain == 0.4
-    assert table[State.CONTACT].gains[Area.CONTACT].proximity_gain == 0.0
-    assert not any(any(gains) for gains in table[State.IDLE].gains.values())
+    assert (pull.reactions[Area.CONTACT].force_threshold, pull.reactions[Area.CONTACT].force_gain) == (
+        0.10,
+        0.80,
+    )
+    assert (pull.reactions[Area.OTHER].proximity_threshold, pull.reactions[Area.OTHER].proximity_gain) == (
+        0.01,
+        0.01,
+    )
+    assert table[State.APPROACH].reactions[Area.CONTACT].proximity_gain == 0.4
+    assert table[State.CONTACT].reactions[Area.CONTACT].proximity_gain == 0.0
+    assert not any(any(gains) for gains in table[State.IDLE].reactions.values())
     changed = {"load": {"speed_rad_s": 0.02, "areas": {"contact": {"force_gain": 0.5}}}}
-    own = directives(small(controller={"session": {"states": changed}}).controller.session)
+    own = merge_state_parameters(small(controller={"session": {"states": changed}}).controller.session)
     assert own[State.LOAD].speed_rad_s == 0.02
-    assert own[State.LOAD].gains[Area.CONTACT].force_gain == 0.5
-    assert own[State.LOAD].gains[Area.OTHER] == table[State.LOAD].gains[Area.OTHER]
+    assert own[State.LOAD].reactions[Area.CONTACT].force_gain == 0.5
+    assert own[State.LOAD].reactions[Area.OTHER] == table[State.LOAD].reactions[Area.OTHER]
     assert own[State.PULL] == pull
 
 
@@ -496,14 +504,14 @@ def test_whatever_happens_the_table_is_kept_and_the_robot_is_slow(steps: list[An
             assert state is not State.ENDED or not velocity.any()
     for entry in robot.session.log:
         event = next(event for event in Event if event.value == entry.event)
-        assert after(State(entry.state), event) is State(entry.to)
+        assert next_state(State(entry.state), event) is State(entry.to)
     for one, other in zip(robot.session.log, robot.session.log[1:], strict=False):
         assert one.to == other.state
 
 
 def test_the_diagram_shows_the_whole_table() -> None:
-    text = diagram()
-    for state, row in TABLE.items():
+    text = mermaid_diagram()
+    for state, row in TRANSITIONS.items():
         for target in row.values():
             end = "[*]" if target is State.ENDED else target.value
             assert f"{state.value} --> {end}:" in text
@@ -511,12 +519,12 @@ def test_the_diagram_shows_the_whole_table() -> None:
 
 def test_attention_and_areas() -> None:
     skin = Skin()
-    attention = Attention("pat", skin, 4)
+    attention = AreaTeaching("pat", skin, 4)
     assert not len(attention.cells)
-    areas = learn_area({"pat": np.array([1, 2]), "chest": np.array([3])}, "contact", np.array([3, 4]))
+    areas = replace_area({"pat": np.array([1, 2]), "chest": np.array([3])}, "contact", np.array([3, 4]))
     assert {name: cells.tolist() for name, cells in areas.items()} == {"pat": [1, 2], "contact": [3, 4]}
 
 
 def test_resting_states_take_the_same_requests() -> None:
-    first, second = (TABLE[state] for state in RESTING)
+    first, second = (TRANSITIONS[state] for state in RESTING_STATES)
     assert first == second

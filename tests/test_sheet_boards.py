@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cells.sheets.boards import Boards, Delivered
+from cells.sheets.boards import Boards, DeliveredMessages
 from cells.sheets.wire import FORCE_STEP_N, XI_STEP_M
 from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
-from skinnet.sheet_messages import BOARD_FRAME, REGION_ROW
+from skinnet.sheet_messages import REGION_ROW, SCAN_FRAME_ROW
 from skinnet.skin.sheet import PlacedSheet, place_sheets
 
 PERIOD_NS = 4_000_000
@@ -37,10 +37,10 @@ def pressures(n: int, **contacts: tuple[int, int, int, int]) -> NDArray[np.float
     return grid.ravel()
 
 
-def run(some: Boards, frames: int, kpa: NDArray[np.float32]) -> Delivered:
+def run(some: Boards, frames: int, kpa: NDArray[np.float32]) -> DeliveredMessages:
     """Everything that arrives in so many frames from 0 on."""
     steps = [some.step(frame, kpa, kpa) for frame in range(frames)]
-    return Delivered(*(np.concatenate(column) for column in zip(*steps, strict=True)))
+    return DeliveredMessages(*(np.concatenate(column) for column in zip(*steps, strict=True)))
 
 
 def test_a_message_of_one_board_takes_the_time_of_its_bytes() -> None:
@@ -76,7 +76,7 @@ def test_a_star_has_no_waiting_and_a_chain_a_hop_for_each_board() -> None:
         alone = 4 if kind == "chain" else None
         for board in range(5):
             if alone is not None and board != alone:
-                some.switch(board, False)
+                some.set_power(board, False)
         frames = run(some, 4, pressures(5)).frames
         delay_ns = frames["t_delivered_ns"] - frames["t_sampled_ns"] - COMPUTE_NS
         expected = [hops[b] * (8 * BYTE_NS + 10_000) for b in frames["board"].tolist()]
@@ -105,7 +105,7 @@ def test_features_arrive_as_the_board_found_them_up_to_the_steps_of_the_wire() -
 
 def test_rows_belong_to_the_frames_in_the_order_of_delivery() -> None:
     arrived = run(boards(6), 10, pressures(6, b1=(0, 0, 2, 2), b4=(5, 5, 1, 2), b5=(0, 0, 1, 1)))
-    assert arrived.frames.dtype == BOARD_FRAME
+    assert arrived.frames.dtype == SCAN_FRAME_ROW
     assert (np.diff(arrived.frames["t_delivered_ns"]) > 0).all()
     for name in ("t_sampled_ns", "t_delivered_ns", "board"):
         expected = np.repeat(arrived.frames[name], arrived.frames["rows"])
@@ -142,9 +142,9 @@ def test_a_pattern_comes_every_so_many_frames_after_the_request_has_arrived() ->
     patterns = []
     for frame in range(20):
         if frame == 3:
-            some.request(3 * PERIOD_NS + 5, 1, 4)
+            some.request_pattern(3 * PERIOD_NS + 5, 1, 4)
         if frame == 13:
-            some.request(0, 1, 0)
+            some.request_pattern(0, 1, 0)
         kpa = dice.uniform(0.0, 80.0, 128).astype(np.float32)
         arrived = some.step(frame, kpa, kpa).patterns
         for row in arrived:
@@ -157,13 +157,13 @@ def test_a_pattern_comes_every_so_many_frames_after_the_request_has_arrived() ->
     counters = conserved(some)
     assert (counters["request"]["delivered"], counters["pattern"]["delivered"]) == (2, 3)
     with pytest.raises(ValueError, match="boards 0 to 1"):
-        some.request(0, 2, 1)
+        some.request_pattern(0, 2, 1)
 
 
 @pytest.mark.parametrize("kind", ["bus", "star", "chain"])
 def test_a_request_finds_its_board_over_any_network(kind: str) -> None:
     some = boards(4, kind=kind)
-    some.request(0, 3, 1)
+    some.request_pattern(0, 3, 1)
     assert set(run(some, 4, pressures(4)).patterns["board"].tolist()) == {3}
 
 
@@ -184,9 +184,9 @@ def test_silence_of_a_board_is_its_own() -> None:
     heard: dict[int, list[int]] = {0: [], 1: [], 2: []}
     for frame in range(13):
         if frame == 4:
-            some.switch(1, False)
+            some.set_power(1, False)
         if frame == 8:
-            some.switch(1, True)
+            some.set_power(1, True)
         for row in some.step(frame, kpa, kpa).frames:
             heard[int(row["board"])].append(int(row["frame"]))
     assert [frame for frame in heard[1] if frame < 12] == [0, 1, 2, 3, 8, 9, 10, 11]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.schema import BodySpec, Deployment, FoamSpec
 from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError, ModelError
@@ -55,7 +55,7 @@ class Scene:
         x, y, z, w = self.R.as_quat().tolist()
         mjcf = SCENE.format(quat=f"{w} {x} {y} {z}", geom=geom)
         (folder / "scene.xml").write_text(mjcf)
-        self.body = Body(
+        self.body = BodySimulation(
             Deployment(
                 name="scene",
                 robot="scene",
@@ -78,7 +78,7 @@ class Scene:
 
     def press(self) -> tuple[Floats, Floats]:
         """Force [N] and moment [N m] about the base's origin on the tool at the present state, base frame."""
-        self.body._press()
+        self.body._compute_contact()
         return self.on(self.tool)
 
     def on(self, body: int) -> tuple[Floats, Floats]:
@@ -224,12 +224,12 @@ def test_the_foam_is_passive(tmp_path: Path, turns: int) -> None:
 def test_sliding_is_counted_and_sticking_is_not(tmp_path: Path) -> None:
     """Pushed sideways a little, the foam only strains; pulled on, μ N × slip is the lost work."""
     scene = Scene(tmp_path, damping_pa_s_per_m=0.0)
-    pressed = scene.body.sheet_foundation.pressed
+    pressed = scene.body.sheet_foundation.contact
     slid, work_j, speed_m_s = [], 0.0, 0.05
     for i in range(200):
         scene.put((speed_m_s * 1e-3 * i, 0.0, THICK_M - 0.003), (0, 0, 0), (speed_m_s, 0, 0, 0, 0, 0))
         force_n, _ = scene.press()
-        slid.append(pressed.slid_n_m[scene.tool] / pressed.on_body_n[scene.tool])
+        slid.append(pressed.force_weighted_slip_n_m[scene.tool] / pressed.body_normal_force_n[scene.tool])
         work_j += float(force_n[0]) * speed_m_s * 1e-3
     stick_m = 0.6 * 0.003 / 0.5  # μ k d / (half of k)
     first = int(stick_m / (speed_m_s * 1e-3))
@@ -244,7 +244,7 @@ def test_sheets_need_one_pitch_and_a_body(tmp_path: Path) -> None:
     (tmp_path / "scene.xml").write_text(SCENE.format(quat="1 0 0 0", geom=BOX))
 
     def build(body: str, *pitches_m: float) -> None:
-        Body(
+        BodySimulation(
             Deployment(
                 name="scene",
                 robot="scene",

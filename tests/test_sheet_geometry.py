@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.sheet import PlacedSheet, Surface, place_sheets, surface_of
+from skinnet.skin.sheet import PlacedSheet, Surface, build_surface, place_sheets
 
 PITCH_M = 0.0215
 COMB = (
@@ -45,7 +45,7 @@ def sheet(**settings: object) -> PlacedSheet:
 
 
 def reach_m(placed: Surface) -> float:
-    return min(placed.reach_m, 0.3)
+    return min(placed.max_xi1_m, 0.3)
 
 
 coordinates = st.tuples(st.floats(-0.999, 0.999), st.floats(-0.2, 0.2))
@@ -54,10 +54,10 @@ coordinates = st.tuples(st.floats(-0.999, 0.999), st.floats(-0.2, 0.2))
 @pytest.mark.parametrize("shape", SHAPES)
 @given(at=coordinates, height_m=st.floats(-0.02, 0.1))
 def test_tactile_coordinates_and_back(shape: str, at: tuple[float, float], height_m: float) -> None:
-    placed = surface_of(SHAPES[shape])
+    placed = build_surface(SHAPES[shape])
     xi_m = np.array([at[0] * reach_m(placed), at[1]])
     position_m, _ = placed.frame_at(xi_m, height_m)
-    back_m, back_height_m = placed.xi_of(position_m)
+    back_m, back_height_m = placed.tactile_coordinates(position_m)
     assert back_m == pytest.approx(xi_m, abs=1e-12)
     assert back_height_m == pytest.approx(height_m, abs=1e-12)
 
@@ -66,7 +66,7 @@ def test_tactile_coordinates_and_back(shape: str, at: tuple[float, float], heigh
 @given(at=coordinates)
 def test_tangents_are_derivatives_and_orthonormal(shape: str, at: tuple[float, float]) -> None:
     """Equal to finite differences, so ξ is metric and orthogonal; also where flat and round meet."""
-    placed = surface_of(SHAPES[shape])
+    placed = build_surface(SHAPES[shape])
     xi_m = np.array([at[0] * reach_m(placed), at[1]])
     _, rotation = placed.frame_at(xi_m)
     h = 1e-6
@@ -79,18 +79,18 @@ def test_tangents_are_derivatives_and_orthonormal(shape: str, at: tuple[float, f
 
 
 def test_shapes_are_what_they_are_called() -> None:
-    cylinder = surface_of(SHAPES["cylinder"])
+    cylinder = build_surface(SHAPES["cylinder"])
     xi_m = np.column_stack([np.linspace(-0.17, 0.17, 50), np.linspace(-0.1, 0.1, 50)])
     position_m, rotation = cylinder.frame_at(xi_m, 0.01)
     local = (position_m - cylinder.origin_m) @ cylinder.R_body_surface
     assert np.hypot(local[:, 0], local[:, 2] + 0.055) == pytest.approx(np.full(50, 0.065))
     outward = local * [1, 0, 1] + [0, 0, 0.055]
     assert rotation[:, :, 2] == pytest.approx((outward / 0.065) @ cylinder.R_body_surface.T)
-    flat = surface_of(SHAPES["semi_flat"])
+    flat = build_surface(SHAPES["semi_flat"])
     middle = np.column_stack([np.linspace(-0.043, 0.043, 20), np.zeros(20)])
-    plane = surface_of(SHAPES["plane"])
+    plane = build_surface(SHAPES["plane"])
     assert flat.frame_at(middle)[0] == pytest.approx(plane.frame_at(middle)[0], abs=1e-15)
-    edge_m = flat.xi_of(flat.frame_at([flat.reach_m - 1e-9, 0.0])[0])[0][0]
+    edge_m = flat.tactile_coordinates(flat.frame_at([flat.max_xi1_m - 1e-9, 0.0])[0])[0][0]
     assert edge_m == pytest.approx(0.043 + math.pi * 0.041)
 
 
@@ -126,7 +126,7 @@ def test_two_sheets_share_the_coordinates_of_their_surface() -> None:
     assert above.surface is below.surface
     step = above.xi_m[-8:] - below.xi_m[:8]
     assert step == pytest.approx(np.tile([0.0, PITCH_M], (8, 1)))
-    assert below.surface.xi_of(below.position_m)[0] == pytest.approx(below.xi_m)
+    assert below.surface.tactile_coordinates(below.position_m)[0] == pytest.approx(below.xi_m)
 
 
 def test_the_robot_has_468_elements() -> None:
@@ -213,10 +213,10 @@ def test_what_does_not_hold_is_refused(
 
 def test_degenerate_vectors_are_refused() -> None:
     with pytest.raises(DeploymentError, match="parallel"):
-        surface_of(
+        build_surface(
             SurfaceSpec(name="s", body="b", origin_m=(0, 0, 0), normal=(0.0, 0.0, 2.0), up=(0.0, 0.0, 1.0))
         )
     with pytest.raises(DeploymentError, match="finite length"):
-        surface_of(
+        build_surface(
             SurfaceSpec(name="s", body="b", origin_m=(0, 0, 0), normal=(0.0, 0.0, 0.0), up=(0.0, 0.0, 1.0))
         )

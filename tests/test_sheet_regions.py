@@ -43,7 +43,7 @@ def tracker(*names: str, **settings: float) -> RegionTracker:
 
 def track(regions: RegionTracker, *patterns: Pattern) -> list[NDArray[Any]]:
     """Rows of each board after the patterns (8, 8) of all."""
-    regions.track(np.concatenate([pattern.ravel() for pattern in patterns]).astype(np.float64))
+    regions.update(np.concatenate([pattern.ravel() for pattern in patterns]).astype(np.float64))
     return [rows[:n].copy() for rows, n in zip(regions.rows, regions.n_rows, strict=True)]
 
 
@@ -228,11 +228,11 @@ def test_numbers_come_back_only_after_all_others_and_never_while_in_use() -> Non
     one = blocks((0, 0, 1, 1))
     given_numbers: list[int] = []
     for _ in range(65535 // 15 + 2):
-        regions.track(kings.ravel())
+        regions.update(kings.ravel())
         fresh = regions.rows[0, : regions.n_rows[0]]["number"].tolist()
         assert fresh[0] == 1
         given_numbers += fresh[1:]
-        regions.track(one.ravel())
+        regions.update(one.ravel())
     assert len(set(given_numbers[:65534])) == 65534
     assert 1 not in given_numbers
     assert 0 not in given_numbers
@@ -252,7 +252,7 @@ def test_elements_say_to_which_region_they_belong() -> None:
     pattern[2, 0] = 0.5  # rim
     track(regions, pattern)
     expected = np.where(blocks((0, 0, 2, 2)) > 0, 1, 0) + np.where(blocks((5, 5, 2, 2)) > 0, 2, 0)
-    assert (regions.number.reshape(8, 8) == expected).all()
+    assert (regions.region_id.reshape(8, 8) == expected).all()
 
 
 def test_across_the_gap_of_a_comb_a_contact_is_one_region() -> None:
@@ -261,7 +261,7 @@ def test_across_the_gap_of_a_comb_a_contact_is_one_region() -> None:
         placed = sheets("a", rows=3, columns=4, mask=comb, joins_gaps=joins)
         regions = RegionTracker(placed, RegionSpec())
         pattern = np.array([[0, 0, 0, 0], [9, 0, 9, 9], [9, 0, 9, 9]], dtype=np.float64)
-        regions.track(pattern[placed[0].grid[:, 0], placed[0].grid[:, 1]])
+        regions.update(pattern[placed[0].grid[:, 0], placed[0].grid[:, 1]])
         assert regions.n_rows.tolist() == [n]
 
 
@@ -277,7 +277,7 @@ def test_numbers_stay_under_small_motion(seed: int) -> None:
     for frame in range(100):
         pressure = 25.0 * np.exp(-((SHEET.xi_m - at_m) ** 2).sum(axis=1) / (2 * 0.02**2))
         transducers.scan(frame, pressure, pressure, out)
-        regions.track(out)
+        regions.update(out)
         assert regions.n_rows.tolist() == [1]
         row = regions.rows[0, 0]
         assert row["number"] == 1
@@ -304,7 +304,7 @@ def felt(field: Field, bits: int, noise_kpa: float = 0.0, seed: int = 1) -> tupl
     out = np.empty(64)
     PressureTransducers([SHEET], spec, seed).scan(0, pressure, pressure, out)
     regions = RegionTracker([SHEET], spec.regions)
-    regions.track(out)
+    regions.update(out)
     assert regions.n_rows.tolist() == [1]
     return float(regions.rows[0, 0]["force_n"]), xi_m(regions.rows[0, 0])
 

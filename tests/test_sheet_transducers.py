@@ -30,7 +30,7 @@ def elements(*names: str, seed: int = 1, columns: int = 8, **settings: float) ->
 def read(
     transducers: PressureTransducers, before: object, after: object = None, frame: int = 0
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    n = len(transducers.sampled_ns)
+    n = len(transducers.sample_offset_ns)
     out = np.full(n, np.nan)
     start = np.broadcast_to(np.asarray(before, dtype=np.float32), n)
     end = start if after is None else np.broadcast_to(np.asarray(after, dtype=np.float32), n)
@@ -41,18 +41,18 @@ def read(
 @given(st.integers(0, 1000))
 def test_a_board_reads_one_element_after_the_other_within_the_period(seed: int) -> None:
     boards = elements("a", "b", seed=seed)
-    scan = boards.sampled_ns.reshape(2, 64)
+    scan = boards.sample_offset_ns.reshape(2, 64)
     assert (np.diff(scan, axis=1) == 50_000).all()
     assert (scan[:, 0] >= 50_000).all()
     assert (scan[:, -1] <= PERIOD_NS).all()
-    assert boards.complete_ns.tolist() == scan[:, -1].tolist()
+    assert boards.scan_end_ns.tolist() == scan[:, -1].tolist()
     assert scan[0, 0] != scan[1, 0]  # clocks of their own
 
 
 def test_each_element_reads_the_pressure_of_its_own_moment() -> None:
     boards = elements("a", "b", bits=24, noise_kpa=0.0)
     before, after = np.linspace(5.0, 40.0, 128), np.linspace(80.0, 3.0, 128)
-    expected = before + (after - before) * boards.sampled_ns / PERIOD_NS
+    expected = before + (after - before) * boards.sample_offset_ns / PERIOD_NS
     assert read(boards, before, after) == pytest.approx(expected, abs=1e-5)
 
 
@@ -90,10 +90,10 @@ def test_what_a_board_reads_does_not_depend_on_the_others() -> None:
         expected = read(alone, pressures, pressures[::-1], frame)
         assert (read(together, both, np.concatenate([both[63::-1]] * 2), frame)[64:] == expected).all()
         assert (read(turned, both, np.concatenate([both[63::-1]] * 2), frame)[:64] == expected).all()
-    assert (together.sampled_ns[64:] == alone.sampled_ns).all()
+    assert (together.sample_offset_ns[64:] == alone.sample_offset_ns).all()
 
 
 def test_a_scan_fits_into_the_period() -> None:
-    assert elements("a", element_us=62.5).complete_ns.tolist() == [PERIOD_NS]
+    assert elements("a", element_us=62.5).scan_end_ns.tolist() == [PERIOD_NS]
     with pytest.raises(DeploymentError, match=r"sheets\.a: 64 elements of 63\.0 µs"):
         elements("a", element_us=63.0)

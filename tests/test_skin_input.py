@@ -7,14 +7,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.skin_input import SkinInput
-from skinnet.messages import FORCE_CHANNELS, STREAM_ROW, Events, Modality, Stream
+from controller.skin_input import CellInput
+from skinnet.messages import N_FORCE_CHANNELS, STREAM_ROW, Events, Modality, Stream
 
 SIZES = {"arm": 3, "hand": 2, "leg": 1}
 FIRST = {"arm": 0, "hand": 3, "leg": 5}
 RANK = {patch: i for i, patch in enumerate(SIZES)}
 WIDTH = {
-    Modality.FORCE: FORCE_CHANNELS,
+    Modality.FORCE: N_FORCE_CHANNELS,
     Modality.PROXIMITY: 1,
     Modality.ACCELERATION: 3,
     Modality.TEMPERATURE: 1,
@@ -96,7 +96,7 @@ def test_rows_come_out_once_at_their_time_and_in_their_order(
 ) -> None:
     """Against a sorted list of everything; messages arrive at any time before they are due, in any order."""
     rng = random.Random(seed)
-    skin = SkinInput(SIZES)
+    skin = CellInput(SIZES)
     steps = [*sorted(ticks), 99]
     arrivals: dict[int, list[tuple[bool, list[Said]]]] = {t_ns: [] for t_ns in steps}
     for is_event, messages in ((True, events), (False, streams)):
@@ -115,7 +115,7 @@ def test_rows_come_out_once_at_their_time_and_in_their_order(
                 else skin.add_stream(patch, as_stream(rows))
             )
             assert count == len(rows)
-        for kind, (cell, rows_out) in enumerate(skin.take(t_ns)):
+        for kind, (cell, rows_out) in enumerate(skin.take_delivered(t_ns)):
             assert all(t < t_ns for t in rows_out["t_delivered_ns"].tolist())
             taken[kind].extend(zip(cell.tolist(), rows_out.copy(), strict=True))
     for kind, messages in enumerate((events, streams)):
@@ -136,11 +136,11 @@ def test_rows_come_out_once_at_their_time_and_in_their_order(
 @given(events=speeches(), lost=st.integers(0, 11))
 def test_what_is_missing_is_counted_by_sequence_numbers(events: list[list[Said]], lost: int) -> None:
     """A loss shows as soon as something of the same patch comes after it."""
-    skin = SkinInput(SIZES)
+    skin = CellInput(SIZES)
     left = [rows for i, rows in enumerate(events) if i != lost]
     for rows in left:
         skin.add_events(rows[0].patch, as_events(rows))
-    skin.take(99)
+    skin.take_delivered(99)
     seqs = {patch: [row.seq for rows in left for row in rows if row.patch == patch] for patch in SIZES}
     assert skin.received == sum(map(len, seqs.values()))
-    assert skin.gaps == sum(max(some) + 1 - len(some) for some in seqs.values() if some)
+    assert skin.missing == sum(max(some) + 1 - len(some) for some in seqs.values() if some)

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from small_robot import patch, small
 
 from cells.damage import Impairment
-from cells.encoding import Emission
-from cells.formation_gateway import Phase
-from cells.outages import Outage, outages
+from cells.encoding import EncoderOutput
+from cells.formation_gateway import FormationPhase
+from cells.outages import Outage, compute_topology_changes
 from cells.skin_network import SkinNetwork
-from cells.wiring import Wiring, wire
+from cells.wiring import Wiring, wire_cells
 from skinnet.deployment.power import PowerSpec
 from skinnet.messages import FOREVER_NS
 from skinnet.network.records import Outcome
-from skinnet.skin.placement import bridges_of, place
+from skinnet.skin.placement import place_patch, resolve_bridges
 
 PERIOD_NS = 4_000_000
 NEVER = np.empty(0, dtype=np.int64)
@@ -39,22 +39,22 @@ class Streaming:
         **tables: Any,
     ) -> None:
         deployment = small(*patches, **tables)
-        placed = {one.name: place(one, deployment.cells) for one in deployment.patches}
+        placed = {one.name: place_patch(one, deployment.cells) for one in deployment.patches}
         groups = [[placed[name] for name in group] for group in deployment.groups()]
-        bridges = bridges_of(deployment.bridges, tuple(placed.values()))
-        self.wiring = wire(groups, deployment.network, bridges)
+        bridges = resolve_bridges(deployment.bridges, tuple(placed.values()))
+        self.wiring = wire_cells(groups, deployment.network, bridges)
         found = found(self.wiring) if callable(found) else found
         self.network = SkinNetwork(
             self.wiring,
             deployment.cells,
             deployment.network,
             1,
-            transitions=outages(self.wiring, found, power, feeds),
+            topology_changes=compute_topology_changes(self.wiring, found, power, feeds),
             impairments=impairments,
         )
         self.network.start(0)
         self._phase_ns = np.arange(self.wiring.n_cells) * PERIOD_NS // self.wiring.n_cells
-        self.heard: list[NDArray[np.int64]] = []
+        self.received: list[NDArray[np.int64]] = []
         self.sent = 0
 
     def run(self, until_ns: int, step_ns: int = PERIOD_NS) -> "Streaming":
@@ -63,22 +63,22 @@ class Streaming:
         while network.kernel.now_ns < until_ns:
             t_ns = network.kernel.now_ns
             times_ns = t_ns + self._phase_ns
-            cells = np.flatnonzero(network.members.reached & network.has_power(times_ns))
+            cells = np.flatnonzero(network.membership.is_member & network.powered_at(times_ns))
             byte = NEVER.astype(np.uint8)
-            words = Emission(NEVER, byte, byte, byte, byte, NEVER.astype(np.float32), cells)
-            network.send_data(times_ns, words, np.zeros((self.wiring.n_cells, 8), dtype=np.float32))
+            words = EncoderOutput(NEVER, byte, byte, byte, byte, NEVER.astype(np.float32), cells)
+            network.send_samples(times_ns, words, np.zeros((self.wiring.n_cells, 8), dtype=np.float32))
             self.sent += len(cells)
             data = []
             for end_ns in range(t_ns + step_ns, t_ns + PERIOD_NS + 1, step_ns):
                 data += network.advance(end_ns)[0]
-            self.heard += [
+            self.received += [
                 np.column_stack([one.rows["cell"], one.rows["t_sampled_ns"], one.t_ns]) for one in data
             ]
             self.check()
         return self
 
     def rows(self) -> NDArray[np.int64]:
-        return np.vstack(self.heard) if self.heard else np.empty((0, 3), dtype=np.int64)
+        return np.vstack(self.received) if self.received else np.empty((0, 3), dtype=np.int64)
 
     def check(self) -> None:
         """Offered = delivered + dropped by cause + in flight, of every kind."""
@@ -106,14 +106,14 @@ CUT_NS = 400_000_000
 
 def test_a_link_cut_in_the_middle_of_a_hundred_cells() -> None:
     """Every cell that still has a path is heard again within 50 ms; what was lost meanwhile is counted."""
-    whole = Streaming(patch("p", 10, 10), network=FAST).run(CUT_NS).network.members.topology(0, 0)
+    whole = Streaming(patch("p", 10, 10), network=FAST).run(CUT_NS).network.membership.topology_message(0, 0)
     below = [sum(leads_over(whole.parent, cell, other) for other in range(100)) for cell in range(100)]
     middle = max((c for c in range(100) if 3 <= whole.depth[c] <= 12), key=lambda c: below[c])
     assert below[middle] > 10
     life = Streaming(
         patch("p", 10, 10), network=FAST, found=lambda w: [cut(w, middle, whole.master_port[middle], CUT_NS)]
     ).run(CUT_NS + 200_000_000)
-    (recovery,) = life.network.recoveries.all
+    (recovery,) = life.network.recovery_log.recoveries
     assert recovery.back_ns is not None
     assert recovery.complete_ns is not None
     assert recovery.complete_ns - CUT_NS <= 50_000_000
@@ -136,15 +136,15 @@ def leads_over(parent: list[int], cell: int, other: int) -> bool:
 def test_a_cell_that_dies_and_returns_is_asked_for_its_number_and_streams_again() -> None:
     gone = lambda w: [Outage(CUT_NS, 2 * CUT_NS, cell=12)]  # noqa: E731
     life = Streaming(patch("p", 5, 5), network=FAST, found=gone).run(CUT_NS)
-    numbers = life.network.members.topology(0, 0).network_id
+    numbers = life.network.membership.topology_message(0, 0).network_id
     life.run(2 * CUT_NS)
-    without = life.network.members.topology(0, 0)
+    without = life.network.membership.topology_message(0, 0)
     assert without.network_id == [0 if cell == 12 else i for cell, i in enumerate(numbers)]
-    assert not life.network.members.reached[12]
+    assert not life.network.membership.is_member[12]
     assert all(12 not in row for row in without.neighbours)
     life.run(2 * CUT_NS + 100_000_000)
-    assert life.network.members.topology(0, 0).network_id == numbers
-    assert list(life.network.restarted()) == [12]
+    assert life.network.membership.topology_message(0, 0).network_id == numbers
+    assert list(life.network.take_restarted()) == [12]
     rows = life.rows()
     silent = rows[(rows[:, 0] == 12) & (rows[:, 1] >= CUT_NS) & (rows[:, 1] < 2 * CUT_NS)]
     assert not len(silent)
@@ -154,10 +154,10 @@ def test_a_cell_that_dies_and_returns_is_asked_for_its_number_and_streams_again(
 
 def test_a_cell_that_is_added_at_run_time_gets_its_number() -> None:
     life = Streaming(patch("p", 3, 3), network=FAST, found=[Outage(0, CUT_NS, cell=4)]).run(CUT_NS)
-    assert life.network.members.topology(0, 0).network_id[4] == 0
+    assert life.network.membership.topology_message(0, 0).network_id[4] == 0
     life.run(CUT_NS + 100_000_000)
-    assert life.network.members.topology(0, 0).network_id[4] == 9
-    assert life.network.members.reached.all()
+    assert life.network.membership.topology_message(0, 0).network_id[4] == 9
+    assert life.network.membership.is_member.all()
 
 
 BRIDGED: dict[str, Any] = {"network": FAST, "bridges": ({"a": "arm/2:0", "b": "hand/0:3"},)}
@@ -170,8 +170,8 @@ def bridged(**more: Any) -> Streaming:
 
 def test_a_bridge_joins_two_patches_into_one_network() -> None:
     life = bridged().run(100_000_000)
-    assert len(life.network.members.formed_ns) == 1
-    arm, hand = (life.network.members.topology(patch, 0) for patch in (0, 1))
+    assert len(life.network.membership.formed_ns) == 1
+    arm, hand = (life.network.membership.topology_message(patch, 0) for patch in (0, 1))
     assert sorted(arm.network_id + hand.network_id) == list(range(1, 13))
     assert set(arm.gateway) | set(hand.gateway) == {0, 1}
     assert [2, 0, 6] in arm.bridged
@@ -181,7 +181,7 @@ def test_a_bridge_joins_two_patches_into_one_network() -> None:
 def test_over_a_bridge_a_patch_outlives_its_gateway() -> None:
     life = bridged(found=lambda w: [cut(w, 6, 2, CUT_NS)]).run(CUT_NS)
     life.run(CUT_NS + 100_000_000)
-    assert set(life.network.members.topology(1, 0).gateway) == {0}
+    assert set(life.network.membership.topology_message(1, 0).gateway) == {0}
     rows = life.rows()
     hand = rows[rows[:, 0] >= 6]
     for cell in range(6, 12):
@@ -195,15 +195,15 @@ def test_without_a_bridge_a_patch_that_loses_its_only_gateway_is_reported_and_co
         network=FAST,
         found=lambda w: [cut(w, 6, 2, CUT_NS, 2 * CUT_NS)],
     ).run(CUT_NS)
-    version = life.network.members.version(1)
+    version = life.network.membership.topology_version(1)
     life.run(2 * CUT_NS)
-    assert life.network.members.version(1) > version
-    assert life.network.members.topology(1, 0).network_id == [0] * 6
-    assert [life.network.members.cut_off(patch) for patch in (0, 1)] == [False, True]
+    assert life.network.membership.topology_version(1) > version
+    assert life.network.membership.topology_message(1, 0).network_id == [0] * 6
+    assert [life.network.membership.is_unreachable(patch) for patch in (0, 1)] == [False, True]
     assert life.dropped == 6 * CUT_NS // PERIOD_NS  # they go on, and nobody hears them
     life.run(2 * CUT_NS + 100_000_000)
-    assert not life.network.members.cut_off(1)
-    assert life.network.members.topology(1, 0).network_id.count(0) == 0
+    assert not life.network.membership.is_unreachable(1)
+    assert life.network.membership.topology_message(1, 0).network_id.count(0) == 0
 
 
 def test_cells_below_their_minimum_leave_the_network_and_their_neighbours_go_round() -> None:
@@ -211,18 +211,18 @@ def test_cells_below_their_minimum_leave_the_network_and_their_neighbours_go_rou
     power = PowerSpec(link_ohm=1.0, minimum_v=3.0, current_ma=47.0)
     row = patch("p", 8, 1)
     life = Streaming(row, network=FAST, power=power, feeds=[0]).run(100_000_000)
-    powered = life.network.formation.powered
+    powered = life.network.formation_driver.powered
     assert 1 < powered.sum() < 8
     assert powered[: powered.sum()].all()
-    np.testing.assert_array_equal(life.network.members.reached, powered)
+    np.testing.assert_array_equal(life.network.membership.is_member, powered)
     both = Streaming(row, network=FAST, power=power, feeds=[0, 7]).run(100_000_000)
-    assert both.network.formation.powered.sum() > powered.sum()
+    assert both.network.formation_driver.powered.sum() > powered.sum()
 
 
 def test_formation_outlives_lossy_links() -> None:
     life = Streaming(patch("p", 6, 3), network=FAST | {"loss": 0.05}).run(CUT_NS)
-    assert life.network.members.reached.all()
-    assert life.network.formation.repeated > 0
+    assert life.network.membership.is_member.all()
+    assert life.network.formation_driver.retransmitted > 0
     assert life.network.counters()["formation"]["loss"] > 0
 
 
@@ -232,12 +232,14 @@ def test_what_a_cell_did_before_it_lost_its_power_still_counts() -> None:
         network=FAST | {"loss": 0.2},
         found=lambda w: [Outage(CUT_NS, 2 * CUT_NS, cell=cell) for cell in range(18)],
     ).run(2 * CUT_NS)
-    formation = lossy.network.formation
-    before = formation.repeated
+    formation = lossy.network.formation_driver
+    before = formation.retransmitted
     lossy.run(3 * CUT_NS)
     assert formation.powered.all()
-    assert formation.repeated >= before > 0
-    assert formation.repeated > sum(agent.links.repeated for agent in (*formation.cells, *formation.gateways))
+    assert formation.retransmitted >= before > 0
+    assert formation.retransmitted > sum(
+        agent.links.retransmitted for agent in (*formation.cells, *formation.gateways)
+    )
 
 
 def test_bit_errors_are_caught_and_counted() -> None:
@@ -248,7 +250,7 @@ def test_bit_errors_are_caught_and_counted() -> None:
     rows = life.rows()
     assert reading["corrupted"] > 0
     assert reading["corrupted"] + len(rows) + reading["in_flight"] == life.sent
-    formed_ns = life.network.members.formed_ns[0]
+    formed_ns = life.network.membership.formed_ns[0]
     assert formed_ns is not None
     assert (rows[:, 1] < CUT_NS).sum() == 6 * (CUT_NS - formed_ns) // PERIOD_NS
 
@@ -282,8 +284,8 @@ def test_every_packet_is_explained_and_everybody_is_back(
     some: list[tuple[int, int, int, int, bool]],
 ) -> None:
     life = life_with(some).run(1_200_000_000)
-    assert life.network.members.reached.all()
-    assert life.network.formation.gateways[0].phase is Phase.COMPLETE
+    assert life.network.membership.is_member.all()
+    assert life.network.formation_driver.gateways[0].phase is FormationPhase.COMPLETE
     tail = life.rows()
     assert len(np.unique(tail[tail[:, 1] > 1_100_000_000, 0])) == 12
 
@@ -301,10 +303,10 @@ def test_how_time_is_cut_makes_no_difference(
 def test_the_network_is_idle_when_nothing_happens() -> None:
     """After formation no agent wakes, and no packet but the data travels."""
     life = Streaming(patch("p", 4, 3), network=FAST).run(100_000_000)
-    sent = life.network.formation.sent
-    assert life.network.formation.at_rest
+    sent = life.network.formation_driver.sent
+    assert life.network.formation_driver.is_idle
     life.run(400_000_000)
-    assert life.network.formation.sent == sent
+    assert life.network.formation_driver.sent == sent
 
 
 @pytest.mark.parametrize("ends", [("arm/2:0", "hand/9:3"), ("arm/0:2", "hand/0:3"), ("arm/2:0", "arm/5:0")])

@@ -11,15 +11,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 from small_robot import lattice, patch, small
 
-from cells.deliveries import Delivered
-from cells.encoding import Emission
+from cells.deliveries import DeliveredPackets
+from cells.encoding import EncoderOutput
 from cells.packets import PacketKind, PacketPool
 from cells.skin_network import SkinNetwork
-from cells.wiring import wire
+from cells.wiring import wire_cells
 from skinnet.deployment import Deployment
 from skinnet.messages import Config, Topology
 from skinnet.network.records import Outcome
-from skinnet.skin.placement import place
+from skinnet.skin.placement import place_patch
 
 PERIOD_NS = 4_000_000
 PATCHES = (patch("arm", 4, 3, (0, 2), (11, 0)), patch("hand", 3, 1), patch("chest", 5, 4, (7, 0)))
@@ -28,9 +28,9 @@ PATCHES[2]["interfaces"] = [{"cell": 19, "port": 0}]
 
 def network_of(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, Deployment]:
     deployment = small(*(patches or PATCHES), **tables)
-    placed = tuple(place(patch, deployment.cells) for patch in deployment.patches)
+    placed = tuple(place_patch(patch, deployment.cells) for patch in deployment.patches)
     network = SkinNetwork(
-        wire([[p] for p in placed], deployment.network), deployment.cells, deployment.network, 1
+        wire_cells([[p] for p in placed], deployment.network), deployment.cells, deployment.network, 1
     )
     network.start(0)
     return network, deployment
@@ -39,25 +39,25 @@ def network_of(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, De
 def formed(*patches: dict[str, Any], **tables: Any) -> tuple[SkinNetwork, Deployment]:
     """A network that has formed, at rest."""
     network, deployment = network_of(*patches, **tables)
-    while None in network.members.formed_ns:
+    while None in network.membership.formed_ns:
         assert network.kernel.now_ns < 10**9
         assert network.advance(network.kernel.now_ns + PERIOD_NS) == ([], [])
     assert network.kernel.counters.in_flight == 0
     return network, deployment
 
 
-def said(cells: Any, streaming: Any = ()) -> Emission:
+def said(cells: Any, streaming: Any = ()) -> EncoderOutput:
     """An event of each of `cells`, and a full reading of each of those that stream."""
     cells = np.array(cells, dtype=np.int64)
     byte = (cells % 4).astype(np.uint8)
     value = cells.astype(np.float32) / 8
-    return Emission(cells, byte, byte, byte % 2, byte, value, np.array(streaming, dtype=np.int64))
+    return EncoderOutput(cells, byte, byte, byte % 2, byte, value, np.array(streaming, dtype=np.int64))
 
 
 def send(network: SkinNetwork, t_ns: int, cells: Any, streaming: Any = ()) -> None:
     n = network.wiring.n_cells
     readings = np.arange(8 * n, dtype=np.float32).reshape(n, 8)
-    network.send_data(np.full(n, t_ns), said(cells, streaming), readings)
+    network.send_samples(np.full(n, t_ns), said(cells, streaming), readings)
 
 
 def assert_conserved(network: SkinNetwork) -> None:
@@ -100,7 +100,7 @@ def test_packets_are_conserved_at_every_moment(
     counters = network.counters()
     assert network.kernel.counters.in_flight == 0
     assert delivered == counters["event"]["delivered"] + counters["reading"]["delivered"]
-    assert network.deliveries.latency_us.sum() == delivered
+    assert network.demultiplexer.latency_us.sum() == delivered
 
 
 def hops(network: SkinNetwork, index: int) -> NDArray[np.int64]:
@@ -119,9 +119,9 @@ def hops(network: SkinNetwork, index: int) -> NDArray[np.int64]:
 
 def test_what_the_cells_find_out_is_how_they_are_wired() -> None:
     network, _ = formed()
-    assert network.members.reached.all()
+    assert network.membership.is_member.all()
     for index, placed in enumerate(network.wiring.patches):
-        found = network.members.topology(index, 7)
+        found = network.membership.topology_message(index, 7)
         assert (found.patch, found.t_ns, found.version) == (placed.name, 7, 1)
         assert sorted(found.network_id) == list(range(1, placed.n_cells + 1))
         assert found.depth == hops(network, index).tolist()
@@ -151,7 +151,7 @@ def test_a_lone_packet_takes_its_hops(stream: bool) -> None:
     spec = deployment.network
     one_ns = hop_ns(deployment, spec.stream_bytes if stream else spec.event_bytes)
     for index, placed in enumerate(network.wiring.patches):
-        found = network.members.topology(index, 0)
+        found = network.membership.topology_message(index, 0)
         for cell in range(placed.n_cells):
             number = int(network.wiring.first_cell[index]) + cell
             t_ns = network.kernel.now_ns
@@ -168,14 +168,14 @@ def test_a_lone_packet_takes_its_hops(stream: bool) -> None:
                 assert one.rows["values"][0].tolist() == list(range(8 * number, 8 * number + 8))
             else:
                 assert one.rows["value"][0] == np.float32(number / 8)
-    assert network.deliveries.latency_max_ns == max(hops(network, i).max() for i in range(3)) * one_ns
+    assert network.demultiplexer.latency_max_ns == max(hops(network, i).max() for i in range(3)) * one_ns
 
 
 def test_configurations_reach_every_cell() -> None:
     network, deployment = formed()
     one_ns = hop_ns(deployment, deployment.network.control_bytes)
     for index, placed in enumerate(network.wiring.patches):
-        for cell, depth in enumerate(network.members.topology(index, 0).depth):
+        for cell, depth in enumerate(network.membership.topology_message(index, 0).depth):
             number = int(network.wiring.first_cell[index]) + cell
             config = Config(patch=placed.name, cell=cell, stream=True)
             t_ns = network.kernel.now_ns
@@ -201,7 +201,7 @@ def test_packets_of_one_link_queue_behind_each_other() -> None:
     assert hop_ns(deployment, 8) == wire_ns + delay_ns
 
 
-def collected(parts: list[list[Delivered]]) -> list[Any]:
+def collected(parts: list[list[DeliveredPackets]]) -> list[Any]:
     rows = [
         (one.patch, int(one.kind), t, g, row.tobytes())
         for part in parts
@@ -236,8 +236,8 @@ def test_a_cell_that_no_wire_leads_to_stays_unreached() -> None:
         {"position_m": (x, 0.0, 0.0), "normal": (0, 0, 1), "x_axis": (1, 0, 0)} for x in (0.0, 0.0242, 0.1)
     ]
     network, _ = formed(apart, patch("hand", 2, 2))
-    assert network.members.reached.tolist() == [True, True, False, True, True, True, True]
-    found = network.members.topology(0, 0)
+    assert network.membership.is_member.tolist() == [True, True, False, True, True, True, True]
+    found = network.membership.topology_message(0, 0)
     assert found.network_id[2] == 0
     assert found.neighbours[2] == [-1] * 4
     network.send_config(network.kernel.now_ns, 2, Config(patch="arm", cell=2))
@@ -252,13 +252,13 @@ def test_one_row_of_cells_uses_two_ports_of_four() -> None:
     """The cells call on all of their ports; most lead nowhere."""
     for columns in (1, 2, 6):
         network, _ = formed({**patch("hand"), "lattice": lattice(columns, 1)})
-        assert network.members.topology(0, 0).depth == list(range(1, columns + 1))
+        assert network.membership.topology_message(0, 0).depth == list(range(1, columns + 1))
 
 
 def test_the_same_seed_forms_the_same_network() -> None:
     def form(jitter: float) -> list[Topology]:
         network, _ = formed(network={"jitter_us": jitter})
-        return [network.members.topology(i, 0) for i in range(3)]
+        return [network.membership.topology_message(i, 0) for i in range(3)]
 
     assert form(50.0) == form(50.0)
 
@@ -270,7 +270,7 @@ def test_rows_of_the_pool_belong_to_one_packet_at_a_time(steps: list[int | None]
     taken: list[NDArray[np.int64]] = []
     for n in steps:
         if n is not None:
-            taken.append(pool.take(n))
+            taken.append(pool.allocate(n))
         elif taken:
             pool.free(taken.pop(0))
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *taken])
@@ -284,9 +284,9 @@ def test_rows_of_the_pool_belong_to_one_packet_at_a_time(steps: list[int | None]
 
 def test_contents_go_with_their_rows() -> None:
     pool = PacketPool(capacity=2)
-    rows = [pool.put_content(PacketKind.CONFIG, cell, f"config {cell}") for cell in range(5)]
-    assert [pool.contents[row] for row in rows] == [f"config {cell}" for cell in range(5)]
+    rows = [pool.allocate_object(PacketKind.CONFIG, cell, f"config {cell}") for cell in range(5)]
+    assert [pool.objects[row] for row in rows] == [f"config {cell}" for cell in range(5)]
     assert pool.rows["cell"][rows].tolist() == list(range(5))
     assert (pool.rows["kind"][rows] == PacketKind.CONFIG).all()
     pool.free(np.array(rows))
-    assert not pool.contents
+    assert not pool.objects

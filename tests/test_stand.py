@@ -10,10 +10,10 @@ from grasp_rig import CELLS_M2, FOAM_PA_PER_M, MS, S, close, rig, rig_deployment
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinnet.body.stand import MOVES, Event, Lift, Phase
+from skinnet.body.stand import TRANSITIONS, HeightTrajectory, StandEvent, StandPhase
 from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
-from skinnet.deployment.things import THINGS
+from skinnet.deployment.things import OBJECTS
 from skinnet.errors import DeploymentError
 
 G = 9.81
@@ -21,7 +21,7 @@ STEP_S = 1e-3
 
 
 def rows(body, name):
-    return body.truth().arrays[name]
+    return body.ground_truth().arrays[name]
 
 
 def phases(body):
@@ -36,7 +36,7 @@ def phases(body):
 )
 @settings(max_examples=60, deadline=None)
 def test_a_lift_keeps_its_limits_wherever_it_is_sent(targets, limit, acceleration, pause):
-    lift = Lift(limit, acceleration)
+    lift = HeightTrajectory(limit, acceleration)
     speed, height, arrived = 0.0, 0.0, False
     for target in targets:
         lift.target_m = target
@@ -54,7 +54,7 @@ def test_a_lift_keeps_its_limits_wherever_it_is_sent(targets, limit, acceleratio
 
 
 def test_a_lift_takes_the_time_of_a_trapezoid():
-    lift = Lift(0.1, 0.5)
+    lift = HeightTrajectory(0.1, 0.5)
     lift.target_m = 0.4
     heights = []
     while not heights or heights[-1] < 0.4:
@@ -66,15 +66,15 @@ def test_a_lift_takes_the_time_of_a_trapezoid():
 
 def test_the_table_is_all_that_it_does(tmp_path):
     body = rig(tmp_path)
-    for phase, event in itertools.product(Phase, Event):
-        if (phase, event) not in MOVES:
+    for phase, event in itertools.product(StandPhase, StandEvent):
+        if (phase, event) not in TRANSITIONS:
             body.stand.phase = phase
             with pytest.raises(KeyError):
-                body.stand._go(event, 0)
+                body.stand._transition(event, 0)
             assert body.stand.phase is phase
-    reached = {Phase.BELOW} | set(MOVES.values())
-    assert reached == set(Phase)
-    assert not any(phase is Phase.BACK for phase, _ in MOVES), "once back it stays"
+    reached = {StandPhase.WAITING} | set(TRANSITIONS.values())
+    assert reached == set(StandPhase)
+    assert not any(phase is StandPhase.RETURNED for phase, _ in TRANSITIONS), "once back it stays"
 
 
 def test_it_follows_its_timetable(tmp_path):
@@ -93,20 +93,22 @@ def test_it_follows_its_timetable(tmp_path):
     body.begin_stage("hold")
     body.advance(15 * S)
     t = phases(body)
-    assert [phase for _, phase in body.stand.history] == list(Phase)
-    assert t[Phase.RISING] == pytest.approx(0.8, abs=0.002)
-    assert t[Phase.UP] - t[Phase.RISING] == pytest.approx(0.3 / 0.2 + 0.2 / 1.0, abs=0.01)
-    assert t[Phase.LOWERING] == pytest.approx(6.0, abs=0.002)
-    assert t[Phase.AWAY] - t[Phase.LOWERING] == pytest.approx(0.2 / 0.2 + 0.2, abs=0.01)
-    assert t[Phase.RETURNING] - t[Phase.AWAY] == pytest.approx(1.5, abs=0.002)
-    assert t[Phase.BACK] - t[Phase.RETURNING] == pytest.approx(1.2, abs=0.01)
+    assert [phase for _, phase in body.stand.history] == list(StandPhase)
+    assert t[StandPhase.RISING] == pytest.approx(0.8, abs=0.002)
+    assert t[StandPhase.PRESENTED] - t[StandPhase.RISING] == pytest.approx(0.3 / 0.2 + 0.2 / 1.0, abs=0.01)
+    assert t[StandPhase.LOWERING] == pytest.approx(6.0, abs=0.002)
+    assert t[StandPhase.LOWERED] - t[StandPhase.LOWERING] == pytest.approx(0.2 / 0.2 + 0.2, abs=0.01)
+    assert t[StandPhase.RETURNING] - t[StandPhase.LOWERED] == pytest.approx(1.5, abs=0.002)
+    assert t[StandPhase.RETURNED] - t[StandPhase.RETURNING] == pytest.approx(1.2, abs=0.01)
     top_m = rows(body, "stand_top_m")
     assert [top_m[0], top_m.max(), top_m[-1]] == pytest.approx([0.63, 0.93, 0.93], abs=1e-6)
-    away = rows(body, "stand_t_ns") == round((t[Phase.AWAY] + 0.5) * 100) * 10 * MS
+    away = rows(body, "stand_t_ns") == round((t[StandPhase.LOWERED] + 0.5) * 100) * 10 * MS
     assert top_m[away] == pytest.approx(0.73, abs=1e-6)
 
 
-@pytest.mark.parametrize(("left_s", "first"), [(0.05, None), (0.4, Phase.LOWERING), (2.0, Phase.AWAY)])
+@pytest.mark.parametrize(
+    ("left_s", "first"), [(0.05, None), (0.4, StandPhase.LOWERING), (2.0, StandPhase.LOWERED)]
+)
 def test_it_comes_back_at_once_when_the_robot_gives_up(tmp_path, left_s, first):
     body = rig(tmp_path, lower_s=0.1, lower_m=0.2, speed_m_s=0.2, acceleration_m_s2=1.0)
     body.begin_stage("hold")
@@ -114,27 +116,27 @@ def test_it_comes_back_at_once_when_the_robot_gives_up(tmp_path, left_s, first):
     body.begin_stage("safe")
     body.advance(6 * S)
     if first is None:
-        assert body.stand.phase is Phase.UP
+        assert body.stand.phase is StandPhase.PRESENTED
         return
-    assert body.stand.phase is Phase.BACK
+    assert body.stand.phase is StandPhase.RETURNED
     (before, gave_up), (_, back) = itertools.pairwise(body.stand.history[-3:])
     assert before[1] is first
-    assert gave_up == (round(left_s * S), Phase.RETURNING)
+    assert gave_up == (round(left_s * S), StandPhase.RETURNING)
     assert back[0] - gave_up[0] < 2 * S
     assert rows(body, "stand_top_m")[-1] == pytest.approx(0.93, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", THINGS)
+@pytest.mark.parametrize("name", OBJECTS)
 def test_what_stands_on_it_is_carried_without_bounce_or_drift(tmp_path, name):
     """Its weight, and m (g + a) while it speeds up and slows down, go through the contacts all the time."""
     body = rig(tmp_path, name, below_m=0.2, present_stage="guide", lower_s=0.5, away_s=0.5, yaw_deg=20.0)
-    mass_kg = THINGS[name].mass_kg
+    mass_kg = OBJECTS[name].mass_kg
     body.advance(500 * MS)
     body.begin_stage("guide")
     body.advance(4 * S)
     body.begin_stage("hold")
     body.advance(13 * S)
-    assert body.stand.phase is Phase.BACK
+    assert body.stand.phase is StandPhase.RETURNED
     t_s = rows(body, "object_t_ns") / S
     force_n, pose = rows(body, "object_on_stand_n"), rows(body, "object_pose").astype(np.float64)
     settled = t_s > 0.3
@@ -146,7 +148,7 @@ def test_what_stands_on_it_is_carried_without_bounce_or_drift(tmp_path, name):
     assert np.abs(moved[:, 3:]).max() < 2e-5
     above_m = pose[settled, 2] - rows(body, "stand_top_m")[settled]
     assert np.ptp(above_m) < 2e-5
-    truth = body.truth().facts["object"]
+    truth = body.ground_truth().facts["object"]
     assert truth["left_stand_ns"] is None
     assert truth["carried_s"] == 0.0
     assert truth["peak_speed_m_s"] == 0.0
@@ -166,19 +168,19 @@ def test_an_object_falls_freely_when_the_stand_is_pulled_away(tmp_path):
     assert height_m[falling] == pytest.approx(1.07 - 0.5 * G * t_s[falling] ** 2, abs=2e-3)
     speed_m_s = rows(body, "object_speed_m_s")[falling]
     assert speed_m_s == pytest.approx(G * t_s[falling], abs=0.02)
-    truth = body.truth().facts["object"]
+    truth = body.ground_truth().facts["object"]
     assert truth["left_stand_ns"] == pytest.approx(100 * MS, abs=10 * MS)
     assert truth["peak_speed_m_s"] == pytest.approx(speed_m_s.max(), rel=0.15)
 
 
 def box_n_per_m():
     """Stiffness of the foam of one paddle in series with the box."""
-    return CELLS_M2 / (1.0 / FOAM_PA_PER_M + 1.0 / THINGS["delivery_box"].stiffness_pa_per_m)
+    return CELLS_M2 / (1.0 / FOAM_PA_PER_M + 1.0 / OBJECTS["delivery_box"].stiffness_pa_per_m)
 
 
 def squeezed(tmp_path, share, **stand):
     """A box between two paddles that press with `share` of what friction needs to carry it."""
-    thing = THINGS["delivery_box"]
+    thing = OBJECTS["delivery_box"]
     body = rig(tmp_path, lower_s=0.1, **stand)
     needed_n = thing.mass_kg * G / (2 * 0.6)
     close(body, share * needed_n / box_n_per_m(), thing.size_m[1])
@@ -189,9 +191,9 @@ def squeezed(tmp_path, share, **stand):
 def test_friction_of_two_skins_carries_up_to_twice_mu_n(tmp_path):
     body = squeezed(tmp_path, 1.05, lower_m=0.012, speed_m_s=0.005)
     body.advance(body.t_ns + 5 * S)
-    truth = body.truth()
+    truth = body.ground_truth()
     facts, height_m = truth.facts["object"], truth.arrays["object_pose"][:, 2]
-    assert body.stand.phase is Phase.AWAY
+    assert body.stand.phase is StandPhase.LOWERED
     assert facts["dropped_ns"] is None
     assert facts["carried_away_s"] == pytest.approx(5.0 - 0.1 - 0.012 / 0.005, abs=0.03)
     sheared_m = 1.1 * G / (2 * 0.5 * box_n_per_m())
@@ -212,7 +214,7 @@ def test_above_that_it_slips_with_the_rest_of_its_weight(tmp_path):
     gained = np.polyfit(t_s[slipping], rows(body, "object_speed_m_s")[slipping], 1)[0]
     assert gained == pytest.approx(0.2 * G, rel=0.02)
     body.advance(body.t_ns + 2 * S)
-    assert body.truth().facts["object"]["sunk_m"] > 0.1
+    assert body.ground_truth().facts["object"]["sunk_m"] > 0.1
 
 
 def test_what_falls_off_the_stand_is_dropped(tmp_path):
@@ -223,7 +225,7 @@ def test_what_falls_off_the_stand_is_dropped(tmp_path):
     body.advance(body.t_ns + 350 * MS)
     body.set_command([-1.0, -1.0])
     body.advance(body.t_ns + 1500 * MS)
-    truth = body.truth()
+    truth = body.ground_truth()
     dropped_ns = truth.facts["object"]["dropped_ns"]
     assert dropped_ns is not None
     t_ns, height_m = truth.arrays["object_t_ns"], truth.arrays["object_pose"][:, 2]
@@ -245,7 +247,7 @@ def test_a_stuck_object_cannot_be_moved(tmp_path):
     body.begin_stage("hold")
     body.advance(body.t_ns + 4 * S)
     assert body.data.body("object").xpos[2] == pytest.approx(start_m[2] - 0.25, abs=1e-5)
-    assert body.truth().facts["object"]["stuck"]
+    assert body.ground_truth().facts["object"]["stuck"]
 
 
 @pytest.mark.parametrize(
@@ -303,7 +305,7 @@ def test_chunks_and_readings_change_nothing(tmp_path):
                 body.advance(end * MS)
                 if read and end % read == 0:
                     body.stimulus()
-        truth = body.truth()
+        truth = body.ground_truth()
         del truth.facts["reaction_crossings"]  # those of proximity are seen when a stimulus is read
         return truth.facts, {name: array.tobytes() for name, array in truth.arrays.items()}
 
@@ -320,7 +322,7 @@ def test_a_rigid_touch_is_told_with_place_time_and_stage(tmp_path):
     body.advance(body.t_ns + 500 * MS)
     body.begin_stage("hold.it")
     body.advance(body.t_ns + 100 * MS)
-    left = body.truth().facts["object"]["met"]["bare"]
+    left = body.ground_truth().facts["object"]["met"]["bare"]
     assert left["first_ns"] < body.t_ns - 300 * MS
     assert left["stages"].keys() == {"guide", "hold.it"}
     assert left["stages"]["hold.it"] == pytest.approx(0.1, abs=0.002)

@@ -20,17 +20,17 @@ import skinnet.stress.sweep
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
-from skinnet.deployment.stress import PublishedSpec, StressSpec
+from skinnet.deployment.stress import PublishedRateSpec, StressSpec
 from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
-from skinnet.part import Part
-from skinnet.report.collect import Stress, collect
-from skinnet.report.html import render
-from skinnet.run.launch import Order, prepare
-from skinnet.stress.measure import Window, measure, usage_within
-from skinnet.stress.plots import draw
-from skinnet.stress.points import Point, derive, noise_sigma, points_of
-from skinnet.stress.report import crossing, figures_of, nearest
-from skinnet.stress.sweep import Result, sweep
+from skinnet.part import ProcessResult
+from skinnet.report.collect import StressResults, read_run_folder
+from skinnet.report.html import render_html
+from skinnet.run.launch import RunOptions, load_and_check
+from skinnet.stress.measure import MeasurementWindow, measure_point, usage_within
+from skinnet.stress.plots import draw_plots
+from skinnet.stress.points import Point, derive_deployment, noise_sigma, sweep_points
+from skinnet.stress.report import delta_at_published, nearest_delta, sweep_metrics
+from skinnet.stress.sweep import PointResult, run_sweep
 from skinnet.usage import USAGE_ROW, UsageTrace
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
@@ -56,7 +56,7 @@ def test_points_are_all_combinations_each_once() -> None:
         encodings=("clock", "delta"),
         delta_sigmas=(3.0,),
     )
-    points = points_of(row_of_patches(), spec)
+    points = sweep_points(row_of_patches(), spec)
     assert len(points) == len({point.name for point in points}) == 3 * 2 * 2 * 2 + 2
     assert {point.cells for point in points} == {6, 12, 18}  # by whole patches
     assert {p.stimulated for p in points if p.delta_sigma is not None} == {0.0, 0.5}
@@ -64,14 +64,14 @@ def test_points_are_all_combinations_each_once() -> None:
 
 
 def test_a_sweep_of_nothing_is_the_deployment_itself_touched_and_not() -> None:
-    points = points_of(row_of_patches(), StressSpec(encodings=("clock",)))
+    points = sweep_points(row_of_patches(), StressSpec(encodings=("clock",)))
     assert points == [Point(18, "clock", stimulated=0.0), Point(18, "clock", stimulated=0.5)]
-    assert points_of(small(), StressSpec(encodings=("clock",))) == [Point(8, "clock")]
+    assert sweep_points(small(), StressSpec(encodings=("clock",))) == [Point(8, "clock")]
 
 
 @given(cells=st.integers(1, 18))
 def test_whole_patches_are_kept_until_there_are_enough_cells(cells: int) -> None:
-    (point, *_) = points_of(row_of_patches(), StressSpec(cells=(cells,)))
+    (point, *_) = sweep_points(row_of_patches(), StressSpec(cells=(cells,)))
     assert cells <= point.cells < cells + 6
 
 
@@ -84,7 +84,7 @@ def test_a_smaller_skin_forgets_whatever_names_the_patches_that_are_gone() -> No
         ),
     )
     spec = StressSpec(cells=(6,))
-    derived = derive(deployment, Point(6, "clock", stimulated=0.25), spec)
+    derived = derive_deployment(deployment, Point(6, "clock", stimulated=0.25), spec)
     check(derived)
     assert [one.name for one in derived.patches] == ["a"]
     assert derived.hosts == {"one": ("a",)}
@@ -96,7 +96,7 @@ def test_a_smaller_skin_forgets_whatever_names_the_patches_that_are_gone() -> No
 
 def test_a_point_without_wishes_changes_what_is_run_and_nothing_else() -> None:
     deployment = row_of_patches()
-    derived = derive(deployment, Point(18, "levels"), StressSpec())
+    derived = derive_deployment(deployment, Point(18, "levels"), StressSpec())
     for name in ("name", "robot", "seed", "hosts", "body", "cells", "network", "patches", "script"):
         assert getattr(derived, name) == getattr(deployment, name)
     assert derived.controller.program == ("listen",)
@@ -104,13 +104,13 @@ def test_a_point_without_wishes_changes_what_is_run_and_nothing_else() -> None:
 
 
 def test_gateways_are_as_many_as_asked_for() -> None:
-    derived = derive(row_of_patches(), Point(18, "clock", gateways=2), StressSpec())
+    derived = derive_deployment(row_of_patches(), Point(18, "clock", gateways=2), StressSpec())
     assert [len(one.interfaces) for one in derived.patches] == [2, 2, 2]
 
 
 def test_thresholds_follow_the_noise_of_the_sensors() -> None:
     deployment = row_of_patches()
-    cells = derive(deployment, Point(18, "delta", delta_sigma=3.0), StressSpec()).cells
+    cells = derive_deployment(deployment, Point(18, "delta", delta_sigma=3.0), StressSpec()).cells
     # noise 0.004 and steps of 1/1024: independent errors add as squares
     assert cells.force.delta == pytest.approx(3.0 * math.sqrt(0.004**2 + (1 / 1024) ** 2 / 12))
     sigma = noise_sigma(deployment.cells)
@@ -122,7 +122,7 @@ def test_thresholds_follow_the_noise_of_the_sensors() -> None:
 def test_what_cannot_be_is_refused_before_anything_runs(tmp_path: Path) -> None:
     def refused(deployment: Deployment, said: str, **spec: Any) -> None:
         with pytest.raises(DeploymentError, match=said):
-            sweep(ARM, deployment, StressSpec(**spec), tmp_path, resume=False, say=print)
+            run_sweep(ARM, deployment, StressSpec(**spec), tmp_path, resume=False, progress=print)
 
     refused(row_of_patches(), "has 18 cells, at most that", cells=(6, 19))
     refused(row_of_patches(), "gateways: allowed are 1 to", gateways=(1, 100))
@@ -136,7 +136,7 @@ def test_what_cannot_be_is_refused_before_anything_runs(tmp_path: Path) -> None:
 def test_usage_is_noted_on_a_grid_of_simulated_time() -> None:
     trace = UsageTrace(lambda: (10, 20))
     for t_ns in range(0, 1_000_000_000, 4_000_000):
-        trace.note(t_ns)
+        trace.sample(t_ns)
     rows = trace.rows
     assert len(rows) == 20
     assert (np.diff(rows["t_ns"]) <= 54_000_000).all()
@@ -149,46 +149,46 @@ def test_what_was_used_outside_the_window_does_not_count() -> None:
     rows = np.zeros(5, dtype=USAGE_ROW)
     rows["t_ns"] = [0, 100, 200, 300, 400]
     rows["cpu_s"] = [0.0, 7.0, 8.0, 10.0, 99.0]
-    used = usage_within(Part("x", "cells", {}, {"usage": rows}), Window(100, 300))
+    used = usage_within(ProcessResult("x", "cells", {}, {"usage": rows}), MeasurementWindow(100, 300))
     assert used["cpu_s"] == 3.0
     with pytest.raises(SkinnetError, match="too short"):
-        usage_within(Part("x", "cells", {}, {"usage": rows}), Window(110, 290))
+        usage_within(ProcessResult("x", "cells", {}, {"usage": rows}), MeasurementWindow(110, 290))
 
 
-def swept(**shares: float) -> list[Result]:
+def swept(**shares: float) -> list[PointResult]:
     """Results of send-on-delta with deltas of k2, k4, … multiples of the noise."""
     return [
-        Result(Point(6, "delta", stimulated=0.0, delta_sigma=float(name[1:])), {"share.bytes": share})
+        PointResult(Point(6, "delta", stimulated=0.0, delta_sigma=float(name[1:])), {"share.bytes": share})
         for name, share in shares.items()
     ]
 
 
 def test_the_threshold_that_gives_a_published_share_is_found_between_two_points() -> None:
-    published = PublishedSpec(share=0.1, stimulated=False, source="x")
-    assert crossing(swept(k2=1.0, k4=0.01), published, "bytes") == pytest.approx(3.0)
-    assert crossing(swept(k4=0.01, k2=1.0, k3=0.1), published, "bytes") == pytest.approx(3.0)
-    assert crossing(swept(k2=0.05, k4=0.01), published, "bytes") is None
-    assert crossing(swept(k2=1.0, k4=0.0), published, "bytes") is None
-    touched = PublishedSpec(share=0.1, stimulated=True, source="x")
-    assert crossing(swept(k2=1.0, k4=0.01), touched, "bytes") is None
+    published = PublishedRateSpec(share=0.1, stimulated=False, source="x")
+    assert delta_at_published(swept(k2=1.0, k4=0.01), published, "bytes") == pytest.approx(3.0)
+    assert delta_at_published(swept(k4=0.01, k2=1.0, k3=0.1), published, "bytes") == pytest.approx(3.0)
+    assert delta_at_published(swept(k2=0.05, k4=0.01), published, "bytes") is None
+    assert delta_at_published(swept(k2=1.0, k4=0.0), published, "bytes") is None
+    touched = PublishedRateSpec(share=0.1, stimulated=True, source="x")
+    assert delta_at_published(swept(k2=1.0, k4=0.01), touched, "bytes") is None
 
 
 def test_the_thresholds_nearest_to_what_was_published_are_nearest_to_all_of_it() -> None:
     shares = {2.0: (0.4, 0.5), 3.0: (0.2, 0.4), 5.0: (0.001, 0.45), 9.0: (0.0, 0.45)}
     results = [
-        Result(Point(6, "delta", stimulated=touched, delta_sigma=sigma), {"share.packets": share})
+        PointResult(Point(6, "delta", stimulated=touched, delta_sigma=sigma), {"share.packets": share})
         for sigma, both in shares.items()
         for touched, share in zip((0.0, 0.5), both, strict=True)
     ]
     untouched, touched, bound = (
-        PublishedSpec(share=0.16, stimulated=False, source="x"),
-        PublishedSpec(share=0.45, stimulated=True, source="x"),
-        PublishedSpec(share=0.01, stimulated=True, source="x", at_most=True),
+        PublishedRateSpec(share=0.16, stimulated=False, source="x"),
+        PublishedRateSpec(share=0.45, stimulated=True, source="x"),
+        PublishedRateSpec(share=0.01, stimulated=True, source="x", at_most=True),
     )
-    assert nearest(results, StressSpec(published=(untouched, touched, bound))) == 3.0
-    assert nearest(results, StressSpec(published=(touched,))) in (5.0, 9.0)
-    assert nearest(results, StressSpec(published=(bound,))) is None
-    assert nearest([], StressSpec(published=(touched,))) is None
+    assert nearest_delta(results, StressSpec(published=(untouched, touched, bound))) == 3.0
+    assert nearest_delta(results, StressSpec(published=(touched,))) in (5.0, 9.0)
+    assert nearest_delta(results, StressSpec(published=(bound,))) is None
+    assert nearest_delta([], StressSpec(published=(touched,))) is None
 
 
 # Real sweeps
@@ -243,12 +243,12 @@ def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, d
     assert {path.name for path in out.glob("*.png")} == {
         f"{n}.png" for n in ("rates", "latency", "cpu", "event_driven")
     }
-    results = collect(out)
-    assert isinstance(results, Stress)
+    results = read_run_folder(out)
+    assert isinstance(results, StressResults)
     assert results.summary.points == tuple(report["points"])
-    assert results.figures["size.cells"] == 15
-    assert len(results.made.pictures) == 4
-    assert "c15-delta-s0.5" in render(results)
+    assert results.metrics["size.cells"] == 15
+    assert len(results.files.pictures) == 4
+    assert "c15-delta-s0.5" in render_html(results)
 
 
 @pytest.mark.processes
@@ -256,7 +256,7 @@ def test_a_sweep_goes_on_where_it_was_killed(
     small_sweep: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, report = small_sweep
-    deployment = prepare(Order(ARM, SCRIPTED))
+    deployment = load_and_check(RunOptions(ARM, SCRIPTED))
     spec = StressSpec(
         **{name: tuple(v) if isinstance(v, list) else v for name, v in report["stress"].items()}
     )
@@ -266,16 +266,23 @@ def test_a_sweep_goes_on_where_it_was_killed(
 
     monkeypatch.setattr(skinnet.stress.sweep, "run_once", fail)
     told: list[str] = []
-    kept = sweep(ARM, deployment, spec, out, resume=True, say=told.append)
+    kept = run_sweep(ARM, deployment, spec, out, resume=True, progress=told.append)
     assert [result.failed for result in kept] == [None, None]
     assert kept[0].figures == json.loads((out / "c15-clock-s0.5" / "point.json").read_text())["figures"]
     # another seed makes other points
-    other = sweep(ARM, prepare(Order(ARM, (*SCRIPTED, "seed=2"))), spec, out, resume=True, say=told.append)
+    other = run_sweep(
+        ARM,
+        load_and_check(RunOptions(ARM, (*SCRIPTED, "seed=2"))),
+        spec,
+        out,
+        resume=True,
+        progress=told.append,
+    )
     assert all(result.failed for result in other)
     assert other[0].failed == "host0 was killed by signal 9; its last lines: two"
-    figures = figures_of(deployment, spec, [kept[0], other[1]])
+    figures = sweep_metrics(deployment, spec, [kept[0], other[1]])
     assert (figures["points"], figures["failed"]) == (2, 1)
-    draw(deployment, spec, [kept[0], other[1]], out / "half")
+    draw_plots(deployment, spec, [kept[0], other[1]], out / "half")
 
 
 @pytest.mark.processes
@@ -283,9 +290,9 @@ def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, di
     out, _ = small_sweep
     folder = out / "c15-clock-s0.5"
     names = ["body", "host0", "host1", "controller"]
-    deployment = prepare(Order(ARM, SCRIPTED))
+    deployment = load_and_check(RunOptions(ARM, SCRIPTED))
     with pytest.raises(SkinnetError, match="did not form"):
-        measure(deployment, StressSpec(settle_s=1000.0), folder, names)
+        measure_point(deployment, StressSpec(settle_s=1000.0), folder, names)
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.finger import Phase
-from skinnet.body.strokes import Sweep, sweeps_over
+from skinnet.body.finger import FingerPhase
+from skinnet.body.strokes import SweepPath, plan_sweeps
 from skinnet.deployment.schema import LatticeSpec, PatchSpec
 from skinnet.deployment.teacher import StrokeSpec, TeacherSpec
-from skinnet.part import Part
-from skinnet.run.figures.teaching import teaching_figures
+from skinnet.part import ProcessResult
+from skinnet.run.figures.teaching import teaching_metrics
 
 MS = 1_000_000
 SIDE_M = 0.014
@@ -55,7 +55,7 @@ def test_all_cells_of_a_patch_are_touched_and_no_others(tmp_path, radius_m):
     (truth,) = body.teacher.strokes
     assert sorted(truth.asked) == truth.touched == list(range(12))
     assert truth.end_ns is not None
-    assert body.teacher.phase is Phase.PARKED
+    assert body.teacher.phase is FingerPhase.PARKED
     total_n = forces_n.sum(axis=1)
     brushing_n = 1.5e6 * math.pi * 0.008 * 0.002**2
     steady = total_n[total_n > 0.5 * brushing_n]
@@ -70,7 +70,7 @@ def test_some_cells_and_several_patches(tmp_path):
     (truth,) = body.teacher.strokes
     assert truth.asked == [0, 1, 2, 3, 13, 10]
     assert truth.touched == [0, 1, 2, 3, 10, 13]
-    figures = teaching_figures(Part("body", "body", body.truth().facts, {}))
+    figures = teaching_metrics(ProcessResult("body", "body", body.ground_truth().facts, {}))
     assert figures["strokes.cells"] == [6]
     assert (figures["strokes.missed"], figures["strokes.others"]) == (0, 0)
     assert 0.1 < figures["strokes.peak_force_n"] < 0.5
@@ -87,9 +87,9 @@ def test_the_next_time_the_next_stroke(tmp_path):
 def test_a_stroke_ends_with_its_stage(tmp_path):
     body = brushed(tmp_path, {"cells": ("top",)})
     run(body, 1500)
-    assert body.teacher.phase is Phase.HOLD
+    assert body.teacher.phase is FingerPhase.HOLD
     body.begin_stage("rest")
-    assert body.teacher.phase is Phase.WITHDRAW
+    assert body.teacher.phase is FingerPhase.WITHDRAW
     forces_n = run(body, 2500)
     (truth,) = body.teacher.strokes
     assert truth.end_ns < 2200 * MS
@@ -99,14 +99,14 @@ def test_a_stroke_ends_with_its_stage(tmp_path):
 
 def test_the_way_goes_from_a_corner_to_neighbours_and_lifts_over_gaps(tmp_path):
     body = brushed(tmp_path, {"cells": ("top", "top/0-1", "under")})
-    spots = [sweep.spots for sweep in body.teacher._sweeps[0]]
+    spots = [sweep.targets for sweep in body.teacher._sweeps[0]]
     pitch_m = math.sqrt(3) * SIDE_M
     for sweep in spots:
         steps_m = [np.linalg.norm(b.point_m - a.point_m) for a, b in itertools.pairwise(sweep)]
         np.testing.assert_allclose(steps_m, pitch_m, rtol=1e-6)
     assert spots[0][0].row in (0, 3, 8, 11)
     apart = [spots[0][0], spots[0][3]]
-    assert [len(sweep) for sweep in sweeps_over(apart, SIDE_M)] == [1, 1]
+    assert [len(sweep) for sweep in plan_sweeps(apart, SIDE_M)] == [1, 1]
 
 
 def test_between_two_cells_of_a_round_patch_the_way_follows_the_curve(tmp_path):
@@ -114,8 +114,8 @@ def test_between_two_cells_of_a_round_patch_the_way_follows_the_curve(tmp_path):
     (sweep,) = body.teacher._sweeps[0]
     axis_m = np.array([0.0, 0.005])
     for way_m in np.linspace(0.0, sweep.length_m, 50):
-        spot = sweep.at(way_m)
+        spot = sweep.target_at(way_m)
         outward_m = spot.point_m[1:] - axis_m
         assert np.linalg.norm(outward_m) == pytest.approx(0.057, abs=2e-4)
         np.testing.assert_allclose(spot.normal[1:], outward_m / 0.057, atol=0.02)
-    assert Sweep([sweep.spots[0]]).length_m == 0.0
+    assert SweepPath([sweep.targets[0]]).length_m == 0.0

@@ -8,19 +8,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_robot import TICK_NS, Floats, SkinnedArms, rotation, run
 
-from controller.selforganisation.exploration import Hold
+from controller.selforganisation.exploration import PositionControl
 from controller.selforganisation.structural_exploration import (
     StructuralExploration,
     StructuralExplorationConfig,
 )
-from controller.selforganisation.structure import Structure, activity_matrix, find_structure, wrong_entries
+from controller.selforganisation.structure import (
+    KinematicStructure,
+    activity_matrix,
+    count_wrong_entries,
+    find_structure,
+)
 
 QUICK = StructuralExplorationConfig(
     average_ns=200_000_000, settle_ns=100_000_000, move_timeout_ns=1_000_000_000
 )
 
 
-def path_of_joints(structure: Structure, part: int) -> set[int]:
+def path_of_joints(structure: KinematicStructure, part: int) -> set[int]:
     """Joints from a part to the root, by walking the parents."""
     joints = set()
     while structure.parent_part[part] >= 0:
@@ -110,17 +115,19 @@ def test_two_arms_with_sensor_noise_have_no_wrong_entry() -> None:
     servos = run(program, arms, noise_g=0.004, lsb_g=0.004)
     found = program.result
     assert found.problems == ()
-    assert wrong_entries(found, arms.activity) == 0
+    assert count_wrong_entries(found, arms.activity) == 0
     assert found.joints == ((0, 1, 2), (3,), (4,), (5, 6), (7, 8, 9), (10,), (11,), (12, 13))
     assert found.parent_part == (-1, 0, 0, 1, 2, 3, 4, 5, 6)
-    assert np.abs(servos.q - arms.home_rad).max() <= Hold().tolerance_rad  # went forth and came back
+    assert (
+        np.abs(servos.q - arms.home_rad).max() <= PositionControl().tolerance_rad
+    )  # went forth and came back
 
 
 def test_much_noise_is_owned_up_to() -> None:
     arms = SkinnedArms(n_arms=1)
     program = StructuralExploration(StructuralExplorationConfig(), arms.n_dofs, arms.n_cells, 0)
     run(program, arms, noise_g=0.05, lsb_g=0.004)
-    assert wrong_entries(program.result, arms.activity) > 0
+    assert count_wrong_entries(program.result, arms.activity) > 0
     assert program.result.problems
 
 
@@ -166,14 +173,16 @@ def drive(program: StructuralExploration, n_dofs: int, *, late_ns: int = 0) -> t
 
 
 def test_each_step_takes_the_time_of_the_paper_and_only_the_windows_count() -> None:
-    program = StructuralExploration(StructuralExplorationConfig(hold=Hold(speed_rad_s=1.0)), 2, 1, 0)
+    program = StructuralExploration(
+        StructuralExplorationConfig(position_control=PositionControl(speed_rad_s=1.0)), 2, 1, 0
+    )
     begins, furthest = drive(program, 2)
     step_s = np.diff(begins[:-1]) * 1e-9
     assert begins[0] == 1_000_000_000
     assert ((step_s >= 2.5) & (step_s < 2.65)).all()  # 28 of them are the paper's 70 s
     assert not program.result.activity.any()  # no garbage came in
     assert program.result.unmeasured == ()
-    np.testing.assert_allclose(furthest, 0.1, atol=Hold().tolerance_rad)
+    np.testing.assert_allclose(furthest, 0.1, atol=PositionControl().tolerance_rad)
 
 
 @pytest.mark.parametrize("late_ns", [0, 60_000_000, 400_000_000])

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from controller.touch.fusion import COLUMNS, TactilePicture
-from controller.touch.posture import PoseReached, PoseTarget, Posture
+from controller.touch.fusion import COLUMNS, TactileState
+from controller.touch.posture import PoseReached, PoseTarget, PostureControl
 from controller.touch.reactions import TactileReaction
 from controller.touch.safety import SafetyClamp, SafetyLimits
 from skinnet.errors import ProtocolError
@@ -26,7 +26,7 @@ Event = tuple[int, int, int, int, int, int, float]
 """Cell, time [ns], modality, channel, kind, level, value."""
 
 
-def tell(picture: TactilePicture, *events: Event) -> None:
+def tell(picture: TactileState, *events: Event) -> None:
     cell, t_ns, modality, channel, kind, level = (
         np.array(column, dtype=np.int64) for column in zip(*(event[:6] for event in events), strict=True)
     )
@@ -57,7 +57,7 @@ def test_the_newest_sample_wins_in_any_order_and_any_batches(
     events: list[tuple[int, int, tuple[int, int], int, int, float]], cut: int
 ) -> None:
     flat = [(cell, t, m, c, kind, level, value) for cell, t, (m, c), kind, level, value in events]
-    picture = TactilePicture(3)
+    picture = TactileState(3)
     for batch in (flat[:cut], flat[cut:]):
         if batch:
             tell(picture, *batch)
@@ -79,12 +79,12 @@ def test_the_newest_sample_wins_in_any_order_and_any_batches(
 def test_an_older_row_of_the_stream_overwrites_nothing_newer() -> None:
     rows = {t: np.arange(8.0) + 10 * t for t in (1, 2, 3)}
     for order in permutations(rows):
-        picture = TactilePicture(2)
+        picture = TactileState(2)
         picture.apply_stream(np.array([1, 1]), np.array(order[:2]), np.array([rows[t] for t in order[:2]]))
         picture.apply_stream(np.array([1]), np.array(order[2:]), np.array([rows[order[2]]], dtype=np.float32))
         assert [*picture.readings(Modality.ACCELERATION)[1]] == [34.0, 35.0, 36.0]
         assert picture.readings(Modality.TEMPERATURE)[1, 0] == 37.0
-        assert not picture.touch(3)[0].any()
+        assert not picture.reaction_readings(3)[0].any()
     tell(picture, (1, 2, FORCE, 2, LEVEL, 3, 0.9), (1, 4, FORCE, 0, DELTA, 0, 0.4))
     assert [*picture.readings(FORCE)[1]] == [0.4, 31.0, 32.0]  # newer than the event of time 2
     assert picture.level(FORCE)[1] == 3  # the first level that was told
@@ -98,12 +98,12 @@ def test_columns_are_those_of_the_wire() -> None:
 
 
 def test_age_says_when_anything_was_last_heard() -> None:
-    picture = TactilePicture(2)
+    picture = TactileState(2)
     tell(picture, (0, 30, FORCE, 0, DELTA, 0, 0.1), (0, 20, FORCE, 2, DELTA, 0, 0.2))
     assert picture.age_ns(100, FORCE).tolist() == [70, 100 + FOREVER_NS]
     assert (picture.age_ns(100, PROXIMITY) >= FOREVER_NS).all()
-    assert picture.touch(100, max_age_ns=75)[0].tolist() == [0.1, 0.0, 0.0, 0.0]
-    assert picture.touch(100)[0].tolist() == [0.1, 0.0, 0.2, 0.0]
+    assert picture.reaction_readings(100, max_age_ns=75)[0].tolist() == [0.1, 0.0, 0.0, 0.0]
+    assert picture.reaction_readings(100)[0].tolist() == [0.1, 0.0, 0.2, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -124,22 +124,22 @@ def test_age_says_when_anything_was_last_heard() -> None:
     ],
 )
 def test_nonsense_is_refused_and_counted(bad: Event) -> None:
-    picture = TactilePicture(2)
+    picture = TactileState(2)
     tell(picture, bad, (1, 0, FORCE, 0, LEVEL, 1, 0.5))
     assert picture.rejected == 1
     expected = np.zeros((2, 4))
     expected[1, 0] = 0.5
-    np.testing.assert_array_equal(picture.touch(0), expected)
+    np.testing.assert_array_equal(picture.reaction_readings(0), expected)
     assert picture.level(FORCE).tolist() == [0, 1]
 
 
 def test_rows_of_nonsense_and_unequal_columns_are_refused() -> None:
-    picture = TactilePicture(2)
+    picture = TactileState(2)
     rows = np.ones((3, 8))
     rows[1, 6] = math.nan
     picture.apply_stream(np.array([2, 0, 1]), np.zeros(3, dtype=np.int64), rows)
     assert picture.rejected == 2
-    assert picture.touch(0).sum(axis=1).tolist() == [0.0, 4.0]
+    assert picture.reaction_readings(0).sum(axis=1).tolist() == [0.0, 4.0]
     with pytest.raises(ProtocolError, match="different lengths"):
         picture.apply_stream(np.array([1]), np.zeros(2, dtype=np.int64), rows)
     with pytest.raises(ProtocolError, match="is due"):
@@ -147,34 +147,34 @@ def test_rows_of_nonsense_and_unequal_columns_are_refused() -> None:
 
 
 def test_a_lost_patch_feels_nothing_until_it_is_found_again() -> None:
-    picture = TactilePicture(3)
+    picture = TactileState(3)
     touch: Event = (1, 10, FORCE, 0, LEVEL, 2, 0.3)
     tell(picture, touch, (2, 10, FORCE, 0, LEVEL, 2, 0.3))
     gains = np.ones((3, 4))
-    assert np.flatnonzero(picture.streams_wanted(10, gains)).tolist() == [1, 2]
+    assert np.flatnonzero(picture.cells_to_stream(10, gains)).tolist() == [1, 2]
 
-    picture.set_found(np.array([1]), False)
+    picture.set_present(np.array([1]), False)
     tell(picture, (1, 11, FORCE, 0, LEVEL, 3, 0.4))
     picture.apply_stream(np.array([1]), np.array([12]), np.ones((1, 8)))
-    assert picture.found.tolist() == [True, False, True]
+    assert picture.present.tolist() == [True, False, True]
     assert picture.level(FORCE).tolist() == [0, 0, 2]
-    assert not picture.touch(20)[1].any()
-    assert np.flatnonzero(picture.streams_wanted(20, gains)).tolist() == [2]
+    assert not picture.reaction_readings(20)[1].any()
+    assert np.flatnonzero(picture.cells_to_stream(20, gains)).tolist() == [2]
 
-    picture.set_found(np.array([1]), True)
-    assert not picture.touch(20)[1].any()
+    picture.set_present(np.array([1]), True)
+    assert not picture.reaction_readings(20)[1].any()
     tell(picture, touch)  # was known before the loss already
     tell(picture, (1, 13, FORCE, 0, LEVEL, 3, 0.4))
-    assert picture.touch(20)[1, 0] == 0.4
-    assert np.flatnonzero(picture.streams_wanted(20, gains)).tolist() == [1, 2]
+    assert picture.reaction_readings(20)[1, 0] == 0.4
+    assert np.flatnonzero(picture.cells_to_stream(20, gains)).tolist() == [1, 2]
 
 
 def test_streams_follow_contact_with_a_hold_time() -> None:
-    picture = TactilePicture(2, hold_ns=100)
+    picture = TactileState(2, hold_ns=100)
     force_only = np.array([[1.0, 1, 1, 0]] * 2)
 
     def wanted(t_ns: int, gains: Floats) -> list[int]:
-        return np.flatnonzero(picture.streams_wanted(t_ns, gains)).tolist()
+        return np.flatnonzero(picture.cells_to_stream(t_ns, gains)).tolist()
 
     tell(picture, (0, 0, PROXIMITY, 0, LEVEL, 1, 0.2))
     assert wanted(0, force_only) == []  # a modality without gain needs no stream
@@ -289,8 +289,8 @@ joints = st.lists(st.floats(-1.5, 1.5), min_size=D, max_size=D).map(np.array)
 @settings(deadline=None, max_examples=50)
 @given(start=joints, goal=joints, speed=st.floats(0.5, 2.0))
 def test_a_posture_is_reached_at_its_speed_and_told_once(start: Floats, goal: Floats, speed: float) -> None:
-    posture, position = Posture(), start.copy()
-    posture.go(PoseTarget("open", goal, speed_rad_s=speed, accuracy_rad=0.01))
+    posture, position = PostureControl(), start.copy()
+    posture.set_target(PoseTarget("open", goal, speed_rad_s=speed, accuracy_rad=0.01))
     told = []
     ticks = math.ceil(np.abs(goal - start).max() / (speed * 5e-3)) + 2
     for tick in range(ticks):
@@ -308,28 +308,28 @@ def test_a_posture_is_reached_at_its_speed_and_told_once(start: Floats, goal: Fl
 
 
 def test_joints_arrive_together_as_in_equation_5() -> None:
-    posture = Posture()
-    posture.go(PoseTarget("closed", np.array([1.0, -0.5, 0.005]), speed_rad_s=0.4))
+    posture = PostureControl()
+    posture.set_target(PoseTarget("closed", np.array([1.0, -0.5, 0.005]), speed_rad_s=0.4))
     velocity, _ = posture.step(0, np.zeros(3))
     np.testing.assert_allclose(velocity, np.array([0.4, -0.2, 0.0]))
 
 
 @pytest.mark.parametrize("deactivate", [False, True])
 def test_a_reached_posture_is_held_or_let_go(deactivate: bool) -> None:
-    posture = Posture()
+    posture = PostureControl()
     assert posture.step(0, np.ones(D))[1] is None
-    target = PoseTarget("home", np.zeros(D), deactivate=deactivate)
-    posture.go(target)
+    target = PoseTarget("home", np.zeros(D), release_when_reached=deactivate)
+    posture.set_target(target)
     assert posture.step(7, np.full(D, 0.01))[1] == PoseReached("home", 7)
     assert posture.active is not deactivate
     velocity, event = posture.step(8, np.ones(D))
     assert velocity.any() == (not deactivate)
     assert event is None
     assert posture.step(9, np.zeros(D))[1] is None  # told once, however often it comes back
-    posture.go(target)
+    posture.set_target(target)
     assert posture.step(10, np.zeros(D))[1] == PoseReached("home", 10)
-    posture.go(target)
-    posture.release()
+    posture.set_target(target)
+    posture.clear_target()
     assert not posture.step(11, np.ones(D))[0].any()
 
 
@@ -337,9 +337,9 @@ def test_a_reached_posture_is_held_or_let_go(deactivate: bool) -> None:
     "change", [{"speed_rad_s": 0.0}, {"accuracy_rad": -1.0}, {"position_rad": np.array([math.nan])}]
 )
 def test_a_posture_refuses_what_makes_no_sense(change: dict[str, object]) -> None:
-    posture = Posture()
+    posture = PostureControl()
     with pytest.raises(ValueError, match="pose 'x'"):
-        posture.go(PoseTarget(**{"name": "x", "position_rad": np.zeros(1), **change}))  # type: ignore[arg-type]
+        posture.set_target(PoseTarget(**{"name": "x", "position_rad": np.zeros(1), **change}))  # type: ignore[arg-type]
     assert not posture.active
 
 

@@ -14,9 +14,9 @@ import pytest
 from skinnet.channels import Keys
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 from skinnet.transport.base import Delivery, Query, Transport
-from skinnet.transport.client import Reply, ask
+from skinnet.transport.client import Reply, query
 from skinnet.transport.mailbox import TaskMailbox, ThreadMailbox
-from skinnet.transport.memory import MemoryHub
+from skinnet.transport.memory import InMemoryHub
 from skinnet.transport.zenoh import ZenohTransport
 
 KEYS = Keys("bot")
@@ -29,7 +29,7 @@ class Star:
 
     def __init__(self, kind: str, endpoint: str) -> None:
         self._kind, self._endpoint = kind, endpoint
-        self._memory = MemoryHub()
+        self._memory = InMemoryHub()
         self.members: dict[str, Transport] = {}
 
     def join(self, name: str) -> Transport:
@@ -40,7 +40,7 @@ class Star:
             member = ZenohTransport(KEYS, name, listen=self._endpoint)
         else:
             member = ZenohTransport(KEYS, name, connect=self._endpoint)
-        member.record(1)
+        member.enable_recording(1)
         self.members[name] = member
         return member
 
@@ -49,15 +49,15 @@ class Star:
         for name in names:
             member = self.join(name)
             member.subscribe([key("*"), key("twice"), KEYS.of("stimulus", "*")], names)
-            member.watch_alive(KEYS.alive("*", "*"))
+            member.subscribe_liveliness(KEYS.liveliness("*", "*"))
         await self.agree("here")
         return [self.members[name] for name in names]
 
     async def agree(self, step: str) -> dict[str, list[Delivery]]:
         """Everybody knows what each has declared and has heard what each has put before; returns that."""
         for name, member in self.members.items():
-            member.announce(KEYS.alive(step, name))
-        tokens = {KEYS.alive(step, name) for name in self.members}
+            member.declare_token(KEYS.liveliness(step, name))
+        tokens = {KEYS.liveliness(step, name) for name in self.members}
         heard = {name: await self._until(name, tokens) for name in self.members}
         for name, member in self.members.items():
             member.put(key(f"{step}-{name}"), b"word")
@@ -114,7 +114,7 @@ async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender
     recorder.subscribe([KEYS.of("config", "p", "*"), KEYS.of("command"), KEYS.of("state")], ["body"])
     other.subscribe([KEYS.of("command")], ["body"])
     await star.agree("listening")
-    body.record(7)
+    body.enable_recording(7)
     sent = []
     for number in range(60):
         put = [KEYS.of("config", "p", number), KEYS.of("state"), KEYS.of("command")][number % 3]
@@ -131,9 +131,9 @@ async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender
 async def test_a_sender_knows_whether_it_is_heard(star: Star) -> None:
     body, watcher = await star.gather("body", "watcher")
     world = KEYS.of("world")
-    assert not body.heard(world)
+    assert not body.has_subscribers(world)
     heard: queue.Queue[tuple[str, bytes]] = queue.Queue()
-    undo = watcher.overhear(world, lambda *message: heard.put(message))
+    undo = watcher.declare_loop_subscriber(world, lambda *message: heard.put(message))
     await star.agree("overhearing")
     until_it_is(body, world, True)
     body.put(world, b"where")
@@ -146,7 +146,7 @@ async def test_a_sender_knows_whether_it_is_heard(star: Star) -> None:
 def until_it_is(member: Transport, asked: str, wanted: bool) -> None:
     """Returns when `member` is heard, or is not: the news may take its time, and another thread."""
     deadline_s = time.monotonic() + LONG_S
-    while member.heard(asked) != wanted:
+    while member.has_subscribers(asked) != wanted:
         assert time.monotonic() < deadline_s
 
 
@@ -194,7 +194,7 @@ async def test_expressions_choose_messages_and_names_choose_senders(star: Star) 
     wanted = [keys[0], KEYS.of("topology", "p")]
     for member in (picky, deaf):
         member.subscribe([key("*")], [*star.members])
-        member.watch_alive(KEYS.alive("*", "*"))
+        member.subscribe_liveliness(KEYS.liveliness("*", "*"))
     for member in senders:
         member.subscribe([key("*")], ["picky", "deaf"])
     await star.agree("listen")
@@ -220,11 +220,14 @@ async def test_what_is_put_is_overheard_and_what_is_told_is_tapped(star: Star) -
 
         return on_message
 
-    undo = hub.overhear(key("p"), note(overheard)), hub.tap(key("p"), note(tapped))
+    undo = (
+        hub.declare_loop_subscriber(key("p"), note(overheard)),
+        hub.declare_subscriber(key("p"), note(tapped)),
+    )
     for step in ("listen", "go on"):
         await star.agree(step)
         for _ in range(2):
-            a.tell(key("p"), b"told")
+            a.publish_best_effort(key("p"), b"told")
             a.put(key("p"), b"put")
         a.flush()
         heard = await star.agree(f"after {step}")
@@ -241,52 +244,54 @@ async def test_what_is_put_is_overheard_and_what_is_told_is_tapped(star: Star) -
 
 async def test_liveliness_tells_who_was_there_who_comes_and_who_goes(star: Star) -> None:
     hub = star.join("hub")
-    hub.announce(KEYS.alive("body", "hub"))
+    hub.declare_token(KEYS.liveliness("body", "hub"))
     a = star.join("a")
-    a.watch_alive(KEYS.alive("*", "*"))
-    assert await hear(a, 1) == [Delivery(KEYS.alive("body", "hub"), b"")]
-    hub.watch_alive(KEYS.alive("cells", "*"))
-    a.announce(KEYS.alive("cells", "a"))
-    assert await hear(hub, 1) == [Delivery(KEYS.alive("cells", "a"), b"")]
-    assert await hear(a, 1) == [Delivery(KEYS.alive("cells", "a"), b"")]
+    a.subscribe_liveliness(KEYS.liveliness("*", "*"))
+    assert await hear(a, 1) == [Delivery(KEYS.liveliness("body", "hub"), b"")]
+    hub.subscribe_liveliness(KEYS.liveliness("cells", "*"))
+    a.declare_token(KEYS.liveliness("cells", "a"))
+    assert await hear(hub, 1) == [Delivery(KEYS.liveliness("cells", "a"), b"")]
+    assert await hear(a, 1) == [Delivery(KEYS.liveliness("cells", "a"), b"")]
     star.leave("a")
-    assert await hear(hub, 1) == [Delivery(KEYS.alive("cells", "a"), None)]
+    assert await hear(hub, 1) == [Delivery(KEYS.liveliness("cells", "a"), None)]
 
 
 async def test_who_is_there_can_be_asked_and_is_told(star: Star) -> None:
     """By the hub and by its members, of tokens that were there, that come, and that go."""
     hub, a = await star.gather("hub", "a")
     changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
-    tokens = {name: KEYS.claim("one", name) for name in ("hub", "a", "b")}
-    hub.announce(tokens["hub"])
-    a.announce(tokens["a"])
+    tokens = {name: KEYS.name_claim("one", name) for name in ("hub", "a", "b")}
+    hub.declare_token(tokens["hub"])
+    a.declare_token(tokens["a"])
     await star.agree("claimed")
     for member in (hub, a):
-        assert member.present(KEYS.claim("one", "*")) == {tokens["hub"], tokens["a"]}
-        assert member.present(tokens["a"]) == {tokens["a"]}
-        assert member.present(KEYS.claim("other", "*")) == frozenset()
-    hub.on_alive(KEYS.claim("one", "*"), lambda key, there: changes.put((key, there)))
+        assert member.liveliness_tokens(KEYS.name_claim("one", "*")) == {tokens["hub"], tokens["a"]}
+        assert member.liveliness_tokens(tokens["a"]) == {tokens["a"]}
+        assert member.liveliness_tokens(KEYS.name_claim("other", "*")) == frozenset()
+    hub.declare_liveliness_subscriber(
+        KEYS.name_claim("one", "*"), lambda key, there: changes.put((key, there))
+    )
     assert {changes.get(timeout=LONG_S) for _ in range(2)} == {(tokens["hub"], True), (tokens["a"], True)}
-    star.join("b").announce(tokens["b"])
+    star.join("b").declare_token(tokens["b"])
     assert changes.get(timeout=LONG_S) == (tokens["b"], True)
     star.leave("b")
     assert changes.get(timeout=LONG_S) == (tokens["b"], False)
-    assert hub.present(KEYS.claim("one", "*")) == {tokens["hub"], tokens["a"]}
+    assert hub.liveliness_tokens(KEYS.name_claim("one", "*")) == {tokens["hub"], tokens["a"]}
 
 
 async def test_more_tokens_than_zenohs_own_handler_takes(star: Star) -> None:
     hub, a = await star.gather("hub", "a")
     for number in range(300):
-        hub.announce(KEYS.claim("one", str(number)))
+        hub.declare_token(KEYS.name_claim("one", str(number)))
     await star.agree("claimed")
-    assert len(a.present(KEYS.claim("one", "*"))) == 300
+    assert len(a.liveliness_tokens(KEYS.name_claim("one", "*"))) == 300
 
 
 async def test_last_words_arrive(star: Star) -> None:
     hub, a = await star.gather("hub", "a")
     a.put(key("last"), b"words")
     star.leave("a")
-    words = {Delivery(key("last"), b"words"), Delivery(KEYS.alive("here", "a"), None)}
+    words = {Delivery(key("last"), b"words"), Delivery(KEYS.liveliness("here", "a"), None)}
     assert set(await hear(hub, 2)) == words
 
 
@@ -322,10 +327,10 @@ def mailbox(request: pytest.FixtureRequest) -> Mailbox:
 async def test_a_loss_is_always_enough(mailbox: Mailbox) -> None:
     mailbox.post(WORD)
     mailbox.post(LOSS)
-    assert await mailbox.receive(None, enough=5) == [WORD, LOSS]
+    assert await mailbox.receive(None, min_count=5) == [WORD, LOSS]
     for _ in range(2):
         mailbox.post(WORD)
-    assert await mailbox.receive(0.0, enough=5) == [
+    assert await mailbox.receive(0.0, min_count=5) == [
         WORD,
         WORD,
     ]  # that loss is told, and is no reason any more
@@ -334,13 +339,13 @@ async def test_a_loss_is_always_enough(mailbox: Mailbox) -> None:
 
 async def test_who_needs_several_is_woken_once() -> None:
     mailbox = TaskMailbox()
-    waiting = asyncio.create_task(mailbox.receive(None, enough=3))
+    waiting = asyncio.create_task(mailbox.receive(None, min_count=3))
     for n in range(3):
         await asyncio.sleep(0)
         assert not waiting.done(), n
         mailbox.post(WORD)
     assert await waiting == [WORD] * 3
-    waiting = asyncio.create_task(mailbox.receive(None, enough=3))
+    waiting = asyncio.create_task(mailbox.receive(None, min_count=3))
     await asyncio.sleep(0)
     mailbox.post(LOSS)
     assert await waiting == [LOSS]
@@ -395,12 +400,12 @@ def test_an_endpoint_that_is_none_is_named() -> None:
     with pytest.raises(SkinnetError, match="cannot listen on nonsense"):
         ZenohTransport(KEYS, "hub", listen="nonsense")
     with pytest.raises(UnreachableError, match="nonsense: no Zenoh endpoint"):
-        ask("nonsense", "a", b"", LONG_S)
+        query("nonsense", "a", b"", LONG_S)
 
 
 def test_an_endpoint_where_nobody_is(endpoint: str) -> None:
     with pytest.raises(UnreachableError, match=f"{endpoint}: .*nobody answers"):
-        ask(endpoint, "a", b"", 0.01)
+        query(endpoint, "a", b"", 0.01)
 
 
 def test_questions_are_answered_when_the_answer_is_known(endpoint: str) -> None:
@@ -422,10 +427,10 @@ def test_questions_are_answered_when_the_answer_is_known(endpoint: str) -> None:
         b"4": "skinnet/**",
     }
     try:
-        hub.take_queries(KEYS.of("request", "*"), keep)
+        hub.declare_queryable(KEYS.of("request", "*"), keep)
         with ThreadPoolExecutor(len(questions)) as pool:
             replies = {
-                payload: pool.submit(ask, endpoint, key, payload, LONG_S)
+                payload: pool.submit(query, endpoint, key, payload, LONG_S)
                 for payload, key in questions.items()
             }
             for _ in questions:
@@ -438,14 +443,14 @@ def test_questions_are_answered_when_the_answer_is_known(endpoint: str) -> None:
             for payload in (b"3", b"1", b"2"):
                 asked[payload].reply(go, b"answer " + payload)
                 assert replies[payload].result(LONG_S) == [Reply(go, b"answer " + payload, "")]
-            asked[b""].refuse("not today")
+            asked[b""].reply_error("not today")
             assert replies[b""].result(LONG_S) == [Reply("", b"", "not today")]
             asked[b"4"].drop()
             assert replies[b"4"].result(LONG_S) == []
         asked.clear()
-        assert ask(endpoint, go, b"late", 0.05) == [Reply("", b"", "no answer within 0.05 s")]
+        assert query(endpoint, go, b"late", 0.05) == [Reply("", b"", "no answer within 0.05 s")]
         asked[b"late"].reply(go, b"nobody hears it")
-        assert ask(endpoint, KEYS.of("state"), b"", LONG_S) == []
+        assert query(endpoint, KEYS.of("state"), b"", LONG_S) == []
     finally:
         hub.close()
 
@@ -463,11 +468,11 @@ async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> No
     hub = ZenohTransport(KEYS, "hub", listen=endpoint)
     try:
         hub.subscribe([key("*")], ["hub"])
-        hub.tell(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
+        hub.publish_best_effort(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
         hub.put(key("x"), b"1")
         hub.flush()
         assert await hear(hub, 1) == [Delivery(key("x"), b"1")]
-        assert hub.malformed == 1
+        assert hub.malformed_batches == 1
     finally:
         hub.close()
 
@@ -477,17 +482,17 @@ async def test_every_envelope_is_weighed_and_timed(endpoint: str) -> None:
     a = ZenohTransport(KEYS, "a", connect=endpoint)
     try:
         hub.subscribe([key("*")], ["a"])
-        hub.announce(KEYS.alive("here", "hub"))
-        a.watch_alive(KEYS.alive("*", "*"))  # its coming follows the hub's subscription
-        assert await hear(a, 1) == [Delivery(KEYS.alive("here", "hub"), b"")]
+        hub.declare_token(KEYS.liveliness("here", "hub"))
+        a.subscribe_liveliness(KEYS.liveliness("*", "*"))  # its coming follows the hub's subscription
+        assert await hear(a, 1) == [Delivery(KEYS.liveliness("here", "hub"), b"")]
         for n in range(1, 6):
             for i in range(n):
                 a.put(key(f"x{i}"), bytes(n))
             a.flush()
         await hear(hub, 15)
-        assert hub.transit_us.sum() == 5
+        assert hub.transit_histogram.sum() == 5
         assert hub.received_bytes == a.sent_bytes > sum(n * n for n in range(1, 6))
-        assert hub.malformed == a.received_bytes == 0
+        assert hub.malformed_batches == a.received_bytes == 0
     finally:
         a.close()
         hub.close()

@@ -17,17 +17,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_robot import small
 
-from cells.host import HostNode
-from controller.process import ControllerNode
-from skinnet.channels import OUTSIDE, Keys, Role
+from cells.host import CellProcess
+from controller.process import ControllerProcess
+from skinnet.channels import EXTERNAL, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
-from skinnet.loop import Node, Put, run_loop
-from skinnet.messages import Command, Joints, SkinFrame, Stimulus, decode, encode
-from skinnet.part import Part
+from skinnet.loop import LogicalProcess, Put, run_loop
+from skinnet.messages import Command, Joints, PeriodEnd, Stimulus, decode, encode
+from skinnet.part import ProcessResult
 from skinnet.transport.base import Delivery, Transport
-from skinnet.transport.memory import MemoryHub
+from skinnet.transport.memory import InMemoryHub
 from skinnet.transport.zenoh import ZenohTransport
 from skinnet.upstream import Upstream
 
@@ -47,15 +47,15 @@ def test_a_period_is_covered_when_its_frame_and_all_messages_so_far_are_there(
     frames = messages = 0
     for arrival in arrivals:
         if arrival == "frame":
-            upstream.close((frames + 1) * PERIOD_NS, counts[frames])
+            upstream.end_period((frames + 1) * PERIOD_NS, counts[frames])
             frames += 1
         else:
-            upstream.arrive()
+            upstream.count_arrivals()
             messages += 1
         whole = [k for k in range(frames + 1) if sum(counts[:k]) <= messages]
-        assert upstream.covered_ns == max(whole) * PERIOD_NS
-        assert upstream.missing == max(0, sum(counts[:frames]) - messages)
-    assert upstream.covered_ns == len(counts) * PERIOD_NS
+        assert upstream.watermark_ns == max(whole) * PERIOD_NS
+        assert upstream.n_missing == max(0, sum(counts[:frames]) - messages)
+    assert upstream.watermark_ns == len(counts) * PERIOD_NS
 
 
 @given(counts=counts, random=st.randoms(use_true_random=False))
@@ -65,11 +65,11 @@ def test_in_the_end_no_order_of_arrival_matters(counts: list[int], random: rando
     random.shuffle(arrivals)
     for period, n in arrivals:
         if period is None:
-            upstream.arrive(n)
+            upstream.count_arrivals(n)
         else:
-            upstream.close((period + 1) * PERIOD_NS, n)
-    assert upstream.covered_ns == len(counts) * PERIOD_NS
-    assert upstream.missing == 0
+            upstream.end_period((period + 1) * PERIOD_NS, n)
+    assert upstream.watermark_ns == len(counts) * PERIOD_NS
+    assert upstream.n_missing == 0
 
 
 class Talker:
@@ -80,8 +80,8 @@ class Talker:
         hears: The others; with a head start they cover one period before they have said a word.
         periods: How many it computes.
         silent_from: Period from which on it says nothing.
-        tolerated: Whom it can do without.
-        paced: Its periods follow the wall clock.
+        tolerated_losses: Whom it can do without.
+        follows_wall_clock: Its periods follow the wall clock.
     """
 
     role = "cells"
@@ -93,23 +93,23 @@ class Talker:
         *,
         periods: int = 5,
         silent_from: int = 99,
-        tolerated: Sequence[str] = (),
-        paced: bool = False,
+        tolerated_losses: Sequence[str] = (),
+        follows_wall_clock: bool = False,
         peers: Sequence[str] = (),
     ) -> None:
         self.name = name
         self.subscriptions = tuple(KEYS.of("frame", other) for other in hears)
         self.upstreams: Mapping[str, Upstream] = {
-            other: Upstream(other, other, covered_ns=PERIOD_NS) for other in hears
+            other: Upstream(other, other, watermark_ns=PERIOD_NS) for other in hears
         }
         self.senders = frozenset(hears)
-        self.tolerated = frozenset(tolerated)
+        self.tolerated_losses = frozenset(tolerated_losses)
         self.peers = frozenset({name, *hears, *peers})
         self.counters: Counter[str] = Counter()
-        self.paced = paced
+        self.follows_wall_clock = follows_wall_clock
         self.periods, self.silent_from = periods, silent_from
         self.t_ns = 0
-        self.heard: list[tuple[int, str]] = []
+        self.received: list[tuple[int, str]] = []
         self.log: list[tuple[int, list[tuple[int, str]]]] = []
         self.lost: list[str] = []
 
@@ -121,32 +121,32 @@ class Talker:
         return dict.fromkeys(self.upstreams, self.t_ns + PERIOD_NS)
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        frame = decode(payload, SkinFrame)
+        frame = decode(payload, PeriodEnd)
         if frame.patch not in self.upstreams:
             raise ProtocolError("who is that?")
-        self.heard.append((frame.t_ns, frame.patch))
-        self.upstreams[frame.patch].close(frame.covered_ns)
+        self.received.append((frame.t_ns, frame.patch))
+        self.upstreams[frame.patch].end_period(frame.covered_ns)
 
-    def lose(self, upstream: Upstream) -> None:
+    def on_upstream_lost(self, upstream: Upstream) -> None:
         self.lost.append(upstream.name)
 
     def due_ns(self) -> int:
         return self.t_ns + PERIOD_NS
 
     def step(self, put: Put) -> None:
-        due = sorted(frame for frame in self.heard if frame[0] < self.t_ns)
+        due = sorted(frame for frame in self.received if frame[0] < self.t_ns)
         self.log.append((self.t_ns, due))
         self.t_ns += PERIOD_NS
         if self.t_ns <= self.silent_from * PERIOD_NS:
             t_ns = self.t_ns - PERIOD_NS
-            frame = SkinFrame(patch=self.name, t_ns=t_ns, covered_ns=self.t_ns + PERIOD_NS, events=0)
+            frame = PeriodEnd(patch=self.name, t_ns=t_ns, covered_ns=self.t_ns + PERIOD_NS, events=0)
             put(KEYS.of("frame", self.name), encode(frame))
 
-    def news(self) -> list[tuple[str, bytes]]:
+    def best_effort_messages(self) -> list[tuple[str, bytes]]:
         return [(KEYS.of("state"), self.name.encode()), (KEYS.of("answer"), b"and more")]
 
-    def result(self) -> Part:
-        return Part(self.name, self.role)
+    def result(self) -> ProcessResult:
+        return ProcessResult(self.name, self.role)
 
 
 class Jumbled:
@@ -169,12 +169,12 @@ class Jumbled:
 
 
 async def meet(
-    *nodes: Node, deadline_s: float = 20.0, seed: int | None = None, leave: bool = True
-) -> MemoryHub:
+    *nodes: LogicalProcess, deadline_s: float = 20.0, seed: int | None = None, leave: bool = True
+) -> InMemoryHub:
     """Runs nodes together; each leaves when it is finished."""
-    hub = MemoryHub()
+    hub = InMemoryHub()
 
-    async def live(node: Node) -> None:
+    async def live(node: LogicalProcess) -> None:
         transport = hub.connect(node.name)
         jumbled: Any = transport if seed is None else Jumbled(transport, seed)
         await run_loop(node, jumbled, KEYS, deadline_s=deadline_s)
@@ -205,29 +205,31 @@ async def test_what_a_period_knows_does_not_depend_on_the_order_of_arrival(seed:
 
 
 async def test_the_loop_begins_when_everybody_is_there() -> None:
-    hub = MemoryHub()
+    hub = InMemoryHub()
     node = Talker("a", peers=("late",))
     task = asyncio.create_task(run_loop(node, hub.connect("a"), KEYS, deadline_s=20.0))
     for _ in range(10):
         await asyncio.sleep(0)
     assert not node.log
-    hub.connect("late").announce(KEYS.alive(Role.CELLS, "late"))
+    hub.connect("late").declare_token(KEYS.liveliness(Role.CELLS, "late"))
     assert await task == {"a", "late"}
     assert len(node.log) == 5
 
 
 async def test_watchers_hear_the_news() -> None:
-    hub = MemoryHub()
+    hub = InMemoryHub()
     told: list[bytes] = []
-    hub.connect("watcher").tap(KEYS.prefix + "**", lambda _key, payload: told.append(payload))
+    hub.connect("watcher").declare_subscriber(KEYS.prefix + "**", lambda _key, payload: told.append(payload))
     await run_loop(Talker("a"), hub.connect("a"), KEYS, deadline_s=20.0)
     assert told == [b"a", b"and more"] * 5
 
 
 async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody() -> None:
-    hub = MemoryHub()
+    hub = InMemoryHub()
     said: Counter[str] = Counter()
-    hub.connect("watcher").overhear(f"{KEYS.prefix}**", lambda key, _payload: said.update([key]))
+    hub.connect("watcher").declare_loop_subscriber(
+        f"{KEYS.prefix}**", lambda key, _payload: said.update([key])
+    )
     first, twin, other = Talker("a", ("b",)), Talker("a", ("b",)), Talker("b", ("a",))
     running = asyncio.create_task(run_loop(first, hub.connect("a"), KEYS, deadline_s=20.0))
     await asyncio.sleep(0)
@@ -238,7 +240,7 @@ async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody()
         transport.close()
     await run_loop(other, hub.connect("b"), KEYS, deadline_s=20.0)
     assert await running == {"a", "b"}
-    assert twin.log == twin.heard == []
+    assert twin.log == twin.received == []
     assert len(first.log) == len(other.log) == 5
     assert said == {KEYS.of("frame", "a"): 5, KEYS.of("frame", "b"): 5}
     assert not first.counters
@@ -246,7 +248,7 @@ async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody()
 
 
 async def test_a_name_is_free_again_when_its_process_has_left() -> None:
-    hub = MemoryHub()
+    hub = InMemoryHub()
     for _ in range(3):
         transport = hub.connect("a")
         await run_loop(Talker("a"), transport, KEYS, deadline_s=20.0)
@@ -277,14 +279,17 @@ def test_of_several_that_come_at_once_at_most_one_goes_on() -> None:
 
 
 async def test_a_lost_upstream_that_is_tolerated() -> None:
-    a = Talker("a", ("b", "c"), periods=8, tolerated=("b",))
+    a = Talker("a", ("b", "c"), periods=8, tolerated_losses=("b",))
     b, c = Talker("b", ("a", "c"), periods=3), Talker("c", ("a",), periods=8)
     await meet(a, b, c)
     assert a.lost == ["b"]
     assert a.counters == {"lost_upstreams": 1}
     assert len(a.log) == len(c.log) == 8
     # its last words were heard, those of the others further on
-    assert {name: max(t for t, who in a.heard if who == name) for name in "bc"} == {"b": 2000, "c": 6000}
+    assert {name: max(t for t, who in a.received if who == name) for name in "bc"} == {
+        "b": 2000,
+        "c": 6000,
+    }
 
 
 async def test_a_lost_upstream_that_is_needed() -> None:
@@ -295,14 +300,14 @@ async def test_a_lost_upstream_that_is_needed() -> None:
 
 
 async def test_a_silent_upstream_is_given_up_after_the_deadline() -> None:
-    a, b = Talker("a", ("b",)), Talker("b", ("a",), silent_from=2, periods=99, tolerated=("a",))
+    a, b = Talker("a", ("b",)), Talker("b", ("a",), silent_from=2, periods=99, tolerated_losses=("a",))
     with pytest.RaisesGroup(pytest.RaisesExc(UpstreamLostError, match=r"a: b .*no frame for 0\.05 s")):
         await meet(a, b, deadline_s=0.05)
     assert len(a.log) == 3
 
 
 async def test_a_silent_upstream_that_is_tolerated() -> None:
-    a = Talker("a", ("b",), tolerated=("b",))
+    a = Talker("a", ("b",), tolerated_losses=("b",))
     b = Talker("b", ("a",), silent_from=2, periods=3)
     await meet(a, b, deadline_s=0.05, leave=False)
     assert a.lost == ["b"]
@@ -312,15 +317,15 @@ async def test_a_silent_upstream_that_is_tolerated() -> None:
 async def test_a_message_without_sense_is_counted_and_its_source_named_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    hub = MemoryHub()
-    stranger = hub.connect(OUTSIDE)
+    hub = InMemoryHub()
+    stranger = hub.connect(EXTERNAL)
     node = Talker("a", ("b",), periods=3)
     node.subscriptions = (f"{KEYS.prefix}**",)
     node.peers = frozenset({"a"})
     task = asyncio.create_task(run_loop(node, hub.connect("a"), KEYS, deadline_s=20.0))
     await asyncio.sleep(0)
-    good = [SkinFrame(patch="b", t_ns=t, covered_ns=t + PERIOD_NS, events=0) for t in (1000, 2000)]
-    other = encode(SkinFrame(patch="z", t_ns=0, covered_ns=10**9, events=0))
+    good = [PeriodEnd(patch="b", t_ns=t, covered_ns=t + PERIOD_NS, events=0) for t in (1000, 2000)]
+    other = encode(PeriodEnd(patch="z", t_ns=0, covered_ns=10**9, events=0))
     with caplog.at_level(logging.WARNING, "skinnet.loop"):
         for frame in good:
             stranger.put(KEYS.of("frame", "b"), b"\xc1 no message")
@@ -333,7 +338,7 @@ async def test_a_message_without_sense_is_counted_and_its_source_named_once(
     assert len(caplog.records) == 3
     for key in (KEYS.of("frame", "b"), KEYS.of("frame", "z"), KEYS.prefix + "no/channel"):
         assert sum(f" {key}: " in record.getMessage() for record in caplog.records) == 1
-    assert [frame[0] for frame in node.heard] == [1000, 2000]
+    assert [frame[0] for frame in node.received] == [1000, 2000]
 
 
 class Behind:
@@ -345,21 +350,21 @@ class Behind:
 
 async def alone(monkeypatch: pytest.MonkeyPatch, node: Talker, frames: int) -> None:
     """Runs a node in real time that is behind; all frames of its only source came before it began."""
-    monkeypatch.setattr("skinnet.loop.WallPace", Behind)
-    hub = MemoryHub()
+    monkeypatch.setattr("skinnet.loop.WallClockPace", Behind)
+    hub = InMemoryHub()
     node.peers = frozenset({node.name})
     transport = hub.connect(node.name)
     transport.subscribe(node.subscriptions, ["b"])
     node.subscriptions = ()
     source = hub.connect("b")
     for k in range(frames):
-        frame = SkinFrame(patch="b", t_ns=k * PERIOD_NS, covered_ns=(k + 2) * PERIOD_NS, events=0)
+        frame = PeriodEnd(patch="b", t_ns=k * PERIOD_NS, covered_ns=(k + 2) * PERIOD_NS, events=0)
         source.put(KEYS.of("frame", "b"), encode(frame))
     await run_loop(node, transport, KEYS, deadline_s=20.0, realtime=True)
 
 
 async def test_who_is_behind_waits_for_nobody_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    node = Talker("a", ("b",), periods=6, paced=True)
+    node = Talker("a", ("b",), periods=6, follows_wall_clock=True)
     await alone(monkeypatch, node, frames=0)
     assert len(node.log) == 6
     assert node.counters["late_frames"] == 5  # all but the head start
@@ -367,22 +372,22 @@ async def test_who_is_behind_waits_for_nobody_and_counts(monkeypatch: pytest.Mon
 
 
 async def test_who_is_behind_still_takes_in_what_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
-    node = Talker("a", ("b",), periods=6, paced=True)
+    node = Talker("a", ("b",), periods=6, follows_wall_clock=True)
     await alone(monkeypatch, node, frames=3)
-    assert len(node.heard) == 3
+    assert len(node.received) == 3
     assert node.counters["late_frames"] == 2  # periods 0 to 3 were covered
 
 
 async def test_a_body_that_is_behind_lets_the_others_of_its_process_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("skinnet.loop.WallPace", Behind)
-    hub = MemoryHub()
-    fast, steady = Talker("a", ("b",), periods=200, paced=True), Talker("b", ("a",), periods=20)
+    monkeypatch.setattr("skinnet.loop.WallClockPace", Behind)
+    hub = InMemoryHub()
+    fast, steady = Talker("a", ("b",), periods=200, follows_wall_clock=True), Talker("b", ("a",), periods=20)
     async with asyncio.TaskGroup() as group:
         for node in (fast, steady):
             group.create_task(run_loop(node, hub.connect(node.name), KEYS, deadline_s=20.0, realtime=True))
-    assert len(fast.heard) == 20
+    assert len(fast.received) == 20
     assert len(steady.log) == 20
     assert steady.counters["late_frames"] == 0  # only the body follows the wall clock
 
@@ -404,10 +409,10 @@ async def test_who_is_in_time_waits_for_the_clock(monkeypatch: pytest.MonkeyPatc
                 Asked.now_s += timeout_s
             return await self._transport.receive(0.0)
 
-    monkeypatch.setattr("skinnet.loop.WallPace", Asked)
+    monkeypatch.setattr("skinnet.loop.WallClockPace", Asked)
     waits: list[float] = []
-    node = Talker("a", periods=4, paced=True)
-    transport: Any = Waiting(MemoryHub().connect("a"), 0)
+    node = Talker("a", periods=4, follows_wall_clock=True)
+    transport: Any = Waiting(InMemoryHub().connect("a"), 0)
     await run_loop(node, transport, KEYS, deadline_s=20.0, realtime=True)
     assert sum(waits) == pytest.approx(4e-3)
     assert node.counters["late_frames"] == 0
@@ -417,17 +422,17 @@ class RestingBody:
     """A body that does not move: what it sends and when it waits is what matters."""
 
     role = Role.BODY.value
-    paced = True
+    follows_wall_clock = True
 
     def __init__(self, deployment: Deployment) -> None:
         self.name = "body"
         self._spec = deployment
         control = deployment.controller
-        self._controller = Upstream("controller", "controller", covered_ns=control.command_delay_ns)
+        self._controller = Upstream("controller", "controller", watermark_ns=control.command_delay_ns)
         self.upstreams: Mapping[str, Upstream] = {"controller": self._controller}
         self.subscriptions = (KEYS.of("command"),)
         self.peers = frozenset({"body", "controller", *deployment.host_patches()})
-        self.senders, self.tolerated = frozenset({"controller"}), frozenset[str]()
+        self.senders, self.tolerated_losses = frozenset({"controller"}), frozenset[str]()
         self.counters: Counter[str] = Counter()
         self.t_ns, self.end_ns = 0, deployment.max_ns
         self._pending: deque[Command] = deque()
@@ -451,10 +456,10 @@ class RestingBody:
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
         command = decode(payload, Command)
-        self._controller.close(command.covered_ns)
+        self._controller.end_period(command.covered_ns)
         self._pending.append(command)
 
-    def lose(self, upstream: Upstream) -> None: ...
+    def on_upstream_lost(self, upstream: Upstream) -> None: ...
 
     def step(self, put: Put) -> None:
         end_ns = self.due_ns()
@@ -483,11 +488,11 @@ class RestingBody:
         if t_ns % self._spec.body.joints_ns == 0:
             put(KEYS.of("joints"), encode(Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=[0.1, 0.2])))
 
-    def news(self) -> tuple[()]:
+    def best_effort_messages(self) -> tuple[()]:
         return ()
 
-    def result(self) -> Part:
-        return Part(self.name, self.role)
+    def result(self) -> ProcessResult:
+        return ProcessResult(self.name, self.role)
 
 
 def robot(stimulus_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
@@ -500,8 +505,8 @@ def robot(stimulus_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
         controller={"period_ms": control_ms, "command_delay_ms": delay_ms},
     )
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
-    hosts = [HostNode(deployment, name) for name in deployment.host_patches()]
-    return [RestingBody(deployment), *hosts, ControllerNode(deployment, "controller", sizes)]
+    hosts = [CellProcess(deployment, name) for name in deployment.host_patches()]
+    return [RestingBody(deployment), *hosts, ControllerProcess(deployment, "controller", sizes)]
 
 
 @pytest.mark.parametrize("periods_ms", [(4, 5, 3), (5, 4, 4), (4, 4, 1), (6, 4, 4), (4, 6, 2), (7, 1, 6)])

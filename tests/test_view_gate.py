@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinnet.errors import DeploymentError, PortInUseError
-from skinnet.view.gate import Gate, is_loopback, judge
+from skinnet.view.gate import AuthProxy, authorise, is_loopback
 
 TOKEN = "a word"
 PAGE = b"the page " * 30_000
@@ -55,13 +55,13 @@ def code(answer: bytes | None) -> int:
     ],
 )
 def test_who_may_come_in(request_head: bytes, token: str | None, loopback: bool, expected: int) -> None:
-    verdict = judge(request_head, token, 80, loopback=loopback)
-    assert code(verdict.answer) == expected
-    assert bool(verdict.why) == (expected in (400, 401, 403))
+    verdict = authorise(request_head, token, 80, loopback=loopback)
+    assert code(verdict.response) == expected
+    assert bool(verdict.reason) == (expected in (400, 401, 403))
 
 
 def test_the_token_becomes_a_cookie_and_leaves_the_address() -> None:
-    answer = judge(head("/view?a=1&token=a+word&b=2"), TOKEN, 80, loopback=True).answer
+    answer = authorise(head("/view?a=1&token=a+word&b=2"), TOKEN, 80, loopback=True).response
     assert answer is not None
     assert b"Location: /view?a=1&b=2\r\n" in answer
     assert b"Set-Cookie: skinnet-80=a word; HttpOnly; SameSite=Strict" in answer
@@ -69,8 +69,8 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address() -> None:
 
 @given(st.binary(max_size=300), st.none() | st.text(min_size=1, max_size=5), st.booleans())
 def test_no_bytes_break_the_door_and_none_open_it(junk: bytes, token: str | None, loopback: bool) -> None:
-    verdict = judge(junk + b"\r\n\r\n", token, 80, loopback=loopback)
-    assert verdict.answer is not None or (token is None and junk.startswith(b"GET "))
+    verdict = authorise(junk + b"\r\n\r\n", token, 80, loopback=loopback)
+    assert verdict.response is not None or (token is None and junk.startswith(b"GET "))
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def get(port: int, path: str = "/", **fields: str) -> http.client.HTTPResponse:
 
 def test_the_page_comes_through_whole(inner: http.server.ThreadingHTTPServer) -> None:
     said: list[str] = []
-    with closing(Gate("127.0.0.1", 0, inner.server_port, None, said.append)) as gate:
+    with closing(AuthProxy("127.0.0.1", 0, inner.server_port, None, said.append)) as gate:
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", gate.url)
         threads = [threading.Thread(target=get, args=(gate.port, f"/{i}")) for i in range(8)]
         for thread in threads:
@@ -142,7 +142,7 @@ def test_the_page_comes_through_whole(inner: http.server.ThreadingHTTPServer) ->
 
 def test_only_who_knows_the_token_reaches_the_page(inner: http.server.ThreadingHTTPServer) -> None:
     said: list[str] = []
-    with closing(Gate("127.0.0.1", 0, inner.server_port, TOKEN, said.append)) as gate:
+    with closing(AuthProxy("127.0.0.1", 0, inner.server_port, TOKEN, said.append)) as gate:
         assert get(gate.port).status == 401
         assert get(gate.port, "/?token=wrong").status == 403
         assert not inner.asked  # type: ignore[attr-defined]
@@ -154,7 +154,7 @@ def test_only_who_knows_the_token_reaches_the_page(inner: http.server.ThreadingH
 
 
 def test_whoever_leaves_in_mid_stream_has_left(inner: http.server.ThreadingHTTPServer) -> None:
-    with closing(Gate("127.0.0.1", 0, inner.server_port, None, lambda _: None)) as gate:
+    with closing(AuthProxy("127.0.0.1", 0, inner.server_port, None, lambda _: None)) as gate:
         for word in (b"", b"GET", head(host=f"127.0.0.1:{gate.port}"), b"x" * 100_000):
             with socket.create_connection(("127.0.0.1", gate.port), timeout=30) as visitor:
                 visitor.sendall(word)
@@ -164,7 +164,7 @@ def test_whoever_leaves_in_mid_stream_has_left(inner: http.server.ThreadingHTTPS
 
 
 def test_a_visitor_who_stays_does_not_hold_the_door_open(inner: http.server.ThreadingHTTPServer) -> None:
-    gate = Gate("127.0.0.1", 0, inner.server_port, None, lambda _: None)
+    gate = AuthProxy("127.0.0.1", 0, inner.server_port, None, lambda _: None)
     with socket.create_connection(("127.0.0.1", gate.port), timeout=30) as visitor:
         visitor.sendall(b"GET / HTTP/1.1\r\n")
         gate.close()
@@ -174,9 +174,9 @@ def test_a_visitor_who_stays_does_not_hold_the_door_open(inner: http.server.Thre
 
 def test_a_port_in_use_is_one_clear_line() -> None:
     with (
-        closing(Gate("127.0.0.1", 0, 9, None, lambda _: None)) as gate,
+        closing(AuthProxy("127.0.0.1", 0, 9, None, lambda _: None)) as gate,
         pytest.raises(PortInUseError, match=f"--port {gate.port}: that port is already taken"),
     ):
-        Gate("127.0.0.1", gate.port, 9, None, lambda _: None)
+        AuthProxy("127.0.0.1", gate.port, 9, None, lambda _: None)
     with pytest.raises(DeploymentError, match=r"--host 192\.0\.2\.1: cannot listen there"):
-        Gate("192.0.2.1", 0, 9, "x", lambda _: None)
+        AuthProxy("192.0.2.1", 0, 9, "x", lambda _: None)

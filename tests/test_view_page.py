@@ -15,8 +15,8 @@ from view_scene import event, joints, state, stream, topology
 
 from skinnet.deployment import load
 from skinnet.messages import Modality
-from skinnet.view.recorded import RecordedSource
-from skinnet.watch_messages import Machine
+from skinnet.view.recorded import RecordingSource
+from skinnet.watch_messages import StateMachineDescription
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 FILL = "backgroundColor"
@@ -46,7 +46,7 @@ def picture(opened: Visit) -> np.ndarray[Any, Any]:
 
 
 def test_body_and_cells_are_there(opened: Visit, live: Served) -> None:
-    assert opened.page.locator(".sk-patches i").count() == live.atlas.n_spots
+    assert opened.page.locator(".sk-patches i").count() == live.atlas.n_taxels
     opened.until(REDDISH, 0)
     body = picture(opened)[:, :600]
     assert 0.02 < (np.abs(body - 1.0).max(axis=2) > 0.2).mean() < 0.6, "a robot before a white wall"
@@ -96,7 +96,7 @@ def test_a_cell_tells_what_it_feels(opened: Visit, robot: Pushed) -> None:
 
 def test_colours_follow_the_chosen_modality(opened: Visit, live: Served, robot: Pushed) -> None:
     robot.push(event("left_hand", 2, 0.8, modality=Modality.PROXIMITY, level=4, t_ms=9_100))
-    cell = f".sk-patches .c{live.atlas.first['left_hand'] + 2}"
+    cell = f".sk-patches .c{live.atlas.first_taxel['left_hand'] + 2}"
     before = opened.style(cell, FILL)
     for now, name, there in (("force", "proximity", True), ("proximity", "force", False)):
         opened.page.locator(f"input.mantine-Select-input[value={now}]").click()
@@ -133,7 +133,7 @@ def test_events_charts_and_processes_are_there(opened: Visit, robot: Pushed) -> 
 
 
 def test_the_controller_shows_its_state_and_why(opened: Visit, robot: Pushed) -> None:
-    machine = Machine(
+    machine = StateMachineDescription(
         t_ns=0,
         states=["s.idle", "s.open", "s.safe"],
         moves=[["s.idle", "patted", "s.open"], ["s.open", "pain", "s.safe"]],
@@ -164,7 +164,7 @@ def test_a_browser_that_leaves_in_mid_stream_is_missed_by_nobody(
 def test_a_recording_is_paused_and_sought(browser: Any, tmp_path: Path) -> None:
     deployment = load(DEPLOYMENTS / "two_link_arm.toml")
     told = [joints(100 * i, 0.01 * i, 0.0, 0.0) for i in range(600)]
-    source = RecordedSource(write(tmp_path / "run.mcap", deployment, told), DEPLOYMENTS, time.monotonic())
+    source = RecordingSource(write(tmp_path / "run.mcap", deployment, told), DEPLOYMENTS, time.monotonic())
     clock = "parseFloat(document.querySelector('.sk-clock').innerText)"
     with served(source) as page, visit(browser, page.url) as found:
         found.page.get_by_role("button", name="Pause").click()

@@ -13,7 +13,7 @@ import pytest
 from browsing import LONG_MS, visit
 from launching import ROOT, called, command, family, gone, launched, run, wait_for
 
-from skinnet.run.viewer import Viewer
+from skinnet.run.viewer import PageProcess
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 ARM = ROOT / "deployments" / "two_link_arm.toml"
@@ -88,7 +88,7 @@ def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
 
 def test_a_run_that_is_over_first_says_so() -> None:
     said: list[str] = []
-    with Viewer(said.append) as viewer:
+    with PageProcess(said.append) as viewer:
         viewer.start("tcp/127.0.0.1:1")
     assert said == ["the run was over before its page was ready"]
 

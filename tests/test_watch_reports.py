@@ -12,16 +12,23 @@ from test_brain import Wired
 from test_host_node import Host
 from test_transport import KEYS, LONG_S, Star, endpoint, star  # noqa: F401 -- fixtures
 
-from cells.link_report import LinkReport
+from cells.link_report import LinkTelemetry
 from controller.grasping import state_machine
-from controller.grasping.session import requests_of
+from controller.grasping.session import request_arguments
 from controller.nursing import states as nursing
-from controller.offers import FORMING, machine_of, nursing_machine
+from controller.offers import FORMING, describe_nursing, describe_program
 from skinnet.deployment import load
 from skinnet.messages import decode, unpack
-from skinnet.run.loads import telling_loads
-from skinnet.run.progress import Progress
-from skinnet.watch_messages import LINK_INWARDS, LINK_ROW, LINK_UP, LinkLoad, Machine, ProcessLoad
+from skinnet.run.loads import monitor_processes
+from skinnet.run.progress import ProgressDisplay
+from skinnet.watch_messages import (
+    LINK_INTO_CELL,
+    LINK_ROW,
+    LINK_UP,
+    LinkLoad,
+    ProcessLoad,
+    StateMachineDescription,
+)
 
 LINKS = "skinnet/bot/skin/*/links"
 BRIDGED = small(
@@ -37,7 +44,7 @@ BRIDGED = small(
 
 def reports(host: Host) -> dict[str, Any]:
     """Rows and cells without power by patch."""
-    loads = [decode(payload, LinkLoad) for _, payload in host.node.report()]
+    loads = [decode(payload, LinkLoad) for _, payload in host.node.telemetry()]
     return {load.patch: (unpack(load.rows, LINK_ROW), load.dark, load.t_ns) for load in loads}
 
 
@@ -47,7 +54,7 @@ def test_links_are_told_by_patch_cell_and_port() -> None:
     arm, dark, t_ns = told["arm"]
     assert t_ns == host.t_ns
     assert dark == []
-    ends = {(int(row["cell"]), int(row["port"]), bool(row["state"] & LINK_INWARDS)) for row in arm}
+    ends = {(int(row["cell"]), int(row["port"]), bool(row["state"] & LINK_INTO_CELL)) for row in arm}
     assert len(ends) == len(arm)
     assert (0, 2, True) in ends, "the link from the computer"
     assert (0, 2, False) in ends, "and the link to it"
@@ -75,13 +82,13 @@ def test_reports_change_no_log() -> None:
     for _ in range(30):
         quiet.run(1)
         asked.run(1)
-        asked.node.report()
+        asked.node.telemetry()
     assert quiet.facts["logs"] == asked.facts["logs"]
 
 
 def test_a_report_needs_no_patch_of_its_own_wiring() -> None:
     host = Host(small(patch("arm", 1, 1)))
-    report = LinkReport(host.node._wiring, KEYS)
+    report = LinkTelemetry(host.node._wiring, KEYS)
     (entry,) = report.messages(host.node._network.kernel, np.ones(1, dtype=bool), 0)
     assert entry[0] == KEYS.of("links", "arm")
     assert len(unpack(decode(entry[1], LinkLoad).rows, LINK_ROW)) == 2
@@ -89,7 +96,7 @@ def test_a_report_needs_no_patch_of_its_own_wiring() -> None:
 
 async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None:  # noqa: F811
     hub, member = star.join("hub"), star.join("a")
-    wanted = member.audience(LINKS)
+    wanted = member.matching_listener(LINKS)
 
     async def until(there: bool) -> None:
         async with asyncio.timeout(LONG_S):
@@ -97,7 +104,7 @@ async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None
                 await asyncio.to_thread(lambda: None)  # others have their turn
 
     await until(False)
-    undo = hub.tap(LINKS, lambda _key, _payload: None)
+    undo = hub.declare_subscriber(LINKS, lambda _key, _payload: None)
     await until(True)
     undo()
     await until(False)
@@ -105,10 +112,10 @@ async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None
 
 def test_a_machine_has_every_move_of_the_table_and_leads_through_the_program() -> None:
     deployment = load(SHIPPED.parent / "hrp2_teach.toml")
-    machine = machine_of(deployment.controller, ("open", "closed"), 5)
+    machine = describe_program(deployment.controller, ("open", "closed"), 5)
     moves = {tuple(move) for move in machine.moves}
     stage = next(n for n, s in deployment.controller.stages.items() if s.kind == "session")
-    for state, row in state_machine.TABLE.items():
+    for state, row in state_machine.TRANSITIONS.items():
         for event, to in row.items():
             assert (f"{stage}.{state.value}", event.value, f"{stage}.{to.value}") in moves
     assert machine.states[0] == FORMING
@@ -120,14 +127,14 @@ def test_a_machine_has_every_move_of_the_table_and_leads_through_the_program() -
         reached |= following
         waiting += following
     assert reached == set(machine.states), "every state can be reached"
-    assert machine.requests == requests_of(("open", "closed"))
+    assert machine.requests == request_arguments(("open", "closed"))
 
 
 def test_requests_are_those_that_a_session_understands() -> None:
-    from controller.grasping.session import Session
+    from controller.grasping.session import TeachAndGrasp
 
-    requests = requests_of(("home",))
-    understand = Session._understand
+    requests = request_arguments(("home",))
+    understand = TeachAndGrasp._parse_request
     for what, arguments in requests.items():
         for argument in arguments or ["a_name"]:
             event, why = understand(None, what, argument)  # type: ignore[arg-type]
@@ -137,20 +144,20 @@ def test_requests_are_those_that_a_session_understands() -> None:
 
 
 def test_the_nursing_program_has_a_machine_of_its_own() -> None:
-    machine = nursing_machine(0)
-    assert len(machine.moves) == len(nursing.TABLE)
+    machine = describe_nursing(0)
+    assert len(machine.moves) == len(nursing.TRANSITIONS)
     assert machine.requests == {}
 
 
 def test_a_controller_tells_its_machine_once_and_when_it_has_learnt() -> None:
     robot = Wired("bow", "home")
-    told: list[Machine] = []
+    told: list[StateMachineDescription] = []
     for tick in range(6):
         robot.step()
         if tick == 3:
-            robot.node._brain.knowledge.poses["new"] = robot.position_rad
-        news = [payload for key, payload in robot.node.news() if key == KEYS.of("machine")]
-        told += [decode(payload, Machine) for payload in news]
+            robot.node._controller.self_model.poses["new"] = robot.position_rad
+        news = [payload for key, payload in robot.node.best_effort_messages() if key == KEYS.of("machine")]
+        told += [decode(payload, StateMachineDescription) for payload in news]
     assert len(told) == 2
     assert told[0].states == [FORMING, "bow", "home"]
     assert told[0].moves == [[FORMING, "network formed", "bow"], ["bow", "done", "home"]]
@@ -163,17 +170,19 @@ class Window:
         self.told: list[ProcessLoad] = []
         self.enough = asyncio.Event()
 
-    def tell_processes(self, load: Any) -> None:
+    def publish_process_load(self, load: Any) -> None:
         self.told.append(load())
         if len(self.told) == 3:
             self.enough.set()
 
 
 async def test_processes_tell_what_they_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skinnet.run.loads._EVERY_S", 0.001)
+    monkeypatch.setattr("skinnet.run.loads._PUBLICATION_PERIOD_S", 0.001)
     window: Any = Window()
     gone = 2**22 + 1  # beyond what a process can have
-    async with telling_loads({"me": os.getpid(), "gone": gone}, window, Progress(Console(), quiet=True)):
+    async with monitor_processes(
+        {"me": os.getpid(), "gone": gone}, window, ProgressDisplay(Console(), quiet=True)
+    ):
         await asyncio.wait_for(window.enough.wait(), LONG_S)
     last = window.told[-1]
     assert last.name == ["me", "gone"]
@@ -181,5 +190,5 @@ async def test_processes_tell_what_they_use(monkeypatch: pytest.MonkeyPatch) -> 
     assert last.memory_mb[0] > 10.0
     assert last.memory_mb[1] == 0.0
     assert last.cores[0] >= 0.0
-    async with telling_loads({"me": os.getpid()}, None, Progress(Console(), quiet=True)):
+    async with monitor_processes({"me": os.getpid()}, None, ProgressDisplay(Console(), quiet=True)):
         pass  # nobody can watch

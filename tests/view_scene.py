@@ -17,8 +17,8 @@ from skinnet.messages import (
     Stream,
     Topology,
 )
-from skinnet.view.atlas import Atlas, draw_atlas
-from skinnet.view.state import Scene, Told
+from skinnet.view.atlas import SkinLayout, build_skin_layout
+from skinnet.view.state import ReceivedMessage, RunState
 
 MS = 1_000_000
 SHEETS: dict[str, Any] = {
@@ -43,14 +43,14 @@ def deployment(**tables: Any) -> Deployment:
     return small(patch("arm"), patch("hand", 2, 1), **tables)
 
 
-def scene(**tables: Any) -> tuple[Scene, Atlas]:
+def scene(**tables: Any) -> tuple[RunState, SkinLayout]:
     deployed = deployment(**tables)
-    atlas = draw_atlas(deployed)
-    return Scene(deployed, atlas), atlas
+    atlas = build_skin_layout(deployed)
+    return RunState(deployed, atlas), atlas
 
 
-def told(channel: str, message: Message, t_ns: int, *fields: str) -> Told:
-    return Told(channel, fields, message, t_ns)
+def told(channel: str, message: Message, t_ns: int, *fields: str) -> ReceivedMessage:
+    return ReceivedMessage(channel, fields, message, t_ns)
 
 
 def event(
@@ -63,7 +63,7 @@ def event(
     seq: int = 0,
     modality: Modality = Modality.FORCE,
     channel: int = 0,
-) -> Told:
+) -> ReceivedMessage:
     """A cell crossed a level; it took half a millisecond to tell."""
     message = Events(
         patch=name,
@@ -81,7 +81,7 @@ def event(
     return told("events", message, t_ms * MS, name, str(cell))
 
 
-def stream(name: str, values: np.ndarray[Any, Any], t_ms: int = 4, first_seq: int = 0) -> Told:
+def stream(name: str, values: np.ndarray[Any, Any], t_ms: int = 4, first_seq: int = 0) -> ReceivedMessage:
     """All cells of a patch send full readings (cells, 8)."""
     rows = np.zeros(len(values), dtype=STREAM_ROW)
     rows["cell"] = np.arange(len(values))
@@ -94,9 +94,11 @@ def stream(name: str, values: np.ndarray[Any, Any], t_ms: int = 4, first_seq: in
     return told("stream", message, t_ms * MS, name)
 
 
-def topology(atlas: Atlas, name: str, *dead: int, cut: tuple[int, ...] = (), version: int = 1) -> Told:
+def topology(
+    atlas: SkinLayout, name: str, *dead: int, cut: tuple[int, ...] = (), version: int = 1
+) -> ReceivedMessage:
     """A patch found itself as it was built, but for dead cells, and for wires that are cut, by number."""
-    start = atlas.first[name]
+    start = atlas.first_taxel[name]
     placed = next(p for p in atlas.patches if p.name == name)
     n = placed.n_cells
     neighbours = [[-1] * 4 for _ in range(n)]
@@ -130,11 +132,11 @@ def topology(atlas: Atlas, name: str, *dead: int, cut: tuple[int, ...] = (), ver
     return told("topology", message, MS, name)
 
 
-def joints(t_ms: int, *angles: float) -> Told:
+def joints(t_ms: int, *angles: float) -> ReceivedMessage:
     message = Joints(t_ns=t_ms * MS, covered_ns=(t_ms + 5) * MS, position_rad=list(angles))
     return told("joints", message, t_ms * MS)
 
 
-def state(t_ms: int, stage: str, text: str = "") -> Told:
+def state(t_ms: int, stage: str, text: str = "") -> ReceivedMessage:
     message = ControllerState(t_ns=t_ms * MS, stage=stage, progress=0.5, text=text)
     return told("state", message, t_ms * MS)

@@ -16,16 +16,16 @@ from cells.sheets.regions import RegionTracker
 from cells.sheets.transducers import PressureTransducers
 from cells.sheets.wire import FORCE_STEP_N, MAX_ROWS, PEAK_STEPS, XI_STEP_M
 from skinnet.deployment.sheets import MAX_SIDE, BoardNetworkSpec, BoardSpec
-from skinnet.network.ledger import Ledger
+from skinnet.network.ledger import PacketSlots
 from skinnet.network.records import Outcome
-from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW
+from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW
 from skinnet.skin.sheet import PlacedSheet
 
-__all__ = ["Boards", "Delivered", "MessageKind"]
+__all__ = ["Boards", "DeliveredMessages", "MessageKind"]
 
 Ints = NDArray[np.int64]
 
-_CONTENT = np.dtype(
+_MESSAGE_ROW = np.dtype(
     [
         ("kind", np.uint8),
         ("frame", np.int64),
@@ -44,8 +44,8 @@ class MessageKind(IntEnum):
     REQUEST = 2
 
 
-class Delivered(NamedTuple):
-    """Messages delivered to the PC: `BOARD_FRAME`, `REGION_ROW` and `PATTERN_ROW`, in order of delivery."""
+class DeliveredMessages(NamedTuple):
+    """Messages delivered to the PC: `SCAN_FRAME_ROW`, `REGION_ROW`, `PATTERN_ROW`, in order of delivery."""
 
     frames: NDArray[Any]
     rows: NDArray[Any]
@@ -81,21 +81,21 @@ class Boards:
         self._transducers = PressureTransducers(sheets, spec, seed)
         self.tracker = RegionTracker(sheets, spec.regions)
         self.network = BoardNetwork(network, name, len(sheets), seed)
-        self._size = np.array([sheet.n_elements for sheet in sheets])
-        self._board = np.repeat(np.arange(len(sheets)), self._size)
-        self._place = np.concatenate([np.arange(size) for size in self._size])
-        self.readings_kpa = np.zeros(len(self._board))
-        self._every = np.full(len(sheets), spec.pattern_every, dtype=np.int64)
-        self._on = np.ones(len(sheets), dtype=np.bool_)
-        self._ready_ns = self._transducers.complete_ns + round(spec.compute_us * 1e3)
-        self._ledger = Ledger()
-        self._content: NDArray[Any] = np.zeros(0, dtype=_CONTENT)
+        self._n_elements = np.array([sheet.n_elements for sheet in sheets])
+        self._board_of_element = np.repeat(np.arange(len(sheets)), self._n_elements)
+        self._element_of_board = np.concatenate([np.arange(size) for size in self._n_elements])
+        self.readings_kpa = np.zeros(len(self._board_of_element))
+        self._pattern_interval = np.full(len(sheets), spec.pattern_every, dtype=np.int64)
+        self._powered = np.ones(len(sheets), dtype=np.bool_)
+        self._ready_ns = self._transducers.scan_end_ns + round(spec.compute_us * 1e3)
+        self._packet_ids = PacketSlots()
+        self._messages: NDArray[Any] = np.zeros(0, dtype=_MESSAGE_ROW)
         self._offered = np.zeros(len(MessageKind), dtype=np.int64)
-        self._ended = np.zeros((len(MessageKind), len(Outcome)), dtype=np.int64)
+        self._outcome_counts = np.zeros((len(MessageKind), len(Outcome)), dtype=np.int64)
 
     def step(
         self, frame: int, before_kpa: NDArray[np.floating], after_kpa: NDArray[np.floating]
-    ) -> Delivered:
+    ) -> DeliveredMessages:
         """Simulate scan frame `frame`, which spans [frame, frame + 1) periods; return what was delivered.
 
         Args:
@@ -104,18 +104,18 @@ class Boards:
             after_kpa: (n,) pressures at its end [kPa].
         """
         self._transducers.scan(frame, before_kpa, after_kpa, self.readings_kpa)
-        if not self._on.all():
-            self.readings_kpa[~self._on[self._board]] = 0.0
-        self.tracker.track(self.readings_kpa)
+        if not self._powered.all():
+            self.readings_kpa[~self._powered[self._board_of_element]] = 0.0
+        self.tracker.update(self.readings_kpa)
         begin_ns = frame * self._spec.period_ns
-        self._send_regions(begin_ns, frame, np.flatnonzero(self._on))
-        every = np.maximum(self._every, 1)
-        asked = np.flatnonzero(self._on & (self._every > 0) & (frame % every == 0))
+        self._send_regions(begin_ns, frame, np.flatnonzero(self._powered))
+        every = np.maximum(self._pattern_interval, 1)
+        asked = np.flatnonzero(self._powered & (self._pattern_interval > 0) & (frame % every == 0))
         if len(asked):
             self._send_patterns(begin_ns, frame, asked)
         return self._receive(begin_ns + self._spec.period_ns)
 
-    def request(self, t_ns: int, board: int, pattern_every: int) -> None:
+    def request_pattern(self, t_ns: int, board: int, pattern_every: int) -> None:
         """Request the raw pattern of a board every `pattern_every` frames, 0 to stop, at `t_ns`.
 
         The request takes effect with the first frame that begins after it has been delivered.
@@ -123,88 +123,88 @@ class Boards:
         Raises:
             ValueError: no such board, or a negative interval.
         """
-        if not 0 <= board < len(self._on) or pattern_every < 0:
+        if not 0 <= board < len(self._powered) or pattern_every < 0:
             raise ValueError(
                 f"pattern of board {board} every {pattern_every} frames: there are boards 0 to "
-                f"{len(self._on) - 1}, and frames count from 0"
+                f"{len(self._powered) - 1}, and frames count from 0"
             )
-        number = self._enter(MessageKind.REQUEST, 0, np.array([board]), np.array([t_ns]))
-        self._content["count"][number] = pattern_every
-        self.network.ask(t_ns, board, self._network_spec.head_bytes, int(number[0]))
+        number = self._register(MessageKind.REQUEST, 0, np.array([board]), np.array([t_ns]))
+        self._messages["count"][number] = pattern_every
+        self.network.send_to_board(t_ns, board, self._network_spec.head_bytes, int(number[0]))
 
-    def switch(self, board: int, on: bool) -> None:
+    def set_power(self, board: int, on: bool) -> None:
         """Switch a board's power from the next frame on; a board that is switched on is reset."""
-        self._on[board] = on
+        self._powered[board] = on
         self.tracker.reset(board)
-        self._every[board] = self._spec.pattern_every
+        self._pattern_interval[board] = self._spec.pattern_every
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Count messages by kind: offered, delivered, dropped by cause, in flight."""
         result = {}
         for kind in MessageKind:
-            ended, offered = self._ended[kind], int(self._offered[kind])
+            ended, offered = self._outcome_counts[kind], int(self._offered[kind])
             entry = {"offered": offered, "in_flight": offered - int(ended.sum())}
             result[kind.name.lower()] = entry | {o.name.lower(): int(ended[o]) for o in Outcome}
         return result
 
     def _send_regions(self, begin_ns: int, frame: int, boards: Ints) -> None:
-        sampled_ns = begin_ns + self._transducers.complete_ns[boards]
-        numbers = self._enter(MessageKind.REGIONS, frame, boards, sampled_ns)
+        sampled_ns = begin_ns + self._transducers.scan_end_ns[boards]
+        numbers = self._register(MessageKind.REGIONS, frame, boards, sampled_ns)
         count = self.tracker.n_rows[boards]
-        self._content["count"][numbers] = count
-        self._content["rows"][numbers] = self.tracker.rows[boards]
+        self._messages["count"][numbers] = count
+        self._messages["rows"][numbers] = self.tracker.rows[boards]
         size = self._network_spec.head_bytes + count * self._network_spec.region_bytes
-        self.network.send(begin_ns + self._ready_ns[boards], boards, size, numbers)
+        self.network.send_to_pc(begin_ns + self._ready_ns[boards], boards, size, numbers)
 
     def _send_patterns(self, begin_ns: int, frame: int, boards: Ints) -> None:
-        sampled_ns = begin_ns + self._transducers.complete_ns[boards]
-        numbers = self._enter(MessageKind.PATTERN, frame, boards, sampled_ns)
-        self._content["count"][numbers] = self._size[boards]
-        pattern = np.zeros((len(self._on), MAX_SIDE * MAX_SIDE), dtype=np.float32)
-        pattern[self._board, self._place] = self.readings_kpa
-        self._content["pressure_kpa"][numbers] = pattern[boards]
-        size = self._network_spec.head_bytes + -(-self._size[boards] * self._spec.pressure.bits // 8)
-        self.network.send(begin_ns + self._ready_ns[boards], boards, size, numbers)
+        sampled_ns = begin_ns + self._transducers.scan_end_ns[boards]
+        numbers = self._register(MessageKind.PATTERN, frame, boards, sampled_ns)
+        self._messages["count"][numbers] = self._n_elements[boards]
+        pattern = np.zeros((len(self._powered), MAX_SIDE * MAX_SIDE), dtype=np.float32)
+        pattern[self._board_of_element, self._element_of_board] = self.readings_kpa
+        self._messages["pressure_kpa"][numbers] = pattern[boards]
+        size = self._network_spec.head_bytes + -(-self._n_elements[boards] * self._spec.pressure.bits // 8)
+        self.network.send_to_pc(begin_ns + self._ready_ns[boards], boards, size, numbers)
 
-    def _enter(self, kind: MessageKind, frame: int, boards: Ints, sampled_ns: Ints) -> Ints:
+    def _register(self, kind: MessageKind, frame: int, boards: Ints, sampled_ns: Ints) -> Ints:
         """Register new messages; return their numbers."""
-        numbers = self._ledger.enter(boards, sampled_ns)
-        if (missing := int(numbers.max(initial=-1)) + 1 - len(self._content)) > 0:
-            self._content = np.concatenate([self._content, np.zeros(2 * missing, dtype=_CONTENT)])
-        self._content["kind"][numbers] = kind
-        self._content["frame"][numbers] = frame
+        numbers = self._packet_ids.allocate(boards, sampled_ns)
+        if (missing := int(numbers.max(initial=-1)) + 1 - len(self._messages)) > 0:
+            self._messages = np.concatenate([self._messages, np.zeros(2 * missing, dtype=_MESSAGE_ROW)])
+        self._messages["kind"][numbers] = kind
+        self._messages["frame"][numbers] = frame
         self._offered[kind] += len(numbers)
         return numbers
 
-    def _receive(self, until_ns: int) -> Delivered:
+    def _receive(self, until_ns: int) -> DeliveredMessages:
         finished = self.network.advance(until_ns)
         numbers = finished.packet_id
-        board, sampled_ns = self._ledger.leave(numbers)
-        kind = self._content["kind"][numbers]
-        np.add.at(self._ended, (kind, finished.outcome), 1)
+        board, sampled_ns = self._packet_ids.release(numbers)
+        kind = self._messages["kind"][numbers]
+        np.add.at(self._outcome_counts, (kind, finished.outcome), 1)
         arrived = finished.outcome == Outcome.DELIVERED
         asked = np.flatnonzero(arrived & (kind == MessageKind.REQUEST))
         for i in asked.tolist():
-            self._every[board[i]] = self._content["count"][numbers[i]]
+            self._pattern_interval[board[i]] = self._messages["count"][numbers[i]]
         heads = []
         for wanted, dtype, count in (
-            (MessageKind.REGIONS, BOARD_FRAME, "rows"),
+            (MessageKind.REGIONS, SCAN_FRAME_ROW, "rows"),
             (MessageKind.PATTERN, PATTERN_ROW, "elements"),
         ):
             mine = np.flatnonzero(arrived & (kind == wanted))
             head = np.zeros(len(mine), dtype=dtype)
             head["t_sampled_ns"], head["t_delivered_ns"] = sampled_ns[mine], finished.t_ns[mine]
-            head["frame"] = self._content["frame"][numbers[mine]]
-            head["board"], head[count] = board[mine], self._content["count"][numbers[mine]]
+            head["frame"] = self._messages["frame"][numbers[mine]]
+            head["board"], head[count] = board[mine], self._messages["count"][numbers[mine]]
             heads.append((head, numbers[mine]))
         (frames, with_rows), (patterns, with_patterns) = heads
-        patterns["pressure_kpa"] = self._content["pressure_kpa"][with_patterns]
-        return Delivered(frames, self._rows(frames, with_rows), patterns)
+        patterns["pressure_kpa"] = self._messages["pressure_kpa"][with_patterns]
+        return DeliveredMessages(frames, self._quantised_regions(frames, with_rows), patterns)
 
-    def _rows(self, frames: NDArray[Any], numbers: Ints) -> NDArray[Any]:
+    def _quantised_regions(self, frames: NDArray[Any], numbers: Ints) -> NDArray[Any]:
         """Return the region rows of delivered messages, quantised as on the wire."""
         filled = np.arange(MAX_ROWS) < frames["rows"][:, None]
-        rows: NDArray[Any] = self._content["rows"][numbers][filled]
+        rows: NDArray[Any] = self._messages["rows"][numbers][filled]
         for name in ("t_sampled_ns", "t_delivered_ns"):
             rows[name] = np.repeat(frames[name], frames["rows"])
         for name, step in (

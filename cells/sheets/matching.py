@@ -16,51 +16,51 @@ from numpy.typing import NDArray
 from cells.sheets.wire import MAX_REGIONS
 from skinnet.compiled import compiled
 
-__all__ = ["Followed", "follow"]
+__all__ = ["TrackedRegions", "match_regions"]
 
-_LAST = 65535
+_MAX_ID = 65535
 
 
-class Followed(NamedTuple):
+class TrackedRegions(NamedTuple):
     """Tracked regions of all boards in the last frame.
 
     Attributes:
         label: (elements,) index of an element's region in its board's list, −1 for none.
-        n: (boards,) number of regions.
-        number: (boards, 16) region IDs.
+        n_regions: (boards,) number of regions.
+        region_id: (boards, 16) region IDs.
         xi_m: (boards, 16, 2) centres of pressure [m].
-        last: (boards,) last assigned region ID.
+        last_id: (boards,) last assigned region ID.
     """
 
     label: NDArray[np.int64]
-    n: NDArray[np.int64]
-    number: NDArray[np.uint16]
+    n_regions: NDArray[np.int64]
+    region_id: NDArray[np.uint16]
     xi_m: NDArray[np.float64]
-    last: NDArray[np.uint16]
+    last_id: NDArray[np.uint16]
 
 
 @compiled
-def follow(
-    b: int,
+def match_regions(
+    board: int,
     begin: int,
     end: int,
     n: int,
-    group: NDArray[np.int64],
-    follow_m: float,
-    followed: Followed,
+    label: NDArray[np.int64],
+    max_displacement_m: float,
+    tracked: TrackedRegions,
     overlap: NDArray[np.int64],
     row: Any,
 ) -> int:
-    """Match the regions of board `b` to those of the last frame, and store them for the next.
+    """Match the regions of board `board` to those of the last frame, and store them for the next.
 
     Args:
-        b: Index of the board.
+        board: Index of the board.
         begin: First element of the board.
         end: One past its last element.
         n: Number of current regions.
-        group: (elements,) index of an element's current region in the board's list, −1 for none.
-        follow_m: Maximum displacement of a region without overlap [m].
-        followed: Regions of the last frame; updated.
+        label: (elements,) index of an element's current region in the board's list, −1 for none.
+        max_displacement_m: Maximum displacement of a region without overlap [m].
+        tracked: Regions of the last frame; updated.
         overlap: (16, 16) working memory.
         row: (32,) `REGION_ROW` of the board with the features of its regions; IDs and ended regions are
             written.
@@ -68,113 +68,115 @@ def follow(
     Returns:
         Number of rows.
     """
-    before = followed.n[b]
+    before = tracked.n_regions[board]
     overlap[:before, :n] = 0
     for i in range(begin, end):
-        if followed.label[i] >= 0 and group[i] >= 0:
-            overlap[followed.label[i], group[i]] += 1
+        if tracked.label[i] >= 0 and label[i] >= 0:
+            overlap[tracked.label[i], label[i]] += 1
     ended = np.ones(MAX_REGIONS, dtype=np.bool_)
     for new in range(n):
         row[new].number = 0
         row[new].kin = 0
-    while _pair(b, before, n, True, math.inf, followed, overlap, ended, row):
+    while _match_best_pair(board, before, n, True, math.inf, tracked, overlap, ended, row):
         pass
-    while _pair(b, before, n, False, follow_m, followed, overlap, ended, row):
+    while _match_best_pair(board, before, n, False, max_displacement_m, tracked, overlap, ended, row):
         pass
-    _begin(b, before, n, followed, overlap, row)
-    rows = _end(b, before, n, followed, overlap, ended, row)
+    _assign_new_ids(board, before, n, tracked, overlap, row)
+    rows = _write_ended(board, before, n, tracked, overlap, ended, row)
     for new in range(n):
-        followed.number[b, new] = row[new].number
-        followed.xi_m[b, new, 0] = row[new].xi1_m
-        followed.xi_m[b, new, 1] = row[new].xi2_m
-    followed.n[b] = n
+        tracked.region_id[board, new] = row[new].number
+        tracked.xi_m[board, new, 0] = row[new].xi1_m
+        tracked.xi_m[board, new, 1] = row[new].xi2_m
+    tracked.n_regions[board] = n
     for i in range(begin, end):
-        followed.label[i] = group[i]
+        tracked.label[i] = label[i]
     return rows
 
 
 @compiled
-def _pair(
-    b: int,
-    before: int,
+def _match_best_pair(
+    board: int,
+    n_previous: int,
     n: int,
-    common: bool,
-    reach_m: float,
-    followed: Followed,
+    with_overlap: bool,
+    max_distance_m: float,
+    tracked: TrackedRegions,
     overlap: NDArray[np.int64],
     ended: NDArray[np.bool_],
     row: Any,
 ) -> bool:
     """Match the best remaining pair, with overlap or among regions without any; return False if none."""
     best_old, best_new, most, nearest_m = -1, -1, 0, 0.0
-    for old in range(before):
+    for old in range(n_previous):
         for new in range(n):
             if not ended[old] or row[new].number != 0:
                 continue
             shared = overlap[old, new]
-            if common:
+            if with_overlap:
                 if shared == 0:
                     continue
-            elif overlap[old, :n].any() or overlap[:before, new].any():
+            elif overlap[old, :n].any() or overlap[:n_previous, new].any():
                 continue  # one of the two merged or split
             distance_m = math.hypot(
-                followed.xi_m[b, old, 0] - row[new].xi1_m, followed.xi_m[b, old, 1] - row[new].xi2_m
+                tracked.xi_m[board, old, 0] - row[new].xi1_m, tracked.xi_m[board, old, 1] - row[new].xi2_m
             )
-            if distance_m > reach_m:
+            if distance_m > max_distance_m:
                 continue
             if best_old < 0 or shared > most or (shared == most and distance_m < nearest_m):
                 best_old, best_new, most, nearest_m = old, new, shared, distance_m
     if best_old < 0:
         return False
     ended[best_old] = False
-    row[best_new].number = followed.number[b, best_old]
+    row[best_new].number = tracked.region_id[board, best_old]
     return True
 
 
 @compiled
-def _begin(b: int, before: int, n: int, followed: Followed, overlap: NDArray[np.int64], row: Any) -> None:
+def _assign_new_ids(
+    board: int, n_previous: int, n: int, tracked: TrackedRegions, overlap: NDArray[np.int64], row: Any
+) -> None:
     """Assign new IDs to unmatched regions; regions that split off name the region they came from."""
     for new in range(n):
         if row[new].number != 0:
             continue
         most = 0
-        for old in range(before):
+        for old in range(n_previous):
             if overlap[old, new] > most:
                 most = overlap[old, new]
-                row[new].kin = followed.number[b, old]
+                row[new].kin = tracked.region_id[board, old]
         used = True
         while used:
-            followed.last[b] = followed.last[b] + 1 if followed.last[b] < _LAST else 1
+            tracked.last_id[board] = tracked.last_id[board] + 1 if tracked.last_id[board] < _MAX_ID else 1
             used = False
-            for old in range(before):
-                used |= followed.number[b, old] == followed.last[b]
-        row[new].number = followed.last[b]
+            for old in range(n_previous):
+                used |= tracked.region_id[board, old] == tracked.last_id[board]
+        row[new].number = tracked.last_id[board]
 
 
 @compiled
-def _end(
-    b: int,
-    before: int,
+def _write_ended(
+    board: int,
+    n_previous: int,
     n: int,
-    followed: Followed,
+    tracked: TrackedRegions,
     overlap: NDArray[np.int64],
     ended: NDArray[np.bool_],
     row: Any,
 ) -> int:
     """Write a row for each ended region, with the one it merged into; return the number of rows."""
     rows = n
-    for old in range(before):
+    for old in range(n_previous):
         if not ended[old]:
             continue
-        row[rows].number = followed.number[b, old]
+        row[rows].number = tracked.region_id[board, old]
         row[rows].kin = 0
         most = 0
         for new in range(n):
             if overlap[old, new] > most:
                 most = overlap[old, new]
                 row[rows].kin = row[new].number
-        row[rows].xi1_m = followed.xi_m[b, old, 0]
-        row[rows].xi2_m = followed.xi_m[b, old, 1]
+        row[rows].xi1_m = tracked.xi_m[board, old, 0]
+        row[rows].xi2_m = tracked.xi_m[board, old, 1]
         row[rows].force_n = 0.0
         row[rows].area_m2 = 0.0
         row[rows].peak_kpa = 0.0

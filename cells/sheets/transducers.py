@@ -15,7 +15,7 @@ from skinnet.compiled import compiled
 from skinnet.deployment.sheets import BoardSpec
 from skinnet.deployment.table import ns_of_ms
 from skinnet.errors import DeploymentError
-from skinnet.seeding import StreamName, gaussian, key_of, uniform
+from skinnet.seeding import StreamName, standard_normal, stream_key, uniform
 from skinnet.skin.sheet import PlacedSheet
 
 __all__ = ["PressureTransducers"]
@@ -27,8 +27,8 @@ class PressureTransducers:
     A reading is the pressure with Gaussian noise, quantised to 2^bits steps over the range.
 
     Attributes:
-        sampled_ns: (n,) time after the start of the frame at which each element is read [ns].
-        complete_ns: (boards,) time after the start of the frame at which each scan ends [ns].
+        sample_offset_ns: (n,) time after the start of the frame at which each element is read [ns].
+        scan_end_ns: (boards,) time after the start of the frame at which each scan ends [ns].
     """
 
     def __init__(self, sheets: Sequence[PlacedSheet], spec: BoardSpec, seed: int) -> None:
@@ -38,7 +38,7 @@ class PressureTransducers:
             DeploymentError: a scan takes longer than a period.
         """
         element_ns = ns_of_ms(spec.pressure.element_us * 1e-3)
-        self.complete_ns = np.zeros(len(sheets), dtype=np.int64)
+        self.scan_end_ns = np.zeros(len(sheets), dtype=np.int64)
         sampled_ns = []
         for b, sheet in enumerate(sheets):
             spare_ns = spec.period_ns - sheet.n_elements * element_ns
@@ -48,15 +48,15 @@ class PressureTransducers:
                     f"take longer than the period of {spec.period_ms} ms; lower element_us"
                 )
             begin_ns = int(
-                uniform(key_of(seed, sheet.name, StreamName.SAMPLING_PHASE), np.uint64(0)) * spare_ns
+                uniform(stream_key(seed, sheet.name, StreamName.SAMPLING_PHASE), np.uint64(0)) * spare_ns
             )
             sampled_ns.append(begin_ns + element_ns * np.arange(1, sheet.n_elements + 1))
-            self.complete_ns[b] = sampled_ns[-1][-1]
-        self.sampled_ns = np.concatenate(sampled_ns)
-        self._share = self.sampled_ns / spec.period_ns
+            self.scan_end_ns[b] = sampled_ns[-1][-1]
+        self.sample_offset_ns = np.concatenate(sampled_ns)
+        self._sample_fraction = self.sample_offset_ns / spec.period_ns
         self._keys = np.concatenate([noise_keys(seed, sheet.name, sheet.n_elements) for sheet in sheets])
         self._noise_kpa, self._lsb_kpa = spec.pressure.noise_kpa, spec.pressure.lsb_kpa
-        self._highest = 2.0**spec.pressure.bits - 1.0
+        self._max_steps = 2.0**spec.pressure.bits - 1.0
         self._before_kpa, self._after_kpa = np.empty((2, len(self._keys)))
 
     def scan(
@@ -81,12 +81,12 @@ class PressureTransducers:
         _scan(
             self._before_kpa,
             self._after_kpa,
-            self._share,
+            self._sample_fraction,
             self._keys,
             frame,
             self._noise_kpa,
             self._lsb_kpa,
-            self._highest,
+            self._max_steps,
             out,
         )
 
@@ -95,19 +95,19 @@ class PressureTransducers:
 def _scan(
     before_kpa: NDArray[np.float64],
     after_kpa: NDArray[np.float64],
-    share: NDArray[np.float64],
+    sample_fraction: NDArray[np.float64],
     keys: NDArray[np.uint64],
     frame: int,
     noise_kpa: float,
     lsb_kpa: float,
-    highest: float,
+    max_steps: float,
     out: NDArray[np.float64],
 ) -> None:
     for i in range(out.size):
-        value = before_kpa[i] + share[i] * (after_kpa[i] - before_kpa[i])
+        value = before_kpa[i] + sample_fraction[i] * (after_kpa[i] - before_kpa[i])
         if noise_kpa > 0.0:
-            value += noise_kpa * gaussian(keys[i], np.uint64(frame))
+            value += noise_kpa * standard_normal(keys[i], np.uint64(frame))
         steps = np.floor(value / lsb_kpa + 0.5)
         if not steps > 0.0:  # also for a NaN pressure
             steps = 0.0
-        out[i] = lsb_kpa * min(steps, highest)
+        out[i] = lsb_kpa * min(steps, max_steps)

@@ -3,67 +3,69 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.grasping.directives import Area, Directive, Gains
+from controller.grasping.directives import Area, ReactionParameters, StateParameters
 from controller.grasping.state_machine import Event
-from controller.knowledge import Knowledge
-from controller.touch.fusion import TactilePicture
-from controller.touch.posture import PoseTarget, Posture
+from controller.knowledge import SelfModel
+from controller.touch.fusion import TactileState
+from controller.touch.posture import PoseTarget, PostureControl
 from controller.touch.reactions import TactileReaction
 from skinnet.messages import FOREVER_NS, Modality
 
-__all__ = ["Execution"]
+__all__ = ["LowLevelControl"]
 
-_PROGRESS_RAD = 0.002
+_MIN_PROGRESS_RAD = 0.002
 """Minimum decrease [rad] of the summed joint distance that counts as progress (assumed)."""
 
 
-class Execution:
+class LowLevelControl:
     """Low-level controllers under the current state's parameters, with their completion events.
 
     Attributes:
-        felt: (S, 4) tactile input of the last tick's reaction; None while all gains are zero.
-        touched: True if the last tick had a tactile reaction.
+        tactile_input: (S, 4) tactile input of the last tick's reaction; None while all gains are zero.
+        reacting: True if the last tick had a tactile reaction.
     """
 
-    def __init__(self, knowledge: Knowledge, n_cells: int, max_age_ns: int, stall_ns: int) -> None:
+    def __init__(self, self_model: SelfModel, n_cells: int, max_age_ns: int, stall_ns: int) -> None:
         """Start with zero gains, without a target pose.
 
         Args:
-            knowledge: Maps and areas.
+            self_model: Maps and areas.
             n_cells: S.
             max_age_ns: Age beyond which readings count as lost.
             stall_ns: Time without progress towards the pose after which the robot counts as stalled.
         """
-        self._knowledge, self._max_age_ns, self._stall_ns = knowledge, max_age_ns, stall_ns
+        self._self_model, self._max_age_ns, self._stall_ns = self_model, max_age_ns, stall_ns
         self._reaction = TactileReaction(n_cells)
-        self._posture = Posture()
+        self._posture = PostureControl()
         self._target: PoseTarget | None = None
         self._timeout_ns: float = FOREVER_NS
-        self._nearest_rad, self._nearest_ns = np.inf, 0
-        self.felt: NDArray[np.float64] | None = None
-        self.touched = False
+        self._min_distance_rad, self._last_progress_ns = np.inf, 0
+        self.tactile_input: NDArray[np.float64] | None = None
+        self.reacting = False
 
     @property
     def gains(self) -> NDArray[np.float64]:
         """Reaction gains (S, 4) [rad/s per reading]."""
         return self._reaction.gains
 
-    def obey(self, t_ns: int, directive: Directive, target: PoseTarget | None, *, reacts: bool) -> None:
+    def apply(
+        self, t_ns: int, parameters: StateParameters, target: PoseTarget | None, *, reactions_enabled: bool
+    ) -> None:
         """Apply a state's parameters: set the gains of all areas, and the posture target if any."""
         self._reaction.inhibit()
-        if reacts:
-            self._tune(None, directive.gains.get(Area.OTHER, Gains()))
-            for label, area_cells in self._knowledge.areas.items():
-                self._tune(area_cells, directive.gains.get(Area(label), Gains()))
+        if reactions_enabled:
+            self._tune(None, parameters.reactions.get(Area.OTHER, ReactionParameters()))
+            for label, area_cells in self._self_model.areas.items():
+                self._tune(area_cells, parameters.reactions.get(Area(label), ReactionParameters()))
         self._target = target
         if target is None:
-            self._posture.release()
+            self._posture.clear_target()
         else:
-            self._posture.go(target)
-        self._timeout_ns = t_ns + min(directive.patience_s * 1e9, FOREVER_NS)
-        self._nearest_rad, self._nearest_ns = np.inf, t_ns
+            self._posture.set_target(target)
+        self._timeout_ns = t_ns + min(parameters.patience_s * 1e9, FOREVER_NS)
+        self._min_distance_rad, self._last_progress_ns = np.inf, t_ns
 
-    def _tune(self, cells: NDArray[np.int64] | None, gains: Gains) -> None:
+    def _tune(self, cells: NDArray[np.int64] | None, gains: ReactionParameters) -> None:
         """Set thresholds and gains of the cells (n,) of an area, or of all."""
         for modality, threshold, gain in (
             (Modality.FORCE, gains.force_threshold, gains.force_gain),
@@ -72,7 +74,7 @@ class Execution:
             self._reaction.tune(modality, threshold=threshold, gain=gain, cells=cells)
 
     def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+        self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
     ) -> tuple[NDArray[np.float64], set[Event]]:
         """Compute the joint velocities (D,) [rad/s], and the completion events of this tick."""
         velocity, reached = self._posture.step(t_ns, position_rad)
@@ -81,13 +83,15 @@ class Execution:
             events.add(Event.STALLED)
         if t_ns >= self._timeout_ns:
             events.add(Event.TIMED_OUT)
-        self.felt, self.touched = None, False
-        if self._reaction.gains.any() and len(self._knowledge.map):
+        self.tactile_input, self.reacting = None, False
+        if self._reaction.gains.any() and len(self._self_model.sensory_motor_map):
             # cells in contact stream: an old reading means lost packets
-            touch = picture.touch(t_ns, self._max_age_ns)
-            reaction = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
+            touch = tactile_state.reaction_readings(t_ns, self._max_age_ns)
+            reaction = self._reaction.velocity(
+                touch, self._self_model.sensory_motor_map.closest(position_rad)
+            )
             velocity = velocity + reaction
-            self.felt, self.touched = touch, bool(self._reaction.activation(touch).any())
+            self.tactile_input, self.reacting = touch, bool(self._reaction.activation(touch).any())
         return velocity, events
 
     def _stalled(self, t_ns: int, position_rad: NDArray[np.float64]) -> bool:
@@ -96,6 +100,6 @@ class Execution:
             return False
         away = np.abs(self._target.position_rad - position_rad)
         left_rad = float(away.sum())
-        if left_rad < self._nearest_rad - _PROGRESS_RAD or (away <= self._target.accuracy_rad).all():
-            self._nearest_rad, self._nearest_ns = left_rad, t_ns
-        return t_ns - self._nearest_ns > self._stall_ns
+        if left_rad < self._min_distance_rad - _MIN_PROGRESS_RAD or (away <= self._target.accuracy_rad).all():
+            self._min_distance_rad, self._last_progress_ns = left_rad, t_ns
+        return t_ns - self._last_progress_ns > self._stall_ns

@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 from typing import Any
 
-from controller.grasping.session import Session
-from controller.knowledge import Knowledge
+from controller.grasping.session import TeachAndGrasp
+from controller.knowledge import SelfModel
 
-__all__ = ["session_facts"]
+__all__ = ["teach_and_grasp_facts"]
 
 
-def session_facts(sessions: Sequence[Session], knowledge: Knowledge) -> dict[str, Any]:
+def teach_and_grasp_facts(sessions: Sequence[TeachAndGrasp], self_model: SelfModel) -> dict[str, Any]:
     """Collect transitions and refused requests of all stages, and the taught poses and areas."""
     return {
         "session": [entry._asdict() for session in sessions for entry in session.log],
         "refused_requests": [entry for session in sessions for entry in session.refused],
-        "poses": {name: pose.tolist() for name, pose in knowledge.poses.items()},
-        "areas": {label: cells.tolist() for label, cells in knowledge.areas.items()},
+        "poses": {name: pose.tolist() for name, pose in self_model.poses.items()},
+        "areas": {label: cells.tolist() for label, cells in self_model.areas.items()},
     }

@@ -6,7 +6,17 @@ that a state's row does not list causes no transition: it is ignored or, if it i
 
 from enum import Enum
 
-__all__ = ["CARRYING", "GRASPING", "RESTING", "SENSED", "TABLE", "Event", "State", "after", "diagram"]
+__all__ = [
+    "CARRYING_STATES",
+    "GRASPING_STATES",
+    "RESTING_STATES",
+    "SENSED_EVENTS",
+    "TRANSITIONS",
+    "Event",
+    "State",
+    "mermaid_diagram",
+    "next_state",
+]
 
 
 class State(Enum):
@@ -61,7 +71,7 @@ class Event(Enum):
     END = "end"
 
 
-SENSED = (
+SENSED_EVENTS = (
     Event.SKIN_LOST,
     Event.PAIN,
     Event.OBJECT_LOST,
@@ -94,17 +104,17 @@ _GUIDED = {
     Event.GUIDE_OFF: State.IDLE,
     Event.CANCEL: State.SAFE,
 }
-_FAILS = {
+_FAILURES = {
     Event.CANCEL: State.SAFE,
     Event.STALLED: State.SAFE,
     Event.TIMED_OUT: State.SAFE,
     Event.PAIN: State.SAFE,
     Event.SKIN_LOST: State.SAFE,
 }
-_UNSATISFIED = {**_FAILS, Event.POSE_REACHED: State.SAFE}
+_CONTACT_FAILURES = {**_FAILURES, Event.POSE_REACHED: State.SAFE}
 """Failures of a state that expects contact: also the pose reached without it (no or unfit object)."""
 
-TABLE: dict[State, dict[Event, State]] = {
+TRANSITIONS: dict[State, dict[Event, State]] = {
     State.IDLE: _AT_REST,
     State.GUIDE_FORCE: _GUIDED,
     State.GUIDE_PROXIMITY: _GUIDED,
@@ -117,11 +127,11 @@ TABLE: dict[State, dict[Event, State]] = {
         Event.PAIN: State.SAFE,
         Event.CANCEL: State.SAFE,
     },
-    State.OPEN: {**_FAILS, Event.POSE_REACHED: State.APPROACH},
-    State.APPROACH: {**_UNSATISFIED, Event.OBJECT_NEAR: State.CONTACT},
-    State.CONTACT: {**_UNSATISFIED, Event.OBJECT_TOUCHED: State.LOAD},
-    State.LOAD: {**_UNSATISFIED, Event.OBJECT_LOADED: State.PULL},
-    State.PULL: {**_UNSATISFIED, Event.OBJECT_LOST: State.SAFE, Event.CHEST_TOUCHED: State.HOLD},
+    State.OPEN: {**_FAILURES, Event.POSE_REACHED: State.APPROACH},
+    State.APPROACH: {**_CONTACT_FAILURES, Event.OBJECT_NEAR: State.CONTACT},
+    State.CONTACT: {**_CONTACT_FAILURES, Event.OBJECT_TOUCHED: State.LOAD},
+    State.LOAD: {**_CONTACT_FAILURES, Event.OBJECT_LOADED: State.PULL},
+    State.PULL: {**_CONTACT_FAILURES, Event.OBJECT_LOST: State.SAFE, Event.CHEST_TOUCHED: State.HOLD},
     State.HOLD: {
         Event.RELEASE: State.RELEASE,
         Event.CANCEL: State.SET_DOWN,
@@ -141,22 +151,22 @@ TABLE: dict[State, dict[Event, State]] = {
 }
 """Transition table: next state by state and event."""
 
-GRASPING = (State.OPEN, State.APPROACH, State.CONTACT, State.LOAD, State.PULL, State.HOLD)
+GRASPING_STATES = (State.OPEN, State.APPROACH, State.CONTACT, State.LOAD, State.PULL, State.HOLD)
 """Superstate 'execute grasp' of [M14, Fig. 7]."""
-CARRYING = (State.HOLD, State.SET_DOWN)
+CARRYING_STATES = (State.HOLD, State.SET_DOWN)
 """States that may carry the object: the arms open only after a delay for a person to take it."""
-RESTING = (State.IDLE, State.SAFE)
+RESTING_STATES = (State.IDLE, State.SAFE)
 
 
-def after(state: State, event: Event) -> State | None:
+def next_state(state: State, event: Event) -> State | None:
     """Return the next state after `event` in `state`; None without a transition."""
-    return TABLE[state].get(event)
+    return TRANSITIONS[state].get(event)
 
 
-def diagram() -> str:
+def mermaid_diagram() -> str:
     """Draw the table as a Mermaid state diagram; transitions between the same states share an arrow."""
     lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE.value}"]
-    for state, row in TABLE.items():
+    for state, row in TRANSITIONS.items():
         reasons: dict[State, list[str]] = {}
         for event, target in row.items():
             reasons.setdefault(target, []).append(event.value)

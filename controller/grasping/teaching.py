@@ -3,51 +3,51 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.touch.fusion import TactilePicture
+from controller.touch.fusion import TactileState
 from skinnet.messages import Modality
 
-__all__ = ["Attention", "learn_area"]
+__all__ = ["AreaTeaching", "replace_area"]
 
 
-class Attention:
+class AreaTeaching:
     """Collector of the cells with new contacts while attention is on.
 
     A cell already in contact must be released and touched again: only new contacts count.
 
     Attributes:
-        label: Name of the taught area.
+        area: Name of the taught area.
     """
 
-    def __init__(self, label: str, picture: TactilePicture, contact_level: int) -> None:
+    def __init__(self, area: str, tactile_state: TactileState, contact_level: int) -> None:
         """Start collecting; a proximity level of at least `contact_level` is contact."""
-        self.label = label
-        self._level = contact_level
-        self._before = self._contact(picture)
-        self._touched = np.zeros_like(self._before)
+        self.area = area
+        self._contact_level = contact_level
+        self._previous_contact = self._contact(tactile_state)
+        self._touched = np.zeros_like(self._previous_contact)
 
-    def see(self, picture: TactilePicture) -> None:
+    def update(self, tactile_state: TactileState) -> None:
         """Add the cells with new contact."""
-        contact = self._contact(picture)
-        self._touched |= contact & ~self._before
-        self._before = contact
+        contact = self._contact(tactile_state)
+        self._touched |= contact & ~self._previous_contact
+        self._previous_contact = contact
 
     @property
-    def brushed(self) -> bool:
+    def in_contact(self) -> bool:
         """True while any cell is in contact."""
-        return bool(self._before.any())
+        return bool(self._previous_contact.any())
 
     @property
     def cells(self) -> NDArray[np.int64]:
         """Cell indices (n,) with a new contact, ascending."""
         return np.flatnonzero(self._touched)
 
-    def _contact(self, picture: TactilePicture) -> NDArray[np.bool_]:
-        close = picture.level(Modality.PROXIMITY) >= self._level
-        contact: NDArray[np.bool_] = close | (picture.level(Modality.FORCE) > 0)
+    def _contact(self, tactile_state: TactileState) -> NDArray[np.bool_]:
+        close = tactile_state.level(Modality.PROXIMITY) >= self._contact_level
+        contact: NDArray[np.bool_] = close | (tactile_state.level(Modality.FORCE) > 0)
         return contact
 
 
-def learn_area(
+def replace_area(
     areas: dict[str, NDArray[np.int64]], label: str, cells: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
     """Return the areas with `label` replaced; a cell belongs to the area taught last."""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.nursing.kinematics import Kinematics, SurfacePoint
 
-__all__ = ["Contacts", "Felt", "Region", "Sheet", "initial_contacts"]
+__all__ = ["InitialContacts", "Region", "Sheet", "TactileInput", "initial_contacts"]
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Region(NamedTuple):
     """Contact region of neighbouring active elements, as a board reports it."""
 
     sheet: str
-    number: int
+    region_id: int
     """Region id, constant while the board tracks the region."""
     xi_m: tuple[float, float]
     """Centre of pressure ξ in tactile coordinates [m]."""
@@ -32,7 +32,7 @@ class Region(NamedTuple):
     """Highest pressure of an element [kPa]."""
 
 
-class Felt(NamedTuple):
+class TactileInput(NamedTuple):
     """Latest tactile input: all contact regions of all boards."""
 
     t_ns: int
@@ -69,7 +69,7 @@ class Sheet:
         self.body = body
         self._xi_m, self._position_m, self._R, self._pitch_m = xi_m, position_m, R_body_element, pitch_m
 
-    def at(self, xi_m: Sequence[float] | Floats) -> SurfacePoint:
+    def surface_point(self, xi_m: Sequence[float] | Floats) -> SurfacePoint:
         """Return the surface point at ξ with its local frame Σ_L: e1, e2 and e1 × e2 [R11, V].
 
         Each element near ξ contributes half by its position and half by its tangent plane, with bilinear
@@ -81,9 +81,9 @@ class Sheet:
             ValueError: ξ is two pitches or more from every element.
         """
         away = np.asarray(xi_m, dtype=np.float64) - self._xi_m
-        share = self._shares(away, self._pitch_m)
+        share = self._bilinear_weights(away, self._pitch_m)
         if not share.sum() > 1.0 - 1e-9:  # fewer than four elements surround ξ: widen the kernel
-            share = self._shares(away, 2.0 * self._pitch_m)
+            share = self._bilinear_weights(away, 2.0 * self._pitch_m)
         if not share.sum() > 0.0:
             raise ValueError(f"tactile coordinates {tuple(xi_m)} m are not on the sheet of {self.body}")
         share = share / share.sum()
@@ -95,13 +95,13 @@ class Sheet:
         return SurfacePoint(self.body, position_m + 0.5 * R[:, :2] @ (share @ away), R)
 
     @staticmethod
-    def _shares(away_m: Floats, width_m: float) -> Floats:
+    def _bilinear_weights(offset_m: Floats, width_m: float) -> Floats:
         """Return bilinear weights (n,), which fall to zero at `width_m` along either coordinate."""
-        shares: Floats = np.prod(np.maximum(1.0 - np.abs(away_m) / width_m, 0.0), axis=1)
+        shares: Floats = np.prod(np.maximum(1.0 - np.abs(offset_m) / width_m, 0.0), axis=1)
         return shares
 
 
-class Contacts(NamedTuple):
+class InitialContacts(NamedTuple):
     """Initial contact frames of C contacts, equations (1) and (3) [R11]."""
 
     names: tuple[str, ...]
@@ -112,11 +112,11 @@ class Contacts(NamedTuple):
     """Centres of pressure ξ_c(0) (C, 2) [m]."""
     force_n: Floats
     """Contact forces f_c(0) (C,) [N]."""
-    object_m: Floats
+    object_centre_m: Floats
     """Origin x̃_O (3,) of the object frame Σ_O, world frame [m]."""
-    x_object: Floats
+    x_object_contact_m: Floats
     """Contact positions ^O x_c (C, 3), object frame [m]."""
-    R_object: Floats
+    R_object_contact: Floats
     """Contact rotations ^O R_c (C, 3, 3), object frame."""
 
 
@@ -125,8 +125,8 @@ def initial_contacts(
     q: Floats,
     sheets: Mapping[str, Sheet],
     regions: Sequence[Region],
-    object_m: Sequence[float] | None = None,
-) -> Contacts:
+    object_centre_m: Sequence[float] | None = None,
+) -> InitialContacts:
     """Record the initial contacts, equation (3) [R11].
 
     Args:
@@ -134,26 +134,30 @@ def initial_contacts(
         q: (N,) measured joint positions [rad].
         sheets: Sheets by name.
         regions: Contact regions, at least one.
-        object_m: Inherent centre of the object, world frame [m]; by default the mean of the contacts.
+        object_centre_m: Inherent centre of the object, world frame [m]; by default the mean of the contacts.
 
     Raises:
         ValueError: no region is given, or one lies outside its sheet.
     """
     if not regions:
         raise ValueError("no contact to record")
-    points = tuple(sheets[region.sheet].at(region.xi_m) for region in regions)
-    poses = kinematics.at(q, points)
-    middle_m = poses.position_m.mean(axis=0) if object_m is None else np.asarray(object_m, dtype=np.float64)
+    points = tuple(sheets[region.sheet].surface_point(region.xi_m) for region in regions)
+    poses = kinematics.surface_poses(q, points)
+    middle_m = (
+        poses.position_m.mean(axis=0)
+        if object_centre_m is None
+        else np.asarray(object_centre_m, dtype=np.float64)
+    )
     sheet_names = [region.sheet for region in regions]
-    return Contacts(
+    return InitialContacts(
         names=tuple(
-            region.sheet if sheet_names.count(region.sheet) == 1 else f"{region.sheet}.{region.number}"
+            region.sheet if sheet_names.count(region.sheet) == 1 else f"{region.sheet}.{region.region_id}"
             for region in regions
         ),
         points=points,
         xi_m=np.array([region.xi_m for region in regions], dtype=np.float64),
         force_n=np.array([region.force_n for region in regions], dtype=np.float64),
-        object_m=middle_m,
-        x_object=poses.position_m - middle_m,
-        R_object=poses.R_world_surface,
+        object_centre_m=middle_m,
+        x_object_contact_m=poses.position_m - middle_m,
+        R_object_contact=poses.R_world_surface,
     )

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import ModelError
-from skinnet.seeding import StreamName, stream
+from skinnet.seeding import StreamName, generator
 
-__all__ = ["Kinematics", "MjModel", "ModelErrors", "Poses", "SurfacePoint", "draw_errors"]
+__all__ = ["Kinematics", "MjModel", "ModelErrors", "Poses", "SurfacePoint", "draw_model_errors"]
 
 Floats = NDArray[np.float64]
 MjModel: TypeAlias = mujoco.MjModel
-_ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_ONE_DOF_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 class SurfacePoint(NamedTuple):
@@ -92,7 +92,9 @@ class Kinematics:
             raise ModelError(f"joint offset of {unknown[0]}: it is not among {', '.join(self.joints)}")
         self._offset = np.array([errors.joint_offset_rad.get(name, 0.0) for name in self.joints])
         limited = mj.jnt_limited[ids].astype(bool)[:, None]
-        self.range: Floats = np.where(limited, mj.jnt_range[ids], [-np.inf, np.inf]) - self._offset[:, None]
+        self.joint_range: Floats = (
+            np.where(limited, mj.jnt_range[ids], [-np.inf, np.inf]) - self._offset[:, None]
+        )
         """Joint range (N, 2) of measured positions, infinite without limit [rad, m for a slide]."""
         self.dofs: NDArray[np.int64] = mj.jnt_dofadr[ids].astype(np.int64)
         """Degree-of-freedom indices (N,) of the joints in the model."""
@@ -105,7 +107,7 @@ class Kinematics:
         """Number of joints N."""
         return len(self.joints)
 
-    def knows(self, body: str) -> bool:
+    def has_body(self, body: str) -> bool:
         """Return True if the model has a body of this name."""
         return body in self._bodies
 
@@ -123,7 +125,7 @@ class Kinematics:
         qpos[self._qpos] = q + self._offset
         return qpos
 
-    def at(self, q: Floats, points: Sequence[SurfacePoint]) -> Poses:
+    def surface_poses(self, q: Floats, points: Sequence[SurfacePoint]) -> Poses:
         """Compute poses and Jacobians of `points` at measured joint positions `q` (N,) [rad].
 
         Raises:
@@ -148,7 +150,7 @@ class Kinematics:
         return result
 
 
-def draw_errors(
+def draw_model_errors(
     seed: int, kinematics: Kinematics, sigma_joint_rad: float, sigma_link_m: float
 ) -> ModelErrors:
     """Draw normally distributed errors of every controlled joint and every body moved, along each axis.
@@ -159,7 +161,7 @@ def draw_errors(
     def offset_m(body: str) -> tuple[float, float, float]:
         x, y, z = (
             sigma_link_m
-            * stream(seed, StreamName.MODEL_ERROR, StreamName.MODEL_ERROR_LINK, body).standard_normal(3)
+            * generator(seed, StreamName.MODEL_ERROR, StreamName.MODEL_ERROR_LINK, body).standard_normal(3)
         ).tolist()
         return x, y, z
 
@@ -167,7 +169,7 @@ def draw_errors(
         {
             name: sigma_joint_rad
             * float(
-                stream(seed, StreamName.MODEL_ERROR, StreamName.MODEL_ERROR_JOINT, name).standard_normal()
+                generator(seed, StreamName.MODEL_ERROR, StreamName.MODEL_ERROR_JOINT, name).standard_normal()
             )
             for name in kinematics.joints
         },
@@ -177,7 +179,7 @@ def draw_errors(
 
 def _joint(mj: MjModel, name: str) -> int:
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
-    if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in _ONE_DOF:
+    if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in _ONE_DOF_JOINTS:
         raise ModelError(f'joint "{name}": the controller\'s model has no such hinge or slide joint')
     return int(index)
 

@@ -14,45 +14,51 @@ Floats = NDArray[np.float64]
 class JointLimits:
     """Joint limits of N joints; infinite where there is none."""
 
-    range: Floats
+    position_range: Floats
     """Position range (N, 2) of measured positions [rad, m for a slide]."""
-    speed: Floats
+    max_speed: Floats
     """Speed limits (N,) [rad/s]."""
-    acceleration: Floats
+    max_acceleration: Floats
     """Acceleration limits (N,) [rad/s²]."""
 
     def __post_init__(self) -> None:
-        n = len(self.speed)
-        if not (self.range.shape == (n, 2) and self.speed.shape == self.acceleration.shape == (n,)):
+        n = len(self.max_speed)
+        if not (
+            self.position_range.shape == (n, 2)
+            and self.max_speed.shape == self.max_acceleration.shape == (n,)
+        ):
             raise ValueError(
-                f"limits of {n} joints: ranges {self.range.shape}, accelerations {self.acceleration.shape}"
+                f"limits of {n} joints: ranges {self.position_range.shape}, "
+                f"accelerations {self.max_acceleration.shape}"
             )
-        if not ((self.range[:, 0] < self.range[:, 1]).all() and (self.speed > 0.0).all()):
+        if not (
+            (self.position_range[:, 0] < self.position_range[:, 1]).all() and (self.max_speed > 0.0).all()
+        ):
             raise ValueError("joint limits: the lowest position below the highest, speeds above zero")
-        if not (self.acceleration > 0.0).all():
+        if not (self.max_acceleration > 0.0).all():
             raise ValueError("joint limits: accelerations above zero")
 
-    def steps(self, q: Floats, last_step: Floats, period_s: float) -> tuple[Floats, Floats]:
+    def step_bounds(self, q: Floats, last_step: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Return smallest and largest steps (N,) [rad] from `q` (N,) in one period, after `last_step` (N,).
 
         A joint brakes early enough to stop at its position limit within its acceleration limit. Beyond a
         limit only steps back are allowed. The bounds are never empty: position and velocity limits take
         precedence over the acceleration limit.
         """
-        fastest = self.speed * period_s
-        lowest = np.clip(-self._towards(q - self.range[:, 0], period_s), -fastest, fastest)
-        highest = np.clip(self._towards(self.range[:, 1] - q, period_s), -fastest, fastest)
-        change = self.acceleration * period_s**2
+        fastest = self.max_speed * period_s
+        lowest = np.clip(-self._max_step_towards(q - self.position_range[:, 0], period_s), -fastest, fastest)
+        highest = np.clip(self._max_step_towards(self.position_range[:, 1] - q, period_s), -fastest, fastest)
+        change = self.max_acceleration * period_s**2
         return np.clip(last_step - change, lowest, highest), np.clip(last_step + change, lowest, highest)
 
-    def _towards(self, distance: Floats, period_s: float) -> Floats:
+    def _max_step_towards(self, distance: Floats, period_s: float) -> Floats:
         """Return the largest step towards a limit at this distance; negative beyond the limit.
 
         A joint whose step x decreases by aΔt² each period stops after k steps, having moved by
         k x - aΔt² k (k - 1) / 2; x is the largest step for which that equals the distance.
         """
-        braking = np.isfinite(self.acceleration) & np.isfinite(distance) & (distance > 0.0)
-        change = np.where(braking, self.acceleration * period_s**2, 1.0)
+        braking = np.isfinite(self.max_acceleration) & np.isfinite(distance) & (distance > 0.0)
+        change = np.where(braking, self.max_acceleration * period_s**2, 1.0)
         way = np.where(braking, distance, 0.0)
         count = np.maximum(np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * way / change) - 1.0)), 1.0)
         return np.where(braking, way / count + 0.5 * change * (count - 1.0), distance)

@@ -5,21 +5,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.nursing.contacts import Contacts, Region, Sheet, initial_contacts
-from controller.nursing.feedback import Feedback, Impedance
-from controller.nursing.following import Following
+from controller.nursing.contacts import InitialContacts, Region, Sheet, initial_contacts
+from controller.nursing.feedback import Impedance, TactileFeedback
+from controller.nursing.following import ContactTracker
 from controller.nursing.kinematics import Kinematics
 from controller.nursing.limits import JointLimits
 from controller.nursing.mobility import mobility
 from controller.nursing.trajectory import (
     Solver,
-    Step,
     TrajectoryGenerator,
+    TrajectoryStep,
     Weights,
     closed_form,
     desired_contacts,
 )
-from skinnet.deployment.nursing import ImpedanceSpec, NursingSpec, WeightSpec
+from skinnet.deployment.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec
 
 __all__ = ["Manipulation"]
 
@@ -45,9 +45,9 @@ class Manipulation:
             ValueError: a region is outside its sheet, or at the object's centre with position feedback on.
         """
         self._spec = spec
-        self.contacts: Contacts = initial_contacts(kinematics, q, sheets, regions, spec.object_m)
-        self.following = Following(regions, t_ns, spec.contact_n, spec.follow_m)
-        self.feedback = Feedback(
+        self.contacts: InitialContacts = initial_contacts(kinematics, q, sheets, regions, spec.object_m)
+        self.contact_tracker = ContactTracker(regions, t_ns, spec.contact_n, spec.follow_m)
+        self.feedback = TactileFeedback(
             self.contacts,
             period_s,
             _impedance(spec.position_feedback) if spec.feels_position else None,
@@ -55,7 +55,7 @@ class Manipulation:
         )
         n = len(kinematics)
         limits = JointLimits(
-            kinematics.range,
+            kinematics.joint_range,
             np.full(n, spec.speed_rad_s),
             np.full(n, spec.acceleration_rad_s2 or np.inf),
         )
@@ -69,7 +69,10 @@ class Manipulation:
         self.generator = TrajectoryGenerator(
             kinematics, self.contacts.points, weights, limits, q, period_s, _solver(spec, kinematics)
         )
-        self._x_object, self._R_object = self.contacts.x_object, self.contacts.R_object
+        self._x_object_contact_m, self._R_object_contact = (
+            self.contacts.x_object_contact_m,
+            self.contacts.R_object_contact,
+        )
         self._displacement_m, self._R_world_object = np.zeros(3), np.eye(3)
 
     @property
@@ -82,43 +85,43 @@ class Manipulation:
         """Mobility of the contacts in the present posture, 0 to 1 (see `mobility`)."""
         return mobility(self.generator.poses.J_x, self._position_weights, self._spec.mobility_lever_m)
 
-    def feel(self, t_ns: int, regions: Sequence[Region] | None) -> NDArray[np.bool_]:
+    def update_feedback(self, t_ns: int, regions: Sequence[Region] | None) -> NDArray[np.bool_]:
         """Update tactile feedback with all regions (None without tactile input); return lost contacts (C,).
 
         A contact that is lost or without tactile input keeps its adjustment until it is measured again.
         """
         if regions is not None:
-            self.following.take(t_ns, regions)
-        lost = self.following.weak_ns(t_ns) > self._spec.lost_ns
+            self.contact_tracker.update(t_ns, regions)
+        lost = self.contact_tracker.time_below_threshold_ns(t_ns) > self._spec.lost_ns
         felt = ~lost if regions is not None else np.zeros_like(lost)
-        self.feedback.step(self.following.force_n, self.following.xi_m, felt)
+        self.feedback.step(self.contact_tracker.force_n, self.contact_tracker.xi_m, felt)
         return lost
 
-    def move(self, displacement_m: Floats, R_world_object: Floats) -> Step:
+    def move(self, displacement_m: Floats, R_world_object: Floats) -> TrajectoryStep:
         """Compute the next step with the object displaced by (3,) [m] and rotated by (3, 3), world frame."""
         self._displacement_m, self._R_world_object = displacement_m, R_world_object
         return self.hold()
 
-    def hold(self) -> Step:
+    def hold(self) -> TrajectoryStep:
         """Compute the next step with the object at its last commanded pose."""
-        x_object, R_object = self.feedback.adjusted(self._x_object, self._R_object)
-        object_m = self.contacts.object_m + self._displacement_m
+        x_object, R_object = self.feedback.adjust(self._x_object_contact_m, self._R_object_contact)
+        object_m = self.contacts.object_centre_m + self._displacement_m
         return self.generator.step(*desired_contacts(object_m, self._R_world_object, x_object, R_object))
 
-    def stay(self) -> None:
+    def rebase_contacts(self) -> None:
         """Record equation (3) again, so that the desired contact poses equal the present ones.
 
         From then on `hold` moves the joints by tactile feedback only: earlier tracking errors are dropped.
         """
         poses, R_object_world = self.generator.poses, self._R_world_object.T
-        away_m = poses.position_m - (self.contacts.object_m + self._displacement_m)
-        self._x_object, self._R_object = self.feedback.original(
+        away_m = poses.position_m - (self.contacts.object_centre_m + self._displacement_m)
+        self._x_object_contact_m, self._R_object_contact = self.feedback.invert_adjustment(
             away_m @ R_object_world.T, R_object_world @ poses.R_world_surface
         )
 
 
-def _weights(spec: NursingSpec, sheet: str, body: str) -> WeightSpec:
-    return spec.weights.get(sheet) or spec.weights.get(body) or WeightSpec()
+def _weights(spec: NursingSpec, sheet: str, body: str) -> ContactWeightSpec:
+    return spec.weights.get(sheet) or spec.weights.get(body) or ContactWeightSpec()
 
 
 def _impedance(spec: ImpedanceSpec) -> Impedance:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-__all__ = ["ObjectPath", "Waypoint", "minimum_jerk"]
+__all__ = ["ObjectTrajectory", "Waypoint", "minimum_jerk"]
 
 Floats = NDArray[np.float64]
 
@@ -23,13 +23,13 @@ class Waypoint(NamedTuple):
     """Rotation vector, world frame [rad]; R_O(0) is the identity, equation (1) [R11]."""
 
 
-def minimum_jerk(share: float) -> float:
+def minimum_jerk(fraction: float) -> float:
     """Return the minimum-jerk path fraction at a fraction of the time (Flash and Hogan, 1985)."""
-    s = min(max(share, 0.0), 1.0)
+    s = min(max(fraction, 0.0), 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
-class ObjectPath:
+class ObjectTrajectory:
     """Object trajectory of straight lines and single-axis rotations, at rest at every waypoint."""
 
     def __init__(self, waypoints: Sequence[Waypoint]) -> None:
@@ -47,18 +47,18 @@ class ObjectPath:
         if not (np.isfinite(self._position_m).all() and np.isfinite(rotation_rad).all()):
             raise ValueError("waypoints: displacements and rotations must be finite")
         self._R = Rotation.from_rotvec(rotation_rad)
-        self._turn_rad = (self._R[:-1].inv() * self._R[1:]).as_rotvec()
+        self._rotation_step_rad = (self._R[:-1].inv() * self._R[1:]).as_rotvec()
 
     @property
     def end_ns(self) -> int:
         """Time of the last waypoint [ns]."""
         return self._t_ns[-1]
 
-    def at(self, t_ns: int) -> tuple[Floats, Floats]:
+    def pose_at(self, t_ns: int) -> tuple[Floats, Floats]:
         """Return x_O^d(t) - x_O(0) (3,) [m] and R_O^d(t) (3, 3), world frame; constant after `end_ns`."""
         leg = int(np.searchsorted(self._t_ns[1:-1], t_ns, side="right"))
         start_ns, end_ns = self._t_ns[leg], self._t_ns[leg + 1]
         way = minimum_jerk((t_ns - start_ns) / (end_ns - start_ns))
         position_m = (1.0 - way) * self._position_m[leg] + way * self._position_m[leg + 1]
-        R = self._R[leg] * Rotation.from_rotvec(way * self._turn_rad[leg])
+        R = self._R[leg] * Rotation.from_rotvec(way * self._rotation_step_rad[leg])
         return position_m, R.as_matrix()

@@ -5,13 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.nursing.kinematics import Kinematics, MjModel, ModelErrors, draw_errors
+from controller.nursing.kinematics import Kinematics, MjModel, ModelErrors, draw_model_errors
 from skinnet.deployment.nursing import NursingSpec
 
-__all__ = ["own_model"]
+__all__ = ["build_kinematics"]
 
 
-def own_model(
+def build_kinematics(
     spec: NursingSpec, mj: MjModel, seed: int, home_qpos: NDArray[np.float64] | None = None
 ) -> Kinematics:
     """Build the kinematic model of the joints of `spec`; explicit errors replace the drawn ones.
@@ -25,7 +25,7 @@ def own_model(
     Raises:
         ModelError: the model lacks a named joint or body.
     """
-    drawn = draw_errors(
+    drawn = draw_model_errors(
         seed,
         Kinematics(mj, spec.joints),
         math.radians(spec.joint_offset_sigma_deg),

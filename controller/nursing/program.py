@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.nursing.contacts import Felt, Region, Sheet
+from controller.nursing.contacts import Region, Sheet, TactileInput
 from controller.nursing.kinematics import Kinematics
 from controller.nursing.manipulation import Manipulation
-from controller.nursing.object_path import ObjectPath, Waypoint
-from controller.nursing.report import Course
-from controller.nursing.states import STOPS, TERMINAL, Event, State, after
-from controller.nursing.trajectory import Step
+from controller.nursing.object_path import ObjectTrajectory, Waypoint
+from controller.nursing.report import ContactTimeSeries
+from controller.nursing.states import STOP_EVENTS, TERMINAL_STATES, Event, State, next_state
+from controller.nursing.trajectory import TrajectoryStep
 from skinnet.deployment.nursing import NursingSpec
 from skinnet.deployment.table import ns_of_s
 
@@ -63,7 +63,7 @@ class NursingProgram:
             raise ValueError(f"weights.{strangers[0]}: no such sheet or body; there are {sorted(known)}")
         self._spec, self._kinematics, self._sheets = spec, kinematics, sheets
         self._period_s = period_ns * 1e-9
-        self._path = ObjectPath(
+        self._object_trajectory = ObjectTrajectory(
             [
                 Waypoint(ns_of_s(point.t_s), point.displacement_m, point.rotation_rad)
                 for point in spec.waypoints
@@ -72,14 +72,14 @@ class NursingProgram:
         self.state = State.HOLD
         self.stopped_by: Event | None = None
         self.reason = ""
-        self.log: list[tuple[State, int]] = []
+        self.state_history: list[tuple[State, int]] = []
         """History of states, each with its start time [ns]."""
-        self.course: Course | None = None
+        self.contact_series: ContactTimeSeries | None = None
         """Time series since the contacts were recorded; None before."""
         self.manipulation: Manipulation | None = None
-        self._since_ns = self._t_ns = -1
-        self._heard_ns = -1
-        self._samples: list[Felt] = []
+        self._state_start_ns = self._t_ns = -1
+        self._last_input_ns = -1
+        self._samples: list[TactileInput] = []
 
     @property
     def progress(self) -> float:
@@ -88,100 +88,106 @@ class NursingProgram:
         due_ns = {
             State.HOLD: spec.hold_ns,
             State.RECORD: spec.record_ns,
-            State.MOVE: self._path.end_ns,
+            State.MOVE: self._object_trajectory.end_ns,
             State.SETTLE: spec.settle_ns,
         }.get(self.state, 0)
-        return min(1.0, (self._t_ns - self._since_ns) / due_ns) if due_ns else 1.0
+        return min(1.0, (self._t_ns - self._state_start_ns) / due_ns) if due_ns else 1.0
 
     @property
     def done(self) -> bool:
         """True in a terminal state; the object is still held while `step` is called."""
-        return self.state in TERMINAL
+        return self.state in TERMINAL_STATES
 
-    def step(self, t_ns: int, q: Floats, felt: Felt | None) -> NursingCommand:
+    def step(self, t_ns: int, q: Floats, tactile_input: TactileInput | None) -> NursingCommand:
         """Run one control period.
 
         Args:
             t_ns: Current time [ns].
             q: (N,) measured joint positions [rad].
-            felt: Latest tactile input; None before the first.
+            tactile_input: Latest tactile input; None before the first.
         """
-        if self._since_ns < 0:
-            self._since_ns = self._heard_ns = t_ns
-            self.log.append((self.state, t_ns))
+        if self._state_start_ns < 0:
+            self._state_start_ns = self._last_input_ns = t_ns
+            self.state_history.append((self.state, t_ns))
         self._t_ns = t_ns
-        if felt is not None:
-            self._heard_ns = max(self._heard_ns, felt.t_ns)
-        silent = t_ns - self._heard_ns > self._spec.silent_ns or felt is None
+        if tactile_input is not None:
+            self._last_input_ns = max(self._last_input_ns, tactile_input.t_ns)
+        silent = t_ns - self._last_input_ns > self._spec.silent_ns or tactile_input is None
         velocity = np.zeros(len(self._kinematics))
         match self.state:
             case State.HOLD:
-                if t_ns - self._since_ns >= self._spec.hold_ns and not silent:
-                    self._happen(Event.HELD)
+                if t_ns - self._state_start_ns >= self._spec.hold_ns and not silent:
+                    self._transition(Event.HOLD_ELAPSED)
             case State.RECORD:
-                self._record(q, felt, silent)
+                self._record(q, tactile_input, silent)
             case _:
                 if self.manipulation is not None:
-                    velocity = self._manipulate(self.manipulation, None if silent else felt)
-        self._watch(felt, silent)
+                    velocity = self._manipulate(self.manipulation, None if silent else tactile_input)
+        self._check_safety(tactile_input, silent)
         return NursingCommand(velocity, self.state, self.stopped_by, self.reason)
 
-    def _record(self, q: Floats, felt: Felt | None, silent: bool) -> None:
+    def _record(self, q: Floats, tactile_input: TactileInput | None, silent: bool) -> None:
         """Average the tactile input; at the end of the state, record the initial contacts."""
-        if felt is not None and not silent and (not self._samples or felt.t_ns > self._samples[-1].t_ns):
-            self._samples.append(felt)
-        if self._t_ns - self._since_ns < self._spec.record_ns or not self._samples:
+        if (
+            tactile_input is not None
+            and not silent
+            and (not self._samples or tactile_input.t_ns > self._samples[-1].t_ns)
+        ):
+            self._samples.append(tactile_input)
+        if self._t_ns - self._state_start_ns < self._spec.record_ns or not self._samples:
             return
-        regions = _assumed(self._spec) or _averaged(self._samples, self._spec.contact_n)
+        regions = _assumed_regions(self._spec) or _average_regions(self._samples, self._spec.contact_n)
         if not regions:
-            self._happen(Event.NO_CONTACT, f"nothing presses with {self._spec.contact_n:g} N or more")
+            self._transition(Event.NO_CONTACT, f"nothing presses with {self._spec.contact_n:g} N or more")
             return
         for region in regions:
             sheet = self._sheets.get(region.sheet)
-            if sheet is None or not self._kinematics.knows(sheet.body):
+            if sheet is None or not self._kinematics.has_body(sheet.body):
                 link = region.sheet if sheet is None else sheet.body
-                self._happen(Event.UNKNOWN_LINK, f'"{link}" presses with {region.force_n:.1f} N')
+                self._transition(Event.UNKNOWN_LINK, f'"{link}" presses with {region.force_n:.1f} N')
                 return
         try:
             self.manipulation = Manipulation(
                 self._spec, self._kinematics, self._sheets, regions, self._t_ns, q, self._period_s
             )
         except ValueError as error:
-            self._happen(Event.UNUSABLE_CONTACT, str(error))
+            self._transition(Event.INVALID_CONTACT, str(error))
             return
-        self.course = Course(self.manipulation)
-        self._happen(*(self._singular(self.manipulation) or (Event.RECORDED, "")))
+        self.contact_series = ContactTimeSeries(self.manipulation)
+        self._transition(*(self._check_singular(self.manipulation) or (Event.RECORDED, "")))
 
-    def _manipulate(self, manipulation: Manipulation, felt: Felt | None) -> Floats:
+    def _manipulate(self, manipulation: Manipulation, tactile_input: TactileInput | None) -> Floats:
         """Run one period with recorded contacts: update feedback, move or hold, check for transitions."""
-        lost = manipulation.feel(self._t_ns, None if felt is None else felt.regions)
+        lost = manipulation.update_feedback(
+            self._t_ns, None if tactile_input is None else tactile_input.regions
+        )
         if self.state is State.MOVE:
-            step = manipulation.move(*self._path.at(self._t_ns - self._since_ns))
+            step = manipulation.move(*self._object_trajectory.pose_at(self._t_ns - self._state_start_ns))
         else:
             step = manipulation.hold()
-        assert self.course is not None
-        self.course.add(self._t_ns, step)
+        assert self.contact_series is not None
+        self.contact_series.add(self._t_ns, step)
         if not self.done:
-            self._judge(manipulation, step, lost, silent=felt is None)
+            self._check_transitions(manipulation, step, lost, silent=tactile_input is None)
         return step.velocity
 
-    def _judge(
-        self, manipulation: Manipulation, step: Step, lost: NDArray[np.bool_], *, silent: bool
+    def _check_transitions(
+        self, manipulation: Manipulation, step: TrajectoryStep, lost: NDArray[np.bool_], *, silent: bool
     ) -> None:
         """Trigger the stop event of a failed check, or else the event of a completed state."""
         names = manipulation.contacts.names
         if silent:
-            return  # no tactile input is not a lost contact; `_watch` triggers SKIN_SILENT
+            return  # no tactile input is not a lost contact; `_check_safety` triggers SKIN_SILENT
         if lost.any() and not self._spec.assumed:
-            self._happen(Event.CONTACT_LOST, ", ".join(np.array(names)[lost]))
-        elif wrong := self._singular(manipulation) or self._out_of_reach(names, step):
-            self._happen(*wrong)
-        elif self.state is State.MOVE and self._t_ns - self._since_ns >= self._path.end_ns:
-            self._happen(Event.ARRIVED)
-        elif self.state is State.SETTLE and self._t_ns - self._since_ns >= self._spec.settle_ns:
-            self._happen(Event.SETTLED)
+            self._transition(Event.CONTACT_LOST, ", ".join(np.array(names)[lost]))
+        elif wrong := self._check_singular(manipulation) or self._check_reachable(names, step):
+            self._transition(*wrong)
+        elif self.state is State.MOVE and self._t_ns - self._state_start_ns >= self._object_trajectory.end_ns:
+            self._transition(Event.ARRIVED)
+        elif self.state is State.SETTLE and self._t_ns - self._state_start_ns >= self._spec.settle_ns:
+            self._transition(Event.SETTLED)
 
-    def _singular(self, manipulation: Manipulation) -> tuple[Event, str] | None:
+    def _check_singular(self, manipulation: Manipulation) -> tuple[Event, str] | None:
         share = manipulation.mobility
         if share >= self._spec.mobility:
             return None
@@ -189,7 +195,7 @@ class NursingProgram:
             f"the contacts can follow {share:.2f} of a shift in some direction, not {self._spec.mobility:g}"
         )
 
-    def _out_of_reach(self, names: tuple[str, ...], step: Step) -> tuple[Event, str] | None:
+    def _check_reachable(self, names: tuple[str, ...], step: TrajectoryStep) -> tuple[Event, str] | None:
         position_m, rotation_rad = step.deviations
         c = int(np.argmax(np.maximum(position_m / self._spec.reach_m, rotation_rad / self._spec.reach_rad)))
         if position_m[c] <= self._spec.reach_m and rotation_rad[c] <= self._spec.reach_rad:
@@ -198,43 +204,52 @@ class NursingProgram:
             f"{names[c]} deviates by {1e3 * position_m[c]:.0f} mm and {np.degrees(rotation_rad[c]):.0f}°"
         )
 
-    def _watch(self, felt: Felt | None, silent: bool) -> None:
+    def _check_safety(self, tactile_input: TactileInput | None, silent: bool) -> None:
         """Trigger SKIN_SILENT or PRESSURE_LIMIT in every state that is not terminal."""
         if self.done:
             return
-        if silent and self._t_ns - self._heard_ns > self._spec.silent_ns:
-            self._happen(Event.SKIN_SILENT, f"last heard at {self._heard_ns / 1e9:.3f} s")
+        if silent and self._t_ns - self._last_input_ns > self._spec.silent_ns:
+            self._transition(Event.SKIN_SILENT, f"last heard at {self._last_input_ns / 1e9:.3f} s")
             return
-        worst = max(felt.regions, key=lambda r: r.peak_kpa, default=None) if felt is not None else None
+        worst = (
+            max(tactile_input.regions, key=lambda r: r.peak_kpa, default=None)
+            if tactile_input is not None
+            else None
+        )
         if worst is not None and worst.peak_kpa > self._spec.comfort_kpa:
             limit = self._spec.comfort_kpa
-            self._happen(
+            self._transition(
                 Event.PRESSURE_LIMIT, f"{worst.peak_kpa:.0f} kPa on {worst.sheet}, {limit:g} allowed"
             )
 
-    def _happen(self, event: Event, detail: str = "") -> None:
-        self.state = after(self.state, event)
-        self.log.append((self.state, self._t_ns))
-        self._since_ns = self._t_ns
-        if event in STOPS:
+    def _transition(self, event: Event, detail: str = "") -> None:
+        self.state = next_state(self.state, event)
+        self.state_history.append((self.state, self._t_ns))
+        self._state_start_ns = self._t_ns
+        if event in STOP_EVENTS:
             self.stopped_by = event
             self.reason = f"{event.value}: {detail}" if detail else event.value
             if self.manipulation is not None:
-                self.manipulation.stay()
+                self.manipulation.rebase_contacts()
 
 
-def _assumed(spec: NursingSpec) -> list[Region]:
+def _assumed_regions(spec: NursingSpec) -> list[Region]:
     """Return the assumed contacts of the deployment, which have no tactile input."""
     return [Region(contact.surface, 0, contact.xi_m, 0.0, 0.0) for contact in spec.assumed]
 
 
-def _averaged(samples: list[Felt], contact_n: float) -> list[Region]:
+def _average_regions(samples: list[TactileInput], contact_threshold_n: float) -> list[Region]:
     """Average the newest sample's regions over all samples; drop regions below the contact threshold."""
     regions = []
     for newest in samples[-1].regions:
-        same = [r for s in samples for r in s.regions if (r.sheet, r.number) == (newest.sheet, newest.number)]
+        same = [
+            r
+            for s in samples
+            for r in s.regions
+            if (r.sheet, r.region_id) == (newest.sheet, newest.region_id)
+        ]
         force_n = float(np.mean([r.force_n for r in same]))
         first, second = np.mean([r.xi_m for r in same], axis=0).tolist()
-        if force_n >= contact_n:
+        if force_n >= contact_threshold_n:
             regions.append(newest._replace(force_n=force_n, xi_m=(first, second)))
-    return sorted(regions, key=lambda r: (r.sheet, r.number))
+    return sorted(regions, key=lambda r: (r.sheet, r.region_id))

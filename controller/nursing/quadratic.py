@@ -10,7 +10,7 @@ import qpsolvers
 from numpy.typing import NDArray
 
 from controller.nursing.kinematics import Kinematics
-from controller.nursing.trajectory import LeastSquares, Solver
+from controller.nursing.trajectory import LeastSquaresProblem, Solver
 
 __all__ = ["quadratic_programme"]
 
@@ -20,11 +20,11 @@ Floats = NDArray[np.float64]
 class _ContactTask(mink.Task):
     """Contact task: the rows of the least-squares problem on all degrees of freedom of the model."""
 
-    def __init__(self, problem: LeastSquares, dofs: NDArray[np.int64], nv: int) -> None:
+    def __init__(self, problem: LeastSquaresProblem, dofs: NDArray[np.int64], nv: int) -> None:
         super().__init__(cost=np.sqrt(problem.weight))
         self._error = problem.error
         self._jacobian = np.zeros((len(problem.error), nv))
-        self._jacobian[:, dofs] = problem.rows
+        self._jacobian[:, dofs] = problem.jacobian
 
     def compute_error(self, configuration: mink.Configuration) -> Floats:
         return self._error
@@ -36,8 +36,8 @@ class _ContactTask(mink.Task):
 class _StepLimit(mink.Limit):
     """Bounds on the step Δq from position, velocity and acceleration limits."""
 
-    def __init__(self, steps: tuple[Floats, Floats], dofs: NDArray[np.int64], nv: int) -> None:
-        smallest, largest = steps
+    def __init__(self, step_bounds: tuple[Floats, Floats], dofs: NDArray[np.int64], nv: int) -> None:
+        smallest, largest = step_bounds
         select = np.zeros((len(dofs), nv))
         select[np.arange(len(dofs)), dofs] = 1.0
         sides = np.concatenate((select, -select))
@@ -60,7 +60,7 @@ def quadratic_programme(kinematics: Kinematics) -> Solver:
     others = sorted(set(range(nv)) - set(dofs.tolist()))
     frozen = [mink.DofFreezingTask(kinematics.mj, others)] if others else []
 
-    def solve(problem: LeastSquares, steps: tuple[Floats, Floats]) -> Floats:
+    def solve(problem: LeastSquaresProblem, steps: tuple[Floats, Floats]) -> Floats:
         damping = np.ones(nv)
         damping[dofs] = np.sqrt(problem.damping)
         programme = mink.build_ik(

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.nursing.manipulation import Manipulation
-from controller.nursing.trajectory import Step
+from controller.nursing.trajectory import TrajectoryStep
 
-__all__ = ["ContactReport", "Course"]
+__all__ = ["ContactSummary", "ContactTimeSeries"]
 
 Floats = NDArray[np.float64]
 
 
-class ContactReport(NamedTuple):
+class ContactSummary(NamedTuple):
     """Contact summary from the initial contacts to the end of the run."""
 
     name: str
@@ -30,7 +30,7 @@ class ContactReport(NamedTuple):
     rotation_dev_end_rad: float
 
 
-class Course:
+class ContactTimeSeries:
     """Time series of all control periods since the initial contacts were recorded."""
 
     def __init__(self, manipulation: Manipulation) -> None:
@@ -38,7 +38,7 @@ class Course:
         self._manipulation = manipulation
         self._rows: list[tuple[object, ...]] = []
 
-    def add(self, t_ns: int, step: Step) -> None:
+    def add(self, t_ns: int, step: TrajectoryStep) -> None:
         """Append the period at `t_ns`."""
         m = self._manipulation
         self._rows.append(
@@ -48,8 +48,8 @@ class Course:
                 step.evaluation,
                 step.deviations.position_m,
                 step.deviations.rotation_rad,
-                m.following.force_n.copy(),
-                m.following.xi_m - m.contacts.xi_m,
+                m.contact_tracker.force_n.copy(),
+                m.contact_tracker.xi_m - m.contacts.xi_m,
                 m.feedback.s_m,
                 m.feedback.alpha_rad,
             )
@@ -69,7 +69,7 @@ class Course:
         columns = zip(*self._rows, strict=True) if self._rows else [()] * len(names)
         return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
 
-    def report(self) -> tuple[ContactReport, ...]:
+    def summarise(self) -> tuple[ContactSummary, ...]:
         """Summarise every contact; empty before the first period."""
         if not self._rows:
             return ()
@@ -79,7 +79,7 @@ class Course:
         position_m, rotation_rad = rows["position_dev_m"], rows["rotation_dev_rad"]
         contacts = self._manipulation.contacts
         return tuple(
-            ContactReport(
+            ContactSummary(
                 name,
                 float(contacts.force_n[c]),
                 *(float(value) for value in (force_n[:, c].min(), force_n[:, c].max(), force_n[-1, c])),

@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-__all__ = ["STOPS", "TABLE", "TERMINAL", "Event", "State", "after", "diagram"]
+__all__ = ["STOP_EVENTS", "TERMINAL_STATES", "TRANSITIONS", "Event", "State", "diagram", "next_state"]
 
 
 class State(Enum):
@@ -25,13 +25,13 @@ class State(Enum):
 class Event(Enum):
     """Events of the nursing program; all but the first four are stops."""
 
-    HELD = "held long enough"
+    HOLD_ELAPSED = "held long enough"
     RECORDED = "contacts recorded"
     ARRIVED = "object arrived"
     SETTLED = "settled"
     NO_CONTACT = "no contact at the start"
     UNKNOWN_LINK = "contact on a link that the controller does not know"
-    UNUSABLE_CONTACT = "a contact that cannot be recorded"
+    INVALID_CONTACT = "a contact that cannot be recorded"
     SINGULAR_POSTURE = "singular posture"
     UNREACHABLE = "trajectory out of reach"
     CONTACT_LOST = "contact lost"
@@ -39,48 +39,50 @@ class Event(Enum):
     SKIN_SILENT = "skin silent"
 
 
-STOPS = tuple(
-    event for event in Event if event not in (Event.HELD, Event.RECORDED, Event.ARRIVED, Event.SETTLED)
+STOP_EVENTS = tuple(
+    event
+    for event in Event
+    if event not in (Event.HOLD_ELAPSED, Event.RECORDED, Event.ARRIVED, Event.SETTLED)
 )
-TERMINAL = (State.REPORT, State.STOPPED)
+TERMINAL_STATES = (State.REPORT, State.STOPPED)
 """Terminal states, without further stops; both hold the object."""
-_ALWAYS = (Event.SKIN_SILENT, Event.PRESSURE_LIMIT)
-_AT_THE_START = (Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.UNUSABLE_CONTACT, Event.SINGULAR_POSTURE)
-_UNDERWAY = (Event.CONTACT_LOST, Event.SINGULAR_POSTURE, Event.UNREACHABLE)
+_STOPS_ALWAYS = (Event.SKIN_SILENT, Event.PRESSURE_LIMIT)
+_STOPS_AT_RECORD = (Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.INVALID_CONTACT, Event.SINGULAR_POSTURE)
+_STOPS_IN_MOTION = (Event.CONTACT_LOST, Event.SINGULAR_POSTURE, Event.UNREACHABLE)
 
-TABLE: dict[tuple[State, Event], State] = {
-    (State.HOLD, Event.HELD): State.RECORD,
+TRANSITIONS: dict[tuple[State, Event], State] = {
+    (State.HOLD, Event.HOLD_ELAPSED): State.RECORD,
     (State.RECORD, Event.RECORDED): State.MOVE,
     (State.MOVE, Event.ARRIVED): State.SETTLE,
     (State.SETTLE, Event.SETTLED): State.REPORT,
 } | {
     (state, event): State.STOPPED
     for state, reasons in (
-        (State.HOLD, _ALWAYS),
-        (State.RECORD, _ALWAYS + _AT_THE_START),
-        (State.MOVE, _ALWAYS + _UNDERWAY),
-        (State.SETTLE, _ALWAYS + _UNDERWAY),
+        (State.HOLD, _STOPS_ALWAYS),
+        (State.RECORD, _STOPS_ALWAYS + _STOPS_AT_RECORD),
+        (State.MOVE, _STOPS_ALWAYS + _STOPS_IN_MOTION),
+        (State.SETTLE, _STOPS_ALWAYS + _STOPS_IN_MOTION),
     )
     for event in reasons
 }
 
 
-def after(state: State, event: Event) -> State:
+def next_state(state: State, event: Event) -> State:
     """Return the next state after `event`.
 
     Raises:
         ValueError: `event` is not allowed in `state`, which is a bug of the caller.
     """
-    if (state, event) not in TABLE:
+    if (state, event) not in TRANSITIONS:
         raise ValueError(f'"{event.value}" cannot happen in {state.name}')
-    return TABLE[state, event]
+    return TRANSITIONS[state, event]
 
 
 def diagram() -> str:
     """Return the transition table as a Mermaid state diagram; parallel transitions share an arrow."""
     arrows: dict[tuple[State, State], list[str]] = {}
-    for (state, event), target in TABLE.items():
+    for (state, event), target in TRANSITIONS.items():
         arrows.setdefault((state, target), []).append(event.value)
     lines = ["stateDiagram-v2", f"    [*] --> {State.HOLD.value}"]
     lines += [f"    {a.value} --> {b.value}: {', '.join(words)}" for (a, b), words in arrows.items()]
-    return "\n".join([*lines, *(f"    {state.value} --> [*]" for state in TERMINAL)])
+    return "\n".join([*lines, *(f"    {state.value} --> [*]" for state in TERMINAL_STATES)])

@@ -17,17 +17,17 @@ from controller.nursing.limits import JointLimits
 
 __all__ = [
     "Deviations",
-    "LeastSquares",
+    "LeastSquaresProblem",
     "Solver",
-    "Step",
     "TrajectoryGenerator",
+    "TrajectoryStep",
     "Weights",
     "closed_form",
     "desired_contacts",
     "deviations",
 ]
 
-_NO_ROTATION_RAD = 1e-9
+_MIN_ROTATION_RAD = 1e-9
 """Rotation angle [rad] below which the axis is dominated by rounding and the term is left out."""
 
 Floats = NDArray[np.float64]
@@ -53,10 +53,10 @@ class Deviations(NamedTuple):
     """Rotation deviations θ_c (C,), 0 to π [rad]."""
 
 
-class LeastSquares(NamedTuple):
+class LeastSquaresProblem(NamedTuple):
     """Least-squares problem min ½ Σ weight · (rows Δq + error)² + ½ Σ damping · Δq², (11) to first order."""
 
-    rows: Floats
+    jacobian: Floats
     """Jacobian rows (m, N)."""
     error: Floats
     """Task errors (m,) [m, rad]."""
@@ -66,11 +66,11 @@ class LeastSquares(NamedTuple):
     """Damping w_q / Δt² (N,) [1/rad²]."""
 
 
-Solver = Callable[[LeastSquares, tuple[Floats, Floats]], Floats]
+Solver = Callable[[LeastSquaresProblem, tuple[Floats, Floats]], Floats]
 """Solver of a least-squares problem: step Δq (N,) within the smallest and largest steps (N,)."""
 
 
-class Step(NamedTuple):
+class TrajectoryStep(NamedTuple):
     """Trajectory step of one control period."""
 
     velocity: Floats
@@ -82,10 +82,10 @@ class Step(NamedTuple):
 
 
 def desired_contacts(
-    object_m: Floats, R_object: Floats, x_object: Floats, R_object_contact: Floats
+    object_position_m: Floats, R_object: Floats, x_object_contact_m: Floats, R_object_contact: Floats
 ) -> tuple[Floats, Floats]:
     """Return x_c^d (C, 3) [m] and R_c^d (C, 3, 3) for an object pose (3,), (3, 3), equations (4) and (5)."""
-    return object_m + x_object @ R_object.T, R_object @ R_object_contact
+    return object_position_m + x_object_contact_m @ R_object.T, R_object @ R_object_contact
 
 
 def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Deviations, Floats]:
@@ -100,16 +100,16 @@ def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Devi
     return Deviations(np.linalg.norm(poses.position_m - desired_m, axis=1), angle_rad), axis
 
 
-def closed_form(problem: LeastSquares, steps: tuple[Floats, Floats]) -> Floats:
+def closed_form(problem: LeastSquaresProblem, step_bounds: tuple[Floats, Floats]) -> Floats:
     """Solve equation (18) [R11] within bounds: clamp joints beyond a bound and solve for the others again.
 
     Repeats until no joint is beyond its bounds, at most N times. The result is the minimum unless a clamped
     joint should become free again; `quadratic_programme` solves that case exactly.
     """
-    weighted = problem.rows * problem.weight[:, None]
-    hessian = weighted.T @ problem.rows + np.diag(problem.damping)
+    weighted = problem.jacobian * problem.weight[:, None]
+    hessian = weighted.T @ problem.jacobian + np.diag(problem.damping)
     gradient = weighted.T @ problem.error
-    smallest, largest = steps
+    smallest, largest = step_bounds
     free = np.ones(len(gradient), dtype=np.bool_)
     step = np.zeros(len(gradient))
     while free.any():
@@ -149,7 +149,7 @@ class TrajectoryGenerator:
         self._limits, self._period_s, self._solver = limits, period_s, solver
         self._last_step = np.zeros(len(q))
         self._q = q.copy()
-        self._poses = kinematics.at(q, self._points)
+        self._poses = kinematics.surface_poses(q, self._points)
 
     @property
     def q(self) -> Floats:
@@ -161,12 +161,12 @@ class TrajectoryGenerator:
         """Contact poses at these joint angles."""
         return self._poses
 
-    def step(self, desired_m: Floats, R_desired: Floats) -> Step:
+    def step(self, desired_m: Floats, R_desired: Floats) -> TrajectoryStep:
         """Compute the next step towards contact positions (C, 3) [m] and rotations (C, 3, 3), world frame."""
         problem = self._problem(desired_m, R_desired)
-        step = self._solver(problem, self._limits.steps(self._q, self._last_step, self._period_s))
+        step = self._solver(problem, self._limits.step_bounds(self._q, self._last_step, self._period_s))
         self._q, self._last_step = self._q + step, step
-        self._poses = self._kinematics.at(self._q, self._points)
+        self._poses = self._kinematics.surface_poses(self._q, self._points)
         after, _ = deviations(self._poses, desired_m, R_desired)
         velocity = step / self._period_s
         weights = self._weights
@@ -175,14 +175,14 @@ class TrajectoryGenerator:
             + weights.rotation @ after.rotation_rad**2
             + weights.joint @ velocity**2
         )
-        return Step(velocity, after, evaluation)
+        return TrajectoryStep(velocity, after, evaluation)
 
-    def _problem(self, desired_m: Floats, R_desired: Floats) -> LeastSquares:
+    def _problem(self, desired_m: Floats, R_desired: Floats) -> LeastSquaresProblem:
         """Assemble the rows of (13), with the rotation of a contact as one row h'_c."""
         before, axis = deviations(self._poses, desired_m, R_desired)
-        turned = before.rotation_rad > _NO_ROTATION_RAD
-        return LeastSquares(
-            rows=np.concatenate(
+        turned = before.rotation_rad > _MIN_ROTATION_RAD
+        return LeastSquaresProblem(
+            jacobian=np.concatenate(
                 (
                     self._poses.J_x.reshape(-1, len(self._q)),
                     np.einsum("ci,cin->cn", axis[turned], self._poses.J_w[turned]),

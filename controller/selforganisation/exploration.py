@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Exploration", "Hold"]
+__all__ = ["Exploration", "PositionControl"]
 
 
 class Exploration(Protocol):
@@ -20,7 +20,7 @@ class Exploration(Protocol):
         """True once the program is complete and its result available."""
 
     @property
-    def wants_stream(self) -> bool:
+    def needs_stream(self) -> bool:
         """True while the accelerations of all cells are needed."""
 
     @property
@@ -37,7 +37,7 @@ class Exploration(Protocol):
 
 
 @dataclass(frozen=True)
-class Hold:
+class PositionControl:
     """Proportional position control of all DoFs by velocity commands; all three numbers are assumptions.
 
     With a loop delay T (command, servo, feedback) there is no overshoot while gain × T < 1/e.

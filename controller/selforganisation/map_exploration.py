@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import Hold
+from controller.selforganisation.exploration import PositionControl
 from controller.selforganisation.lock_in import LockIn
-from controller.selforganisation.structure import named
+from controller.selforganisation.structure import format_numbers
 
 __all__ = ["Deflections", "MapExploration", "MapExplorationConfig"]
 
@@ -32,10 +32,10 @@ class MapExplorationConfig:
     ramp_periods: int = 1
     """Number of periods of each ramp, before and after."""
     settle_ns: int = 250_000_000
-    hold: Hold = field(default_factory=Hold)
+    position_control: PositionControl = field(default_factory=PositionControl)
     min_samples: int = 25
     """Samples per sine below which a cell counts as not measured; 250 are due at 250 Hz in 1 s."""
-    min_motion: float = 0.2
+    min_motion_fraction: float = 0.2
     """Fraction of the commanded amplitude below which a DoF counts as not moved."""
 
 
@@ -76,11 +76,11 @@ class MapExploration:
         self._phase_start_ns = start_ns
         self._window_ns = (start_ns, start_ns)
         self._dof = -1
-        self._playing = self._done = False
+        self._exciting = self._done = False
         self._home_rad = np.zeros(0)
         self._deflection_m = np.zeros((n_cells, n_dofs, 3))
         self._problems: list[str] = []
-        self._clear()
+        self._reset_lock_ins()
 
     @property
     def done(self) -> bool:
@@ -88,7 +88,7 @@ class MapExploration:
         return self._done
 
     @property
-    def wants_stream(self) -> bool:
+    def needs_stream(self) -> bool:
         """True while the accelerations of all cells are needed."""
         return not self._done
 
@@ -115,8 +115,8 @@ class MapExploration:
         self._advance(t_ns)
         if self._done:
             return np.zeros(self._n_dofs)
-        if not self._playing:
-            return self._config.hold.velocity(self._home_rad, position_rad)
+        if not self._exciting:
+            return self._config.position_control.velocity(self._home_rad, position_rad)
         velocity = np.zeros(self._n_dofs)
         velocity[self._dof] = self._sine((t_ns - self._phase_start_ns) * 1e-9)
         return velocity
@@ -143,19 +143,19 @@ class MapExploration:
     def _advance(self, t_ns: int) -> None:
         """Switch between holding and sine at their ends."""
         elapsed_ns = t_ns - self._phase_start_ns
-        if self._playing and elapsed_ns >= self._sine_ns:
-            self._playing = False
+        if self._exciting and elapsed_ns >= self._sine_ns:
+            self._exciting = False
             self._phase_start_ns = t_ns
-        elif not (self._playing or self._done) and elapsed_ns >= self._config.settle_ns:
+        elif not (self._exciting or self._done) and elapsed_ns >= self._config.settle_ns:
             if self._dof >= 0:
-                self._collect()
+                self._reduce_to_deflections()
             self._dof += 1
-            self._playing = self._dof < self._n_dofs
-            self._done = not self._playing
+            self._exciting = self._dof < self._n_dofs
+            self._done = not self._exciting
             self._phase_start_ns = t_ns
-            measured_ns = self._sine_ns - 2 * self._ramp_ns if self._playing else 0
+            measured_ns = self._sine_ns - 2 * self._ramp_ns if self._exciting else 0
             self._window_ns = (t_ns + self._ramp_ns, t_ns + self._ramp_ns + measured_ns)
-            self._clear()
+            self._reset_lock_ins()
 
     def _sine(self, t_s: float) -> float:
         """Return the velocity [rad/s] at `t_s` after the start of the sine."""
@@ -164,21 +164,23 @@ class MapExploration:
         fade = 0.5 - 0.5 * math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
         return self._config.amplitude_rad_s * fade * math.sin(2.0 * math.pi * self._config.frequency_hz * t_s)
 
-    def _clear(self) -> None:
+    def _reset_lock_ins(self) -> None:
         self._cells = LockIn(self._n_cells, 3, self._config.frequency_hz)
         self._joint = LockIn(1, 1, self._config.frequency_hz)
 
-    def _collect(self) -> None:
+    def _reduce_to_deflections(self) -> None:
         """Reduce the samples of the current DoF to its deflections."""
         config, dof = self._config, self._dof
         angular_hz = 2.0 * math.pi * config.frequency_hz
         motion_rad = complex(self._joint.amplitude(config.min_samples)[0, 0])
-        if not abs(motion_rad) >= config.min_motion * config.amplitude_rad_s / angular_hz:
+        if not abs(motion_rad) >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
             self._problems.append(f"DoF {dof} did not follow its sine")
             return
         per_acceleration = self._cells.amplitude(config.min_samples) / (-(angular_hz**2) * motion_rad)
         deflection_m = STANDARD_GRAVITY_M_S2 * per_acceleration.real
         blind = np.isnan(deflection_m).any(axis=1)
         if blind.any():
-            self._problems.append(f"DoF {dof}: {named('cell', np.flatnonzero(blind))} with too few samples")
+            self._problems.append(
+                f"DoF {dof}: {format_numbers('cell', np.flatnonzero(blind))} with too few samples"
+            )
         self._deflection_m[~blind, dof] = deflection_m[~blind]

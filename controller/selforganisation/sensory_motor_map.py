@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Agreement", "SensoryMotorMap", "agreement", "fuse", "normal_weights"]
+__all__ = ["MapAgreement", "SensoryMotorMap", "compare_maps", "fuse_with_activity", "normal_weights"]
 
 
 def normal_weights(deflection_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -30,15 +30,15 @@ def normal_weights(deflection_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return weights
 
 
-def fuse(
-    activity: NDArray[np.bool_], weights: NDArray[np.float64], least_norm: float = 0.1
+def fuse_with_activity(
+    activity: NDArray[np.bool_], weights: NDArray[np.float64], min_row_norm: float = 0.1
 ) -> NDArray[np.float64]:
     """Mask weights by the activity matrix and normalise the rows: equation (3) of [M14] and its sequel.
 
     Args:
         activity: (S, D) from the structural exploration.
         weights: (S, D) from `normal_weights`.
-        least_norm: row norm below which a cell cannot move along its normal without locomotion; such rows
+        min_row_norm: row norm below which a cell cannot move along its normal without locomotion; such rows
             become zero. [M14] gives no number: an assumption.
 
     Returns:
@@ -46,7 +46,7 @@ def fuse(
     """
     fused = np.where(activity, weights, 0.0)
     norm = np.linalg.norm(fused, axis=1, keepdims=True)
-    result: NDArray[np.float64] = np.divide(fused, norm, out=np.zeros_like(fused), where=norm > least_norm)
+    result: NDArray[np.float64] = np.divide(fused, norm, out=np.zeros_like(fused), where=norm > min_row_norm)
     return result
 
 
@@ -84,7 +84,7 @@ class SensoryMotorMap:
         self._poses_rad.append(pose_rad.astype(np.float64))
         self._weights.append(weights.astype(np.float64))
 
-    def forget(self, pose_rad: NDArray[np.float64]) -> None:
+    def remove(self, pose_rad: NDArray[np.float64]) -> None:
         """Remove the maps of exactly this pose (D,)."""
         kept = [i for i, pose in enumerate(self._poses_rad) if not np.array_equal(pose, pose_rad)]
         self._poses_rad = [self._poses_rad[i] for i in kept]
@@ -115,26 +115,28 @@ class SensoryMotorMap:
 
 
 @dataclass(frozen=True)
-class Agreement:
+class MapAgreement:
     """Agreement of a sensory-motor map with its ground truth."""
 
-    sign: float
+    sign_fraction: float
     """Fraction of equal signs among entries with a true magnitude above the cut; NaN without any."""
     correlation: float
     """Pearson correlation over all entries; NaN if one of the maps is constant."""
-    entries: int
+    n_entries: int
     """Number of entries above the cut."""
 
 
-def agreement(weights: NDArray[np.float64], true_weights: NDArray[np.float64], cut: float = 0.1) -> Agreement:
-    """Compare two maps (S, D): signs where the true magnitude exceeds `cut`, correlation over all entries."""
-    large = np.abs(true_weights) > cut
+def compare_maps(
+    weights: NDArray[np.float64], true_weights: NDArray[np.float64], min_abs_weight: float = 0.1
+) -> MapAgreement:
+    """Compare two maps (S, D): signs where the truth exceeds `min_abs_weight`, correlation over all."""
+    large = np.abs(true_weights) > min_abs_weight
     entries = int(np.count_nonzero(large))
     same = np.sign(weights[large]) == np.sign(true_weights[large])
     a, b = weights.ravel() - weights.mean(), true_weights.ravel() - true_weights.mean()
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return Agreement(
-        sign=float(same.mean()) if entries else math.nan,
+    return MapAgreement(
+        sign_fraction=float(same.mean()) if entries else math.nan,
         correlation=float(a @ b) / scale if scale > 0 else math.nan,
-        entries=entries,
+        n_entries=entries,
     )

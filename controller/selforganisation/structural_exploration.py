@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import Hold
-from controller.selforganisation.structure import Structure, activity_matrix, find_structure
+from controller.selforganisation.exploration import PositionControl
+from controller.selforganisation.structure import KinematicStructure, activity_matrix, find_structure
 
 __all__ = ["StructuralExploration", "StructuralExplorationConfig"]
 
@@ -21,7 +21,7 @@ class StructuralExplorationConfig:
     average_ns: int = 1_000_000_000
     settle_ns: int = 500_000_000
     threshold_g: float = 0.01
-    hold: Hold = field(default_factory=Hold)
+    position_control: PositionControl = field(default_factory=PositionControl)
     move_timeout_ns: int = 5_000_000_000
     """Time [ns] after which a DoF that has not completed its step is reported and skipped."""
     min_samples: int = 25
@@ -58,7 +58,7 @@ class StructuralExploration:
         self._windows = [(start_ns, (0, 0, 0))]
         self._sum_g = np.zeros((2, _RUNS, n_dofs, n_cells, 3))
         self._count = np.zeros((2, _RUNS, n_dofs, n_cells), dtype=np.int64)
-        self._stuck: list[str] = []
+        self._failed_steps: list[str] = []
 
     @property
     def done(self) -> bool:
@@ -66,7 +66,7 @@ class StructuralExploration:
         return self._phase is _Phase.DONE
 
     @property
-    def wants_stream(self) -> bool:
+    def needs_stream(self) -> bool:
         """True while the accelerations of all cells are needed."""
         return not self.done
 
@@ -77,7 +77,7 @@ class StructuralExploration:
         return 1.0 if self.done else (self._step + self._phase.value / _Phase.DONE.value) / steps
 
     @cached_property
-    def result(self) -> Structure:
+    def result(self) -> KinematicStructure:
         """Kinematic structure, with failed steps and measurements among its problems.
 
         Raises:
@@ -89,7 +89,7 @@ class StructuralExploration:
         count = np.where(enough, self._count, 1)[..., None]
         before_g, after_g = np.where(enough[..., None], self._sum_g / count, np.nan)
         active, unknown = activity_matrix(before_g, after_g, self._config.threshold_g)
-        return find_structure(active, unknown, self._stuck)
+        return find_structure(active, unknown, self._failed_steps)
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
@@ -99,7 +99,7 @@ class StructuralExploration:
         if t_ns < self._start_ns or self.done:
             return np.zeros(self._n_dofs)
         self._advance(t_ns, position_rad)
-        return self._config.hold.velocity(self._target_rad, position_rad)
+        return self._config.position_control.velocity(self._target_rad, position_rad)
 
     def add_samples(
         self, cells: NDArray[np.int64], t_sampled_ns: NDArray[np.int64], acceleration_g: NDArray[np.float64]
@@ -126,13 +126,15 @@ class StructuralExploration:
                 self._move_start_ns = t_ns
                 self._enter(_Phase.MOVE, t_ns)
             case _Phase.MOVE:
-                arrived = abs(self._target_rad[dof] - position_rad[dof]) <= config.hold.tolerance_rad
+                arrived = (
+                    abs(self._target_rad[dof] - position_rad[dof]) <= config.position_control.tolerance_rad
+                )
                 if not arrived and elapsed_ns >= config.move_timeout_ns:
-                    self._stuck.append(f"DoF {dof} did not make its step in time in run {run}")
+                    self._failed_steps.append(f"DoF {dof} did not make its step in time in run {run}")
                     self._target_rad[dof] = position_rad[dof]
                 if arrived or elapsed_ns >= config.move_timeout_ns:
                     self._enter(_Phase.SETTLE, t_ns)
-            case _Phase.SETTLE if self._settled(t_ns):
+            case _Phase.SETTLE if self._has_settled(t_ns):
                 self._open_window(1, t_ns)
                 self._enter(_Phase.AFTER, t_ns)
             case _Phase.AFTER if self._step == _RUNS * self._n_dofs - 1:
@@ -146,7 +148,7 @@ class StructuralExploration:
             case _:
                 pass
 
-    def _settled(self, t_ns: int) -> bool:
+    def _has_settled(self, t_ns: int) -> bool:
         """Return True once the settling time is over: counted from the start of the move, half of it at rest.
 
         28 steps, each 0.5 s of settling and two averages of 1.0 s, are the 70 s of [M14], which leaves no

@@ -3,7 +3,7 @@
 Equation (1) of [M14] (Mittendorfer et al., A general tactile approach for grasping unknown objects, 2014)
 gives the activity matrix: which DoF moves which cell. Cells with equal rows form a body part, DoFs with equal
 columns form a joint, and a joint connects two parts whose rows differ by it alone. Every kinematic tree has
-such a matrix; a disturbed measurement mostly has not, and `Structure.problems` lists the violations.
+such a matrix; a disturbed measurement mostly has not, and `KinematicStructure.problems` lists the violations.
 """
 
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Structure", "activity_matrix", "find_structure", "named", "wrong_entries"]
+__all__ = ["KinematicStructure", "activity_matrix", "count_wrong_entries", "find_structure", "format_numbers"]
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class KinematicStructure:
     """Kinematic tree found by exploration; reliable only if `problems` is empty.
 
     Parts are ordered by their depth, then by their first cell; joints by their first DoF.
@@ -54,7 +54,7 @@ def activity_matrix(
     Returns:
         (S, D) active entries, and (S, D) unknown ones: not active, with an unmeasured run.
     """
-    change = np.linalg.norm(_direction(before_g) - _direction(after_g), axis=-1)
+    change = np.linalg.norm(_normalise(before_g) - _normalise(after_g), axis=-1)
     active = (change > threshold_g).any(axis=0)
     unknown = ~active & np.isnan(change).any(axis=0)
     return active.T.copy(), unknown.T.copy()
@@ -64,7 +64,7 @@ def find_structure(
     activity: NDArray[np.bool_],
     unknown: NDArray[np.bool_] | None = None,
     problems: Sequence[str] = (),
-) -> Structure:
+) -> KinematicStructure:
     """Find body parts, joints and their kinematic tree from an activity matrix.
 
     Args:
@@ -75,20 +75,20 @@ def find_structure(
     unknown = np.zeros_like(activity) if unknown is None else unknown
     unmeasured = np.logical_or.reduce(unknown, axis=1)
     activity = activity & ~unmeasured[:, None]
-    parts, part_dofs = _classes(activity, np.flatnonzero(~unmeasured))
-    joints, joint_parts = _classes(part_dofs.T, np.flatnonzero(part_dofs.any(axis=0)))
+    parts, part_dofs = _group_equal_rows(activity, np.flatnonzero(~unmeasured))
+    joints, joint_parts = _group_equal_rows(part_dofs.T, np.flatnonzero(part_dofs.any(axis=0)))
     order = np.argsort(joint_parts.sum(axis=0), kind="stable")
     parts = tuple(parts[p] for p in order)
     part_activity = joint_parts.T[order]
-    parent_part, parent_joint, broken = _tree(part_activity, parts, joints)
+    parent_part, parent_joint, broken = _find_tree(part_activity, parts, joints)
 
     found = list(problems)
     if unmeasured.any():
-        found.append(f"{named('cell', np.flatnonzero(unmeasured))} measured with too few samples")
+        found.append(f"{format_numbers('cell', np.flatnonzero(unmeasured))} measured with too few samples")
     idle = np.flatnonzero(~part_dofs.any(axis=0))
     if len(idle):
-        found.append(f"{named('DoF', idle)} moves no cell: no skin beyond, or an axis along gravity")
-    return Structure(
+        found.append(f"{format_numbers('DoF', idle)} moves no cell: no skin beyond, or an axis along gravity")
+    return KinematicStructure(
         activity=activity,
         parts=parts,
         joints=joints,
@@ -100,12 +100,12 @@ def find_structure(
     )
 
 
-def wrong_entries(structure: Structure, truth: NDArray[np.bool_]) -> int:
+def count_wrong_entries(structure: KinematicStructure, ground_truth: NDArray[np.bool_]) -> int:
     """Count the entries of the activity matrix that differ from the ground truth (S, D)."""
-    return int(np.count_nonzero(structure.activity != truth))
+    return int(np.count_nonzero(structure.activity != ground_truth))
 
 
-def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normalise(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """Normalise vectors along the last axis; NaN for a zero vector."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     result: NDArray[np.float64] = np.divide(
@@ -114,7 +114,7 @@ def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def _classes(
+def _group_equal_rows(
     matrix: NDArray[np.bool_], members: NDArray[np.int64]
 ) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.bool_]]:
     """Group members by equal rows of `matrix`, ordered by first member; also return the row of each class."""
@@ -125,7 +125,7 @@ def _classes(
     return classes, matrix[[group[0] for group in classes]].reshape(len(classes), matrix.shape[1])
 
 
-def _tree(
+def _find_tree(
     part_activity: NDArray[np.bool_], parts: tuple[tuple[int, ...], ...], joints: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Find parent and joint of each part, and list the violations of a tree.
@@ -147,16 +147,16 @@ def _tree(
             parent_joint[part] = int(np.flatnonzero(missing[candidates[0]])[0])
         else:
             which = "has no parent" if not len(candidates) else f"has {len(candidates)} possible parents"
-            problems.append(f"the part of {named('cell', parts[part])} {which}")
+            problems.append(f"the part of {format_numbers('cell', parts[part])} {which}")
     for joint, dofs in enumerate(joints):
         children = parent_joint.count(joint)
         if children > 1:
-            problems.append(f"the joint of {named('DoF', dofs)} leads to {children} parts")
+            problems.append(f"the joint of {format_numbers('DoF', dofs)} leads to {children} parts")
     return tuple(parent_part), tuple(parent_joint), problems
 
 
-def named(what: str, numbers: Sequence[int] | NDArray[np.int64], most: int = 8) -> str:
+def format_numbers(noun: str, numbers: Sequence[int] | NDArray[np.int64], max_listed: int = 8) -> str:
     """Format a shortened list of numbers, such as 'cells 3, 4, 5, … (20)'."""
-    plural = f"{what}s" if len(numbers) > 1 else what
-    more = f", … ({len(numbers)})" if len(numbers) > most else ""
-    return f"{plural} {', '.join(str(n) for n in numbers[:most])}{more}"
+    plural = f"{noun}s" if len(numbers) > 1 else noun
+    more = f", … ({len(numbers)})" if len(numbers) > max_listed else ""
+    return f"{plural} {', '.join(str(n) for n in numbers[:max_listed])}{more}"

@@ -9,25 +9,25 @@ from numpy.typing import NDArray
 
 from skinnet.compiled import compiled
 from skinnet.errors import ProtocolError
-from skinnet.messages import FORCE_CHANNELS, FOREVER_NS, READING_NAMES, EventKind, Modality
+from skinnet.messages import FOREVER_NS, N_FORCE_CHANNELS, READING_NAMES, EventKind, Modality
 
-__all__ = ["COLUMNS", "TOUCH_COLUMNS", "TactilePicture"]
+__all__ = ["COLUMNS", "REACTION_COLUMNS", "TactileState"]
 
 COLUMNS = {
-    Modality.FORCE: slice(0, FORCE_CHANNELS),
+    Modality.FORCE: slice(0, N_FORCE_CHANNELS),
     Modality.PROXIMITY: slice(3, 4),
     Modality.ACCELERATION: slice(4, 7),
     Modality.TEMPERATURE: slice(7, 8),
 }
 """Columns of each modality in a full reading."""
-TOUCH_COLUMNS = slice(0, 4)
+REACTION_COLUMNS = slice(0, 4)
 """Reaction columns, three of force and one of proximity: M = 3 + 1 in equation (4) of [M14]."""
 _N_COLUMNS = len(READING_NAMES)
 _BOUNDS = np.array([(COLUMNS[modality].start, COLUMNS[modality].stop) for modality in Modality])
 _LEVEL, _DELTA = int(EventKind.LEVEL), int(EventKind.DELTA)
 
 
-class TactilePicture:
+class TactileState:
     """Tactile state of S cells: newest readings, sampling times, event levels and cells to stream.
 
     A level event sets the level of its channel; the level of a modality is the highest of its channels.
@@ -46,7 +46,7 @@ class TactilePicture:
         self._t_value_ns = np.full((n_cells, _N_COLUMNS), -FOREVER_NS)
         self._levels = np.zeros((n_cells, _N_COLUMNS), dtype=np.int64)
         self._t_level_ns = np.full((n_cells, _N_COLUMNS), -FOREVER_NS)
-        self._found = np.ones(n_cells, dtype=bool)
+        self._present = np.ones(n_cells, dtype=bool)
         self._last_contact_ns = np.full(n_cells, -FOREVER_NS)
         self.rejected = 0
         """Number of refused events and stream rows: unknown cell, channel or kind, or not finite."""
@@ -55,10 +55,10 @@ class TactilePicture:
         """Return the readings (S, channels): force and proximity 0…1, acceleration [g], temperature [°C]."""
         return self._values[:, COLUMNS[modality]].copy()
 
-    def touch(self, t_ns: int, max_age_ns: int = FOREVER_NS) -> NDArray[np.float64]:
-        """Return readings (S, 4) of `TOUCH_COLUMNS` at `t_ns`; zero where older than `max_age_ns`."""
-        fresh = t_ns - self._t_value_ns[:, TOUCH_COLUMNS] <= max_age_ns
-        return np.where(fresh, self._values[:, TOUCH_COLUMNS], 0.0)
+    def reaction_readings(self, t_ns: int, max_age_ns: int = FOREVER_NS) -> NDArray[np.float64]:
+        """Return readings (S, 4) of `REACTION_COLUMNS` at `t_ns`; zero where older than `max_age_ns`."""
+        fresh = t_ns - self._t_value_ns[:, REACTION_COLUMNS] <= max_age_ns
+        return np.where(fresh, self._values[:, REACTION_COLUMNS], 0.0)
 
     def level(self, modality: Modality) -> NDArray[np.int64]:
         """Return event levels (S,) of a modality, 0 for none."""
@@ -71,9 +71,9 @@ class TactilePicture:
         return age
 
     @property
-    def found(self) -> NDArray[np.bool_]:
+    def present(self) -> NDArray[np.bool_]:
         """Presence (S,) of the cells in the network."""
-        return self._found.copy()
+        return self._present.copy()
 
     def apply_events(
         self,
@@ -92,10 +92,10 @@ class TactilePicture:
         """
         integers = (cells, t_sampled_ns, modality, channel, kind, level)
         _check_lengths(*integers, value)
-        self.rejected += _take_events(
+        self.rejected += _fuse_events(
             np.stack([np.asarray(column, dtype=np.int64) for column in integers]),
             np.array(value, dtype=np.float64),
-            self._found,
+            self._present,
             self._values,
             self._t_value_ns,
             self._levels,
@@ -117,33 +117,33 @@ class TactilePicture:
         _check_lengths(cells, t_sampled_ns, values)
         if values.shape[1:] != (_N_COLUMNS,):
             raise ProtocolError(f"stream values of shape {values.shape}; (n, {_N_COLUMNS}) is due")
-        self.rejected += _take_rows(
+        self.rejected += _fuse_rows(
             np.stack([np.asarray(column, dtype=np.int64) for column in (cells, t_sampled_ns)]),
             np.array(values, dtype=np.float64),
-            self._found,
+            self._present,
             self._values,
             self._t_value_ns,
         )
 
-    def set_found(self, cells: NDArray[np.int64], found: bool) -> None:
+    def set_present(self, cells: NDArray[np.int64], present: bool) -> None:
         """Mark cells (n,) as present, or as absent, which clears their readings and levels."""
-        self._found[cells] = found
-        if not found:
+        self._present[cells] = present
+        if not present:
             self._values[cells] = 0.0
             self._levels[cells] = 0
 
-    def streams_wanted(self, t_ns: int, gains: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def cells_to_stream(self, t_ns: int, gains: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return the cells (S,) whose full stream a reaction needs: in contact, or within the hold time.
 
         A cell is in contact if a touch channel with a gain is at its lowest event level or above [M14, V.C].
 
         Args:
             t_ns: Current time, not before that of the last call.
-            gains: (S, 4) gains of `TOUCH_COLUMNS`.
+            gains: (S, 4) gains of `REACTION_COLUMNS`.
         """
-        contact = self._found & ((self._levels[:, TOUCH_COLUMNS] > 0) & (gains != 0.0)).any(axis=1)
+        contact = self._present & ((self._levels[:, REACTION_COLUMNS] > 0) & (gains != 0.0)).any(axis=1)
         self._last_contact_ns[contact] = t_ns
-        wanted: NDArray[np.bool_] = self._found & (t_ns - self._last_contact_ns <= self._hold_ns)
+        wanted: NDArray[np.bool_] = self._present & (t_ns - self._last_contact_ns <= self._hold_ns)
         return wanted
 
 
@@ -154,10 +154,10 @@ def _check_lengths(*columns: NDArray[np.generic]) -> None:
 
 
 @compiled
-def _take_events(
+def _fuse_events(
     integers: NDArray[np.int64],
     value: NDArray[np.float64],
-    found: NDArray[np.bool_],
+    present: NDArray[np.bool_],
     values: NDArray[np.float64],
     t_value_ns: NDArray[np.int64],
     levels: NDArray[np.int64],
@@ -168,7 +168,7 @@ def _take_events(
     rejected = 0
     for i in range(len(value)):
         cell, t_ns, modality, channel, kind, level = integers[:, i]
-        if not (0 <= cell < len(found) and 0 <= modality < len(bounds) and np.isfinite(value[i])):
+        if not (0 <= cell < len(present) and 0 <= modality < len(bounds) and np.isfinite(value[i])):
             rejected += 1
             continue
         column = bounds[modality, 0] + channel
@@ -176,7 +176,7 @@ def _take_events(
         if channel < 0 or column >= bounds[modality, 1] or not (level_is_new or kind == _DELTA) or level < 0:
             rejected += 1
             continue
-        if not found[cell]:
+        if not present[cell]:
             continue
         if t_ns >= t_value_ns[cell, column]:
             values[cell, column] = value[i]
@@ -188,10 +188,10 @@ def _take_events(
 
 
 @compiled
-def _take_rows(
+def _fuse_rows(
     integers: NDArray[np.int64],
     rows: NDArray[np.float64],
-    found: NDArray[np.bool_],
+    present: NDArray[np.bool_],
     values: NDArray[np.float64],
     t_value_ns: NDArray[np.int64],
 ) -> int:
@@ -199,10 +199,10 @@ def _take_rows(
     rejected = 0
     for i in range(len(rows)):
         cell, t_ns = integers[:, i]
-        if not (0 <= cell < len(found) and np.all(np.isfinite(rows[i]))):
+        if not (0 <= cell < len(present) and np.all(np.isfinite(rows[i]))):
             rejected += 1
             continue
-        if not found[cell]:
+        if not present[cell]:
             continue
         for column in range(rows.shape[1]):
             if t_ns >= t_value_ns[cell, column]:

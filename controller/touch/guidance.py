@@ -3,28 +3,28 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.knowledge import Knowledge
-from controller.touch.fusion import TactilePicture
+from controller.knowledge import SelfModel
+from controller.touch.fusion import TactileState
 from controller.touch.reactions import TactileReaction
 from controller.touch.timed import TimedStage
 from skinnet.deployment.schema import ControllerSpec, StageSpec
 from skinnet.messages import Modality
 
-__all__ = ["Guide"]
+__all__ = ["GuidanceStage"]
 
 
-class Guide(TimedStage):
+class GuidanceStage(TimedStage):
     """Tactile guidance: the robot evades contact and so follows a push, equation (4) of [M14]."""
 
     def __init__(
-        self, spec: StageSpec, control: ControllerSpec, knowledge: Knowledge, n_cells: int, start_ns: int
+        self, spec: StageSpec, control: ControllerSpec, self_model: SelfModel, n_cells: int, start_ns: int
     ) -> None:
         assert spec.duration_s is not None
         super().__init__(spec.duration_s, start_ns)
         self._max_age_ns = round(control.safety.stale_ms * 1e6)
-        self._knowledge = knowledge
+        self._self_model = self_model
         self._reaction = TactileReaction(n_cells)
-        self.felt: NDArray[np.float64] | None = None
+        self.tactile_input: NDArray[np.float64] | None = None
         if control.reactions.enabled:
             self.tune(Modality.FORCE, spec.force_threshold, spec.force_gain)
             self.tune(Modality.PROXIMITY, spec.proximity_threshold, spec.proximity_gain)
@@ -44,12 +44,12 @@ class Guide(TimedStage):
         return self._reaction.thresholds
 
     def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+        self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
     ) -> NDArray[np.float64]:
         """Compute the superposed reactions (D,) [rad/s] of all cells, by the map of the closest pose."""
         self._t_ns = t_ns
         # cells in contact stream: an old reading means lost packets
-        touch = picture.touch(t_ns, self._max_age_ns)
-        velocity = self._reaction.velocity(touch, self._knowledge.map.closest(position_rad))
-        self.felt = touch
+        touch = tactile_state.reaction_readings(t_ns, self._max_age_ns)
+        velocity = self._reaction.velocity(touch, self._self_model.sensory_motor_map.closest(position_rad))
+        self.tactile_input = touch
         return velocity

@@ -3,21 +3,21 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.touch.fusion import TactilePicture
+from controller.touch.fusion import TactileState
 from controller.touch.timed import TimedStage
 
-__all__ = ["Listen"]
+__all__ = ["ListenOnlyStage"]
 
 
-class Listen(TimedStage):
+class ListenOnlyStage(TimedStage):
     """Passive stage: collects skin data while the robot holds still."""
 
     gains = None
     thresholds = None
-    felt = None
+    tactile_input = None
 
     def step(
-        self, t_ns: int, position_rad: NDArray[np.float64], picture: TactilePicture
+        self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
     ) -> NDArray[np.float64]:
         """Return zero velocities (D,) [rad/s]."""
         self._t_ns = t_ns

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PoseReached", "PoseTarget", "Posture"]
+__all__ = ["PoseReached", "PoseTarget", "PostureControl"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class PoseTarget:
     """Velocity ω_max of the joint with the largest error; 0.4 in free motion [M14, Table II]."""
     accuracy_rad: float = 0.01
     """Position tolerance φ_acc: joints within it rest [M14, Table II]."""
-    deactivate: bool = False
+    release_when_reached: bool = False
     """Release the target once it is reached, instead of returning to it when pushed away."""
 
 
@@ -32,20 +32,20 @@ class PoseReached:
     t_ns: int
 
 
-class Posture:
+class PostureControl:
     """Posture controller towards the newest target pose."""
 
     def __init__(self) -> None:
         """Start at rest, without a target."""
         self._target: PoseTarget | None = None
-        self._announced = False
+        self._completion_reported = False
 
     @property
     def active(self) -> bool:
         """True while a target is approached or held."""
         return self._target is not None
 
-    def go(self, target: PoseTarget) -> None:
+    def set_target(self, target: PoseTarget) -> None:
         """Set a new target; its completion is reported once.
 
         Raises:
@@ -55,9 +55,9 @@ class Posture:
             target.speed_rad_s > 0.0 and target.accuracy_rad > 0.0 and np.isfinite(target.position_rad).all()
         ):
             raise ValueError(f"pose {target.name!r}: speed and accuracy must be positive, positions finite")
-        self._target, self._announced = target, False
+        self._target, self._completion_reported = target, False
 
-    def release(self) -> None:
+    def clear_target(self) -> None:
         """Clear the target."""
         self._target = None
 
@@ -72,8 +72,8 @@ class Posture:
         far = np.abs(way) > target.accuracy_rad
         if far.any():
             return target.speed_rad_s * way * far / np.abs(way).max(), None
-        event = None if self._announced else PoseReached(target.name, t_ns)
-        self._announced = True
-        if target.deactivate:
+        event = None if self._completion_reported else PoseReached(target.name, t_ns)
+        self._completion_reported = True
+        if target.release_when_reached:
             self._target = None
         return np.zeros(len(position_rad)), event

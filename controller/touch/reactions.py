@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.touch.fusion import COLUMNS, TOUCH_COLUMNS
+from controller.touch.fusion import COLUMNS, REACTION_COLUMNS
 from skinnet.messages import Modality
 
 __all__ = ["TactileReaction"]
@@ -20,13 +20,13 @@ class TactileReaction:
 
     def __init__(self, n_cells: int) -> None:
         """Start with all gains zero."""
-        channels = TOUCH_COLUMNS.stop - TOUCH_COLUMNS.start
+        channels = REACTION_COLUMNS.stop - REACTION_COLUMNS.start
         self._thresholds = np.zeros((n_cells, channels))
         self._gains = np.zeros((n_cells, channels))
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """Copy of the gains (S, 4) of `TOUCH_COLUMNS` [rad/s per reading]."""
+        """Copy of the gains (S, 4) of `REACTION_COLUMNS` [rad/s per reading]."""
         return self._gains.copy()
 
     def tune(
@@ -65,7 +65,7 @@ class TactileReaction:
 
     @property
     def thresholds(self) -> NDArray[np.float64]:
-        """Reaction thresholds (S, 4) of `TOUCH_COLUMNS`; inf where the gain is zero."""
+        """Reaction thresholds (S, 4) of `REACTION_COLUMNS`; inf where the gain is zero."""
         return np.where(self._gains != 0.0, self._thresholds, np.inf)
 
     def activation(self, touch: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -78,7 +78,7 @@ class TactileReaction:
         """Compute the joint velocities (D,) [rad/s] superposed of all cells: equation (4) of [M14].
 
         Args:
-            touch: (S, 4) readings of `TOUCH_COLUMNS`.
+            touch: (S, 4) readings of `REACTION_COLUMNS`.
             weights: (S, D) sensory-motor map of the closest pose.
         """
         activation = self.activation(touch)

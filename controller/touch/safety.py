@@ -66,8 +66,8 @@ class SafetyClamp:
                     f"position limits must be two rows of {n_dofs}, the lowest below the highest"
                 )
         self._limits, self._n_dofs, self._period_ns = limits, n_dofs, period_ns
-        self._last_rad_s = np.zeros(n_dofs)
-        self._share = 1.0
+        self._last_velocity_rad_s = np.zeros(n_dofs)
+        self._ramp_scale = 1.0
         self.stale = False
         """True if the last tick's input was too old."""
         self.counters = SafetyCounters()
@@ -103,22 +103,23 @@ class SafetyClamp:
             )
         limits, counters = self._limits, self.counters
         finite = bool(np.isfinite(velocity_rad_s).all() and np.isfinite(position_rad).all())
-        self.stale = _old(t_ns, t_joints_ns, limits.joints_max_age_ns) or _old(
+        self.stale = _is_stale(t_ns, t_joints_ns, limits.joints_max_age_ns) or _is_stale(
             t_ns, t_skin_ns, limits.skin_max_age_ns
         )
         self._ramp(finite)
 
         wanted = velocity_rad_s if finite else np.zeros(self._n_dofs)
-        velocity = self._towards(_scaled(wanted, limits.speed_rad_s) * self._share)
+        velocity = self._limit_acceleration(_scale_to_limit(wanted, limits.speed_rad_s) * self._ramp_scale)
         if finite:
-            velocity = self._slowed(velocity, position_rad)
+            velocity = self._limit_near_bounds(velocity, position_rad)
         # rounding may exceed the limit by one ulp
         velocity = np.clip(velocity, -limits.speed_rad_s, limits.speed_rad_s)
-        self._last_rad_s = velocity
+        self._last_velocity_rad_s = velocity
         self.counters = replace(
             counters,
             ticks=counters.ticks + 1,
-            clamped=counters.clamped + bool(finite and not np.array_equal(velocity, wanted * self._share)),
+            clamped=counters.clamped
+            + bool(finite and not np.array_equal(velocity, wanted * self._ramp_scale)),
             stale_ticks=counters.stale_ticks + self.stale,
             rejected=counters.rejected + (not finite),
         )
@@ -128,20 +129,22 @@ class SafetyClamp:
         """Update the ramp's scale factor: zero without a finite command, falling while stale, else rising."""
         step = self._period_ns / self._limits.ramp_ns
         if not finite:
-            self._share = 0.0
+            self._ramp_scale = 0.0
         elif self.stale:
-            self._share = max(0.0, self._share - step)
+            self._ramp_scale = max(0.0, self._ramp_scale - step)
         else:
-            self._share = min(1.0, self._share + step)
+            self._ramp_scale = min(1.0, self._ramp_scale + step)
 
-    def _towards(self, target_rad_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _limit_acceleration(self, target_rad_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Step the last velocity towards the target, within the acceleration limit."""
         if self._limits.acceleration_rad_s2 is None:
             return target_rad_s
-        change = target_rad_s - self._last_rad_s
-        return self._last_rad_s + _scaled(change, self._limits.acceleration_rad_s2 * self._period_ns * 1e-9)
+        change = target_rad_s - self._last_velocity_rad_s
+        return self._last_velocity_rad_s + _scale_to_limit(
+            change, self._limits.acceleration_rad_s2 * self._period_ns * 1e-9
+        )
 
-    def _slowed(
+    def _limit_near_bounds(
         self, velocity_rad_s: NDArray[np.float64], position_rad: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Slow velocities towards the position limits, to zero beyond them; motion away is unrestricted."""
@@ -155,11 +158,11 @@ class SafetyClamp:
         return np.clip(velocity_rad_s, down, up)
 
 
-def _scaled(vector: NDArray[np.float64], largest: float) -> NDArray[np.float64]:
-    """Scale a vector so that no component exceeds `largest`; the direction is kept."""
+def _scale_to_limit(vector: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+    """Scale a vector so that no component exceeds `limit`; the direction is kept."""
     size = float(np.abs(vector).max(initial=0.0))
-    return vector if size <= largest else vector * (largest / size)
+    return vector if size <= limit else vector * (limit / size)
 
 
-def _old(t_ns: int, t_input_ns: int | None, max_age_ns: int) -> bool:
+def _is_stale(t_ns: int, t_input_ns: int | None, max_age_ns: int) -> bool:
     return t_input_ns is None or t_ns - t_input_ns > max_age_ns

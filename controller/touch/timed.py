@@ -1,6 +1,6 @@
 """Base class of stages with a fixed duration."""
 
-from controller.skin_input import SkinRows
+from controller.skin_input import CellRows
 
 __all__ = ["TimedStage"]
 
@@ -8,8 +8,8 @@ __all__ = ["TimedStage"]
 class TimedStage:
     """Stage of the program with a fixed duration and without a result."""
 
-    label = why = ""
-    wants_stream = False
+    state_name = reason = ""
+    needs_stream = False
 
     def __init__(self, duration_s: float, start_ns: int) -> None:
         self._start_ns, self._t_ns = start_ns, start_ns
@@ -25,7 +25,7 @@ class TimedStage:
         """Elapsed fraction of the duration, 0 to 1."""
         return min(1.0, (self._t_ns - self._start_ns) / self._duration_ns)
 
-    def take(self, stream: SkinRows) -> None:
+    def add_readings(self, stream: CellRows) -> None:
         """Ignore the readings: the tactile state contains them already."""
 
     def finish(self, t_ns: int) -> None:

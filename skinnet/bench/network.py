@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from skinnet.bench import heapq_network, ns3_network, simpy_network
-from skinnet.bench.patches import CELLS_PER_PATCH, PERIOD_NS, Workload, patches
-from skinnet.network.network import Network
-from skinnet.network.routes import NO_LINK, fewest_hops
+from skinnet.bench.patches import CELLS_PER_PATCH, PERIOD_NS, Workload, make_workload
+from skinnet.network.network import PacketNetwork
+from skinnet.network.routes import NO_LINK, min_hop_routes
 from skinnet.network.topology import Topology
 
-__all__ = ["measure", "published_worst_case_ms"]
+__all__ = ["published_worst_case_ms", "run_benchmarks"]
 
 _CELLS = 1000
 _SIZES = (100, 1000, 10_000, 100_000)
@@ -27,22 +27,24 @@ _IDLE_CALLS = 20_000
 _REPEATS = 4
 _SECOND_NS = 1_000_000_000
 
-Ends = dict[int, int]
+DeliveryTimes = dict[int, int]
 """Delivery time of each packet [ns], by its id."""
 
 
-def measure(*, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def run_benchmarks(
+    *, quick: bool = False, progress: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
     """Run all benchmarks; return metrics by flat names.
 
     A simulator that is absent has None for its metrics, and `missing.NAME` says why and what to install.
 
     Args:
         quick: Fewer packets and rounds.
-        say: Callback for progress, one line at a time.
+        progress: Callback for progress, one line at a time.
     """
     n_periods, n_rounds = (5, 1) if quick else (50, 5)
-    workload = patches(_CELLS, n_periods)
-    say("compiling")
+    workload = make_workload(_CELLS, n_periods)
+    progress("compiling")
     expected, hops = _deliveries(workload)
     figures: dict[str, Any] = {
         "cells": _CELLS,
@@ -52,11 +54,11 @@ def measure(*, quick: bool = False, say: Callable[[str], None] = lambda _: None)
         "packet_hops": hops,
     }
     with tempfile.TemporaryDirectory(prefix="skinnet-bench-") as folder:
-        for name, rival in _rivals(workload, Path(folder), figures).items():
-            figures |= _against(name, rival, workload, expected, hops, n_rounds, say)
+        for name, rival in _simulators(workload, Path(folder), figures).items():
+            figures |= _compare(name, rival, workload, expected, hops, n_rounds, progress)
     for n_cells in _SIZES[:-1] if quick else _SIZES:
-        say(f"{n_cells} cells")
-        figures |= _at_size(n_cells, 20_000 if quick else 300_000)
+        progress(f"{n_cells} cells")
+        figures |= _measure_size(n_cells, 20_000 if quick else 300_000)
     figures["uart8.ms"] = published_worst_case_ms()
     return figures
 
@@ -69,18 +71,18 @@ def published_worst_case_ms() -> float:
     """
     n_cells, n_transactions, hop_ns = 8, 3, 300_000
     wires = [(cell, 0, cell - 1, 1) for cell in range(1, n_cells + 1)]
-    network = Network(Topology.from_wires(n_cells + 1, wires, bits_per_s=_SECOND_NS, bits_per_byte=1))
-    network.set_routes(0, fewest_hops(network.topology, [0]))
+    network = PacketNetwork(Topology.from_wires(n_cells + 1, wires, bits_per_s=_SECOND_NS, bits_per_byte=1))
+    network.set_routes(0, min_hop_routes(network.topology, [0]))
     cell = np.repeat(np.arange(1, n_cells + 1), n_transactions)
-    network.offer(cell * 0, cell, cell * 0, cell * 0 + hop_ns, cell)
+    network.enqueue(cell * 0, cell, cell * 0, cell * 0 + hop_ns, cell)
     done = network.advance(_SECOND_NS)
     own_ns = done.t_ns[done.packet_id == 1].max()
     return float(done.t_ns.max() - own_ns) / 1e6
 
 
-def _rivals(
-    workload: Workload, folder: Path, figures: dict[str, Any]
-) -> dict[str, Callable[[], tuple[float, Ends]]]:
+def _simulators(
+    workload: Workload, folder: Path, metrics: dict[str, Any]
+) -> dict[str, Callable[[], tuple[float, DeliveryTimes]]]:
     """Simulators present, as calls that give CPU time [s] and deliveries; note why others are absent."""
     columns = (
         workload.t_ns,
@@ -91,12 +93,12 @@ def _rivals(
     )
     offers = [(*row, NO_LINK) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
-    def timed(simulate: Callable[[], list[heapq_network.End]]) -> tuple[float, Ends]:
+    def timed(simulate: Callable[[], list[heapq_network.PacketOutcome]]) -> tuple[float, DeliveryTimes]:
         start_s = time.process_time()
         ends = simulate()
         return time.process_time() - start_s, {end[0]: end[1] for end in ends if end[4] == 0}
 
-    def with_ns3(program: Path) -> tuple[float, Ends]:
+    def with_ns3(program: Path) -> tuple[float, DeliveryTimes]:
         done = ns3_network.run(program, folder, _end_ns(workload))
         return done.cpu_s, dict(done.delivered.tolist())
 
@@ -107,32 +109,32 @@ def _rivals(
     }
     program, why = ns3_network.build(folder)
     if program is None:
-        figures |= {"ratio.ns3": None, "missing.ns3": why}
+        metrics |= {"ratio.ns3": None, "missing.ns3": why}
     else:
         rivals["ns3"] = lambda: with_ns3(program)
         ns3_network.write_inputs(folder, workload)
     try:
         simpy_network.simulate(topology, routes, [])
     except ModuleNotFoundError:
-        figures |= {"ratio.simpy": None, "missing.simpy": "not installed; pip install simpy"}
+        metrics |= {"ratio.simpy": None, "missing.simpy": "not installed; pip install simpy"}
         del rivals["simpy"]
     return rivals
 
 
-def _against(
+def _compare(
     name: str,
-    rival: Callable[[], tuple[float, Ends]],
+    simulator: Callable[[], tuple[float, DeliveryTimes]],
     workload: Workload,
-    expected: Ends,
+    expected: DeliveryTimes,
     hops: int,
     n_rounds: int,
-    say: Callable[[str], None],
+    progress: Callable[[str], None],
 ) -> dict[str, Any]:
     ratios, kernel_s, rival_s, agree = [], [], [], True
     for number in range(n_rounds):
-        say(f"{name}, round {number + 1} of {n_rounds}")
+        progress(f"{name}, round {number + 1} of {n_rounds}")
         before_s = _kernel_s(workload)
-        cpu_s, delivered = rival()
+        cpu_s, delivered = simulator()
         own_s = (before_s + _kernel_s(workload)) / 2
         agree &= delivered == expected
         ratios.append(cpu_s / own_s)
@@ -148,10 +150,10 @@ def _against(
     }
 
 
-def _at_size(n_cells: int, n_packets: int) -> dict[str, Any]:
-    workload = patches(n_cells, max(2, n_packets // n_cells))
-    network = workload.network()
-    hops = _run(network, workload)
+def _measure_size(n_cells: int, n_packets: int) -> dict[str, Any]:
+    workload = make_workload(n_cells, max(2, n_packets // n_cells))
+    network = workload.make_network()
+    hops = _run_packets(network, workload)
     cpu_s = statistics.median(_kernel_s(workload, repeats=1) for _ in range(3))
     start_s = time.process_time()
     for t_ns in range(network.now_ns, network.now_ns + _IDLE_CALLS):
@@ -159,21 +161,21 @@ def _at_size(n_cells: int, n_packets: int) -> dict[str, Any]:
     idle_s = time.process_time() - start_s
     return {
         f"hops_per_s.cells_{n_cells}": hops / cpu_s,
-        f"bytes_per_cell.cells_{n_cells}": network.n_bytes / n_cells,
+        f"bytes_per_cell.cells_{n_cells}": network.memory_bytes / n_cells,
         f"idle_us.cells_{n_cells}": idle_s / _IDLE_CALLS * 1e6,
     }
 
 
 def _kernel_s(workload: Workload, repeats: int = _REPEATS) -> float:
     """CPU time of the kernel for all packets [s], from enqueueing to outcomes, period by period."""
-    networks = [workload.network() for _ in range(repeats)]
+    networks = [workload.make_network() for _ in range(repeats)]
     start_s = time.process_time()
     for network in networks:
-        _run(network, workload)
+        _run_packets(network, workload)
     return (time.process_time() - start_s) / repeats
 
 
-def _run(network: Network, workload: Workload) -> int:
+def _run_packets(network: PacketNetwork, workload: Workload) -> int:
     """Run all packets as a cell process does, period by period; return the packet-hops."""
     ids = np.arange(workload.n_packets)
     steps_ns = range(PERIOD_NS, _end_ns(workload) + PERIOD_NS, PERIOD_NS)
@@ -181,7 +183,7 @@ def _run(network: Network, workload: Workload) -> int:
     start = 0
     for stop, until_ns in zip(stops.tolist(), steps_ns, strict=True):
         now = slice(start, stop)
-        network.offer(
+        network.enqueue(
             workload.t_ns[now], workload.node[now], workload.dest[now], workload.size_bytes[now], ids[now]
         )
         network.advance(until_ns)
@@ -189,8 +191,8 @@ def _run(network: Network, workload: Workload) -> int:
     return int(network.link_counters.packets.sum())
 
 
-def _deliveries(workload: Workload) -> tuple[Ends, int]:
-    network = workload.network()
+def _deliveries(workload: Workload) -> tuple[DeliveryTimes, int]:
+    network = workload.make_network()
     columns = (
         workload.t_ns,
         workload.node,
@@ -198,7 +200,7 @@ def _deliveries(workload: Workload) -> tuple[Ends, int]:
         workload.size_bytes,
         np.arange(workload.n_packets),
     )
-    network.offer(*columns)
+    network.enqueue(*columns)
     done = network.advance(_end_ns(workload))
     assert network.counters.delivered == workload.n_packets, "the queues of the benchmark are long enough"
     ends = dict(zip(done.packet_id.tolist(), done.t_ns.tolist(), strict=True))

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.network.network import Network
-from skinnet.network.routes import Routes, fewest_hops
+from skinnet.network.network import PacketNetwork
+from skinnet.network.routes import Routes, min_hop_routes
 from skinnet.network.topology import Topology
-from skinnet.seeding import StreamName, stream
+from skinnet.seeding import StreamName, generator
 
-__all__ = ["CELLS_PER_PATCH", "PERIOD_NS", "Workload", "patches"]
+__all__ = ["CELLS_PER_PATCH", "PERIOD_NS", "Workload", "make_workload"]
 
 CELLS_PER_PATCH = 50
 PERIOD_NS = 4_000_000  # 250 Hz [M14]
@@ -43,14 +43,14 @@ class Workload:
         """Number of packets; they are numbered from 0."""
         return self.t_ns.size
 
-    def network(self) -> Network:
+    def make_network(self) -> PacketNetwork:
         """Packet network with these routes, idle."""
-        network = Network(self.topology)
+        network = PacketNetwork(self.topology)
         network.set_routes(0, self.routes)
         return network
 
 
-def patches(n_cells: int, n_periods: int) -> Workload:
+def make_workload(n_cells: int, n_periods: int) -> Workload:
     """Workload of `n_cells` four-port cells in trees, each sending to its interface in every period.
 
     Node p × 51 is the interface of patch p; the cells of its patch follow it, breadth first.
@@ -72,12 +72,12 @@ def patches(n_cells: int, n_periods: int) -> Workload:
         delay_ns=_DELAY_NS,
         queue_packets=_QUEUE_PACKETS,
     )
-    phase_ns = stream(1, StreamName.BENCHMARK, n_cells).integers(PERIOD_NS, size=n_cells)
+    phase_ns = generator(1, StreamName.BENCHMARK, n_cells).integers(PERIOD_NS, size=n_cells)
     order = np.argsort(phase_ns, kind="stable")
     t_ns = (np.arange(n_periods)[:, None] * PERIOD_NS + phase_ns[order]).ravel()
     return Workload(
         topology,
-        fewest_hops(topology, np.unique(interface)),
+        min_hop_routes(topology, np.unique(interface)),
         t_ns,
         np.tile(node[order], n_periods),
         np.tile(interface[order], n_periods),

@@ -6,7 +6,7 @@ SimPy is needed only here; routes are static, and packets are lost only to full 
 from collections.abc import Generator, Iterable
 from typing import Any
 
-from skinnet.bench.heapq_network import End, Offer
+from skinnet.bench.heapq_network import OfferedPacket, PacketOutcome
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK, Routes
 from skinnet.network.topology import Topology
@@ -14,7 +14,7 @@ from skinnet.network.topology import Topology
 __all__ = ["simulate"]
 
 
-def simulate(topology: Topology, routes: Routes, offers: Iterable[Offer]) -> list[End]:
+def simulate(topology: Topology, routes: Routes, packets: Iterable[OfferedPacket]) -> list[PacketOutcome]:
     """Simulate all packets; return their outcomes by packet id.
 
     Raises:
@@ -28,7 +28,7 @@ def simulate(topology: Topology, routes: Routes, offers: Iterable[Offer]) -> lis
     links = list(zip(*(getattr(topology, name).tolist() for name in columns), strict=True))
     entries = zip(routes.node.tolist(), routes.dest.tolist(), routes.link.tolist(), strict=True)
     way = {(node, dest): link for node, dest, link in entries}
-    ends: list[End] = []
+    ends: list[PacketOutcome] = []
 
     def travel(node: int, dest: int, size: int, number: int) -> Generator[Any]:
         link = NO_LINK
@@ -50,7 +50,7 @@ def simulate(topology: Topology, routes: Routes, offers: Iterable[Offer]) -> lis
         ends.append((number, env.now, node, link, Outcome.DELIVERED))
 
     def enter() -> Generator[Any]:
-        for t_ns, node, dest, size, number, _ in offers:
+        for t_ns, node, dest, size, number, _ in packets:
             if t_ns > env.now:
                 yield env.timeout(t_ns - env.now)
             env.process(travel(node, dest, size, number))

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model import BodyModel, resting_targets_rad
-from skinnet.compiled import borrowing
+from skinnet.body.model import BodyModel, equilibrium_targets_rad
+from skinnet.compiled import compiled_without_nrt
 from skinnet.deployment.schema import ServoSpec
 
-__all__ = ["Actuation", "acceptable"]
+__all__ = ["Actuation", "is_valid_command"]
 
 Floats = NDArray[np.float64]
 
@@ -31,20 +31,20 @@ class Actuation:
         data: MuJoCo's state.
         servo: Servo parameters of the deployment.
         velocity_rad_s: (D,) the active command [rad/s].
-        refused: Number of refused commands.
+        refused_commands: Number of refused commands.
     """
 
     model: BodyModel
     data: mujoco.MjData
     servo: ServoSpec
     velocity_rad_s: Floats = field(init=False)
-    refused: int = 0
+    refused_commands: int = 0
     _target_rad: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         """Set the servo targets to static equilibrium: the servos carry the weight of the arms."""
-        self.velocity_rad_s = np.zeros(len(self.model.joint))
-        self._target_rad = resting_targets_rad(self.data, self.model.actuator)
+        self.velocity_rad_s = np.zeros(len(self.model.joint_id))
+        self._target_rad = equilibrium_targets_rad(self.data, self.model.actuator_id)
         self.advance(0.0)
 
     def command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
@@ -54,9 +54,9 @@ class Actuation:
         the targets stay where they are.
         """
         velocity = np.asarray(velocity_rad_s, dtype=np.float64)
-        accepted = acceptable(velocity, len(self.velocity_rad_s), self.servo.speed_limit_rad_s)
+        accepted = is_valid_command(velocity, len(self.velocity_rad_s), self.servo.speed_limit_rad_s)
         self.velocity_rad_s = velocity.copy() if accepted else np.zeros_like(self.velocity_rad_s)
-        self.refused += not accepted
+        self.refused_commands += not accepted
         return accepted
 
     def advance(self, step_s: float) -> None:
@@ -68,18 +68,18 @@ class Actuation:
             self.servo.torque_limit_nm / self.servo.kp_nm_per_rad,
             step_s,
             self.data.qpos,
-            self.model.qpos,
+            self.model.qpos_address,
             self.data.ctrl,
-            self.model.actuator,
+            self.model.actuator_id,
         )
 
 
-def acceptable(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) -> bool:
+def is_valid_command(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) -> bool:
     """Validate a velocity command for `n_dofs` joints: |velocity| within the limit [rad/s], no NaN."""
     return velocity_rad_s.shape == (n_dofs,) and bool(np.all(np.abs(velocity_rad_s) <= limit_rad_s))
 
 
-@borrowing
+@compiled_without_nrt
 def _advance(
     target_rad: Floats,
     velocity_rad_s: Floats,

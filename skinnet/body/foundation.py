@@ -7,32 +7,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.model import PAYLOAD
-from skinnet.body.scene import Motion, Scene
-from skinnet.body.surface import Surface
+from skinnet.body.scene import ContactScene, Motion
+from skinnet.body.surface import SkinSurface
 from skinnet.body.things import OBJECT
-from skinnet.body.winkler import Foam, Pressed, Scratch, press
-from skinnet.body.yielding import Yielding, share_of, yielding_of
+from skinnet.body.winkler import ContactState, Foam, Workspace, compute_contact
+from skinnet.body.yielding import CompliantLayer, compliant_layer, foam_fraction
 from skinnet.deployment.schema import Deployment, FoamSpec
-from skinnet.deployment.things import NO_OBJECT, THINGS
+from skinnet.deployment.things import NO_OBJECT, OBJECTS
 
-__all__ = ["Foundation", "elastic_bodies", "foam_of"]
+__all__ = ["Foundation", "compliant_layers", "foam_from_spec"]
 
 Floats = NDArray[np.float64]
 
 
-def foam_of(spec: FoamSpec) -> Foam:
+def foam_from_spec(spec: FoamSpec) -> Foam:
     """Build the foam of a deployment."""
     return Foam(spec.thickness_m, spec.stiffness_pa_per_m, spec.damping_pa_s_per_m, spec.friction)
 
 
-def elastic_bodies(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, Yielding]:
+def compliant_layers(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, CompliantLayer]:
     """Compliance of the elastic bodies (payload, object), by body id."""
     foam, payload = deployment.body.foam, deployment.payload
     elastic = {}
     if payload is not None:
-        elastic[PAYLOAD] = Yielding(share_of(payload.sheet_stiffness_pa_per_m, foam))
+        elastic[PAYLOAD] = CompliantLayer(foam_fraction(payload.sheet_stiffness_pa_per_m, foam))
     if deployment.stand is not None and deployment.object != NO_OBJECT:
-        elastic[OBJECT] = yielding_of(THINGS[deployment.object].stiffness_pa_per_m, foam)
+        elastic[OBJECT] = compliant_layer(OBJECTS[deployment.object].stiffness_pa_per_m, foam)
     return {int(mj.body(name).id): yielding for name, yielding in elastic.items()}
 
 
@@ -46,53 +46,57 @@ class Foundation:
         foam: Material of the foam.
         motion: MuJoCo's poses and velocities, read in place.
         temperature_c: (nbody,) temperatures of the bodies [°C].
-        wrench: (nbody, 6) MuJoCo's `xfrc_applied`; forces are added in place.
-        pressed: Contact state of the last call of `press`.
-        touching: Number of cells in contact.
+        applied_wrench: (nbody, 6) MuJoCo's `xfrc_applied`; forces are added in place.
+        contact: Contact state of the last call of `compute_contact`.
+        n_in_contact: Number of cells in contact.
     """
 
-    surface: Surface
-    scene: Scene
+    surface: SkinSurface
+    scene: ContactScene
     foam: Foam
     motion: Motion
     temperature_c: Floats
-    wrench: Floats
-    pressed: Pressed = field(init=False)
-    touching: int = 0
-    _scratch: Scratch = field(init=False)
+    applied_wrench: Floats
+    contact: ContactState = field(init=False)
+    n_in_contact: int = 0
+    _scratch: Workspace = field(init=False)
 
     def __post_init__(self) -> None:
-        n, n_samples, n_bodies = len(self.surface.body), len(self.surface.sample_m), len(self.temperature_c)
-        self.pressed = Pressed(
-            force_n=np.zeros((n, self.surface.n_elements)),
-            touch_c=np.full(n, np.nan),
-            on_body_n=np.zeros(n_bodies),
-            by_patch_n=np.zeros((len(self.surface.patch_body), n_bodies)),
-            peak_n=np.zeros(1),
-            slid_n_m=np.zeros(n_bodies),
-            shear_m=np.zeros((n, n_samples, 2)),
-            loaded=np.zeros(n, dtype=np.bool_),
+        n, n_samples, n_bodies = (
+            len(self.surface.body_id),
+            len(self.surface.sample_m),
+            len(self.temperature_c),
         )
-        solids = len(self.scene.geom)
-        self._scratch = Scratch(
+        self.contact = ContactState(
+            force_n=np.zeros((n, self.surface.n_taxels)),
+            contact_temperature_c=np.full(n, np.nan),
+            body_normal_force_n=np.zeros(n_bodies),
+            patch_body_force_n=np.zeros((len(self.surface.patch_body_id), n_bodies)),
+            peak_force_n=np.zeros(1),
+            force_weighted_slip_n_m=np.zeros(n_bodies),
+            shear_m=np.zeros((n, n_samples, 2)),
+            in_contact=np.zeros(n, dtype=np.bool_),
+        )
+        solids = len(self.scene.geom_id)
+        self._scratch = Workspace(
             near=np.zeros(solids, dtype=np.int64),
             close=np.zeros(solids, dtype=np.int64),
             hit=np.zeros(n_samples, dtype=np.int64),
             nearest_m=np.zeros(n_samples),
         )
 
-    def press(self, step_s: float) -> None:
-        """Compute contact forces at the present poses and add them to `wrench`; step `step_s` [s]."""
-        if not len(self.surface.body):  # the call alone, with all its arrays, costs 7 µs
+    def compute_contact(self, step_s: float) -> None:
+        """Compute contact forces at the present poses and add them to `applied_wrench`; step `step_s` [s]."""
+        if not len(self.surface.body_id):  # the call alone, with all its arrays, costs 7 µs
             return
-        self.touching = press(
+        self.n_in_contact = compute_contact(
             self.surface,
             self.scene,
             self.motion,
             self.foam,
             self.temperature_c,
             step_s,
-            self.pressed,
-            self.wrench,
+            self.contact,
+            self.applied_wrench,
             self._scratch,
         )

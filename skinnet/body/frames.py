@@ -7,15 +7,15 @@ array passed to a function that is not inlined costs two atomic reference counts
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import borrowing
+from skinnet.compiled import compiled_without_nrt
 
-__all__ = ["rotated", "rotated_back"]
+__all__ = ["rotate", "rotate_inverse"]
 
 Floats = NDArray[np.float64]
 
 
-@borrowing
-def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+@compiled_without_nrt
+def rotate(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Rotate the vector (x, y, z) by row `index` of the rotation matrices `matrices` (·, 9)."""
     return (
         matrices[index, 0] * x + matrices[index, 1] * y + matrices[index, 2] * z,
@@ -24,8 +24,8 @@ def rotated(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple
     )
 
 
-@borrowing
-def rotated_back(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+@compiled_without_nrt
+def rotate_inverse(matrices: Floats, index: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Rotate the vector (x, y, z) by the inverse of row `index` of the matrices `matrices` (·, 9)."""
     return (
         matrices[index, 0] * x + matrices[index, 3] * y + matrices[index, 6] * z,

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import borrowing
+from skinnet.compiled import compiled_without_nrt
 
 __all__ = [
     "BOX",
@@ -20,7 +20,7 @@ __all__ = [
     "MESH",
     "PLANE",
     "SPHERE",
-    "entry_m",
+    "entry_distance_m",
 ]
 
 # mjtGeom, fixed here so that compiled code need not import MuJoCo; a test compares them.
@@ -30,8 +30,8 @@ _PARALLEL = 1e-300
 """Direction component below which a ray is parallel to a pair of faces."""
 
 
-@borrowing
-def _span(a: float, b: float, c: float) -> tuple[float, float]:
+@compiled_without_nrt
+def _quadratic_interval(a: float, b: float, c: float) -> tuple[float, float]:
     """Solve a t² + 2 b t + c ≤ 0 for the interval of t; empty is (inf, -inf)."""
     if a < 1e-18:  # the ray runs along the axis: inside everywhere or nowhere
         return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
@@ -42,7 +42,7 @@ def _span(a: float, b: float, c: float) -> tuple[float, float]:
     return (-b - root) / a, (-b + root) / a
 
 
-@borrowing
+@compiled_without_nrt
 def _slab(x: float, u: float, half: float) -> tuple[float, float]:
     """Clip a ray to the slab |x + t u| ≤ half: interval of t; empty is (inf, -inf)."""
     if abs(u) < _PARALLEL:
@@ -51,13 +51,13 @@ def _slab(x: float, u: float, half: float) -> tuple[float, float]:
     return min(first, second), max(first, second)
 
 
-@borrowing
-def _enter(first: float, last: float) -> float:
+@compiled_without_nrt
+def _entry_distance_m(first: float, last: float) -> float:
     """Entry distance [m] of a ray that is inside the solid from `first` to `last`; inf if behind."""
     return max(first, 0.0) if first <= last and last >= 0.0 else math.inf
 
 
-@borrowing
+@compiled_without_nrt
 def _plane(z: float, w: float) -> float:
     """Intersect the half-space z ≤ 0: planes are infinite here, as in MuJoCo's contacts."""
     if z <= 0.0:
@@ -65,22 +65,24 @@ def _plane(z: float, w: float) -> float:
     return -z / w if w < 0.0 else math.inf
 
 
-@borrowing
+@compiled_without_nrt
 def _sphere(x: float, y: float, z: float, u: float, v: float, w: float, radius: float) -> float:
-    first, last = _span(u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - radius * radius)
-    return _enter(first, last)
+    first, last = _quadratic_interval(
+        u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - radius * radius
+    )
+    return _entry_distance_m(first, last)
 
 
-@borrowing
+@compiled_without_nrt
 def _cylinder(
     x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float
 ) -> float:
-    side_first, side_last = _span(u * u + v * v, x * u + y * v, x * x + y * y - radius * radius)
+    side_first, side_last = _quadratic_interval(u * u + v * v, x * u + y * v, x * x + y * y - radius * radius)
     end_first, end_last = _slab(z, w, half)
-    return _enter(max(side_first, end_first), min(side_last, end_last))
+    return _entry_distance_m(max(side_first, end_first), min(side_last, end_last))
 
 
-@borrowing
+@compiled_without_nrt
 def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius: float, half: float) -> float:
     """Intersect a capsule, the union of a cylinder and two spheres: the first of their entries."""
     body = _cylinder(x, y, z, u, v, w, radius, half)
@@ -89,7 +91,7 @@ def _capsule(x: float, y: float, z: float, u: float, v: float, w: float, radius:
     return min(body, top, bottom)
 
 
-@borrowing
+@compiled_without_nrt
 def _ellipsoid(
     x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float
 ) -> float:
@@ -97,15 +99,15 @@ def _ellipsoid(
     return _sphere(x / a, y / b, z / c, u / a, v / b, w / c, 1.0)
 
 
-@borrowing
+@compiled_without_nrt
 def _box(x: float, y: float, z: float, u: float, v: float, w: float, a: float, b: float, c: float) -> float:
     first_x, last_x = _slab(x, u, a)
     first_y, last_y = _slab(y, v, b)
     first_z, last_z = _slab(z, w, c)
-    return _enter(max(first_x, first_y, first_z), min(last_x, last_y, last_z))
+    return _entry_distance_m(max(first_x, first_y, first_z), min(last_x, last_y, last_z))
 
 
-@borrowing
+@compiled_without_nrt
 def _mesh(
     x: float,
     y: float,
@@ -114,12 +116,12 @@ def _mesh(
     v: float,
     w: float,
     triangles_m: NDArray[np.float64],
-    first: int,
-    last: int,
+    first_triangle: int,
+    end_triangle: int,
 ) -> float:
     """Intersect a closed mesh (Möller and Trumbore, 1997); a first hit on a back face means inside."""
     nearest, behind = math.inf, False
-    for i in range(first, last):
+    for i in range(first_triangle, end_triangle):
         ax, ay, az = triangles_m[i, 0, 0], triangles_m[i, 0, 1], triangles_m[i, 0, 2]
         e1x, e1y, e1z = triangles_m[i, 1, 0] - ax, triangles_m[i, 1, 1] - ay, triangles_m[i, 1, 2] - az
         e2x, e2y, e2z = triangles_m[i, 2, 0] - ax, triangles_m[i, 2, 1] - ay, triangles_m[i, 2, 2] - az
@@ -141,15 +143,15 @@ def _mesh(
     return 0.0 if behind else nearest
 
 
-@borrowing
-def entry_m(
-    kind: int,
+@compiled_without_nrt
+def entry_distance_m(
+    geom_type: int,
     a: float,
     b: float,
     c: float,
     triangles_m: NDArray[np.float64],
-    first: int,
-    last: int,
+    first_triangle: int,
+    end_triangle: int,
     x: float,
     y: float,
     z: float,
@@ -157,16 +159,17 @@ def entry_m(
     v: float,
     w: float,
 ) -> float:
-    """Ray distance [m] from (x, y, z) along (u, v, w) to the solid of MuJoCo type `kind`, in its frame.
+    """Ray distance [m] from (x, y, z) along (u, v, w) to the solid of MuJoCo type `geom_type`, in its frame.
 
     Args:
-        kind: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; rays miss all others.
+        geom_type: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; rays miss all others.
         a: Size of the solid as in MuJoCo's `geom_size`, with b and c [m].
         b: See a.
         c: See a.
-        triangles_m: (t, 3, 3) corners of all meshes' triangles; this mesh has `first` to `last`.
-        first: First triangle of the mesh.
-        last: One past its last triangle.
+        triangles_m: (t, 3, 3) corners of all meshes' triangles; this mesh has those from
+            `first_triangle` to `end_triangle`.
+        first_triangle: First triangle of the mesh.
+        end_triangle: One past its last triangle.
         x: Origin of the ray in the frame of the solid [m], with y and z.
         y: See x.
         z: See x.
@@ -174,18 +177,18 @@ def entry_m(
         v: See u.
         w: See u.
     """
-    if kind == CAPSULE:
+    if geom_type == CAPSULE:
         return _capsule(x, y, z, u, v, w, a, b)
-    if kind == BOX:
+    if geom_type == BOX:
         return _box(x, y, z, u, v, w, a, b, c)
-    if kind == SPHERE:
+    if geom_type == SPHERE:
         return _sphere(x, y, z, u, v, w, a)
-    if kind == CYLINDER:
+    if geom_type == CYLINDER:
         return _cylinder(x, y, z, u, v, w, a, b)
-    if kind == ELLIPSOID:
+    if geom_type == ELLIPSOID:
         return _ellipsoid(x, y, z, u, v, w, a, b, c)
-    if kind == PLANE:
+    if geom_type == PLANE:
         return _plane(z, w)
-    if kind == MESH:
-        return _mesh(x, y, z, u, v, w, triangles_m, first, last)
+    if geom_type == MESH:
+        return _mesh(x, y, z, u, v, w, triangles_m, first_triangle, end_triangle)
     return math.inf

@@ -7,23 +7,23 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.stand import Phase, Stand
-from skinnet.body.things import OBJECT, STAND, Presented
-from skinnet.body.winkler import Pressed
+from skinnet.body.stand import Stand, StandPhase
+from skinnet.body.things import OBJECT, STAND, PlacedObject
+from skinnet.body.winkler import ContactState
 from skinnet.clock import NS_PER_S
 from skinnet.errors import DeploymentError
 
-__all__ = ["GraspTruth", "Met"]
+__all__ = ["GraspGroundTruth", "RigidContact"]
 
 Floats = NDArray[np.float64]
-_TOUCH_N = 0.1
+_MIN_CONTACT_N = 0.1
 """Minimum force [N] of a rigid contact: a link under skin exerts up to this on a compliant object."""
-_GONE = (Phase.LOWERING, Phase.AWAY, Phase.RETURNING)
+_UNSUPPORTED_PHASES = (StandPhase.LOWERING, StandPhase.LOWERED, StandPhase.RETURNING)
 """Phases of the stand in which it does not support the object that the robot holds."""
 
 
 @dataclass
-class Met:
+class RigidContact:
     """Rigid contact of object or stand with one geom of the robot or the world, from 0.1 N on.
 
     Attributes:
@@ -48,63 +48,68 @@ class Met:
         self.stages[stage] = self.stages.get(stage, 0.0) + step_s
 
 
-class _Pair(NamedTuple):
-    """Contact pair: object or stand, the other geom, and `between` if the other is object or stand too."""
+class _ContactPair(NamedTuple):
+    """Contact pair: object or stand, the other geom, and `is_internal` if that is object or stand too."""
 
-    mine: int
-    other: int
-    between: bool
+    body_id: int
+    geom_id: int
+    is_internal: bool
 
 
-class GraspTruth:
+class GraspGroundTruth:
     """Ground-truth recorder of object and stand during a grasp.
 
     Attributes:
-        object_met: Rigid contacts of the object, except with skin and stand, by geom name.
-        stand_met: Rigid contacts of the stand, except with the object, by geom name.
-        left_ns: Time at which the object first lost contact with the stand [ns], or None.
+        object_contacts: Rigid contacts of the object, except with skin and stand, by geom name.
+        stand_contacts: Rigid contacts of the stand, except with the object, by geom name.
+        lift_off_ns: Time at which the object first lost contact with the stand [ns], or None.
         dropped_ns: Time at which its centre first was below the stand's top [ns], or None.
         carried_s: Time off the stand before it was dropped [s].
-        carried_away_s: Part of `carried_s` while the stand was away [s].
-        sunk_m: Largest descent while the stand was lowering, away or returning [m].
+        carried_without_stand_s: Part of `carried_s` while the stand was away [s].
+        descent_m: Largest descent while the stand was lowering, away or returning [m].
         peak_speed_m_s: Largest speed off the stand [m/s].
     """
 
     def __init__(
-        self, data: mujoco.MjData, presented: Presented, stand: Stand, pressed: Pressed, every_ns: int
+        self,
+        data: mujoco.MjData,
+        placed_object: PlacedObject,
+        stand: Stand,
+        contact: ContactState,
+        period_ns: int,
     ) -> None:
         """Initialise the recorder before the first step.
 
         Args:
             data: MuJoCo's state.
-            presented: Stand and object in front of the robot.
+            placed_object: Stand and object in front of the robot.
             stand: Motion of the stand.
-            pressed: Contact state of the cells' foundation.
-            every_ns: Recording period [ns].
+            contact: Contact state of the cells' foundation.
+            period_ns: Recording period [ns].
         """
-        self.object_met: dict[str, Met] = {}
-        self.stand_met: dict[str, Met] = {}
-        self.left_ns: int | None = None
+        self.object_contacts: dict[str, RigidContact] = {}
+        self.stand_contacts: dict[str, RigidContact] = {}
+        self.lift_off_ns: int | None = None
         self.dropped_ns: int | None = None
-        self.carried_s = self.carried_away_s = self.sunk_m = self.peak_speed_m_s = 0.0
-        self._data, self._presented, self._stand, self._pressed = data, presented, stand, pressed
-        self._every_ns, self._stage = every_ns, ""
+        self.carried_s = self.carried_without_stand_s = self.descent_m = self.peak_speed_m_s = 0.0
+        self._data, self._placed_object, self._stand, self._contact = data, placed_object, stand, contact
+        self._period_ns, self._stage = period_ns, ""
         mj = data.model
-        there = presented.thing is not None
+        there = placed_object.object_model is not None
         self._body = int(mj.body(OBJECT).id) if there else -1
-        self._dof = int(mj.joint(OBJECT).dofadr[0]) if there and not presented.stand.stuck else -1
-        self._owner = mj.geom_bodyid.tolist()
+        self._dof = int(mj.joint(OBJECT).dofadr[0]) if there and not placed_object.stand.stuck else -1
+        self._geom_body = mj.geom_bodyid.tolist()
         stand_body = int(mj.body(STAND).id)
-        self._ours = [stand_body, self._body] if there else [stand_body]
-        self._names = [mj.geom(i).name or f"{mj.body(b).name}[{i}]" for i, b in enumerate(self._owner)]
+        self._watched_bodies = [stand_body, self._body] if there else [stand_body]
+        self._names = [mj.geom(i).name or f"{mj.body(b).name}[{i}]" for i, b in enumerate(self._geom_body)]
         self._wrench = np.zeros(6)
-        self._held_at_m: float | None = None
+        self._supported_height_m: float | None = None
         self._t_ns: list[int] = []
         self._top_m: list[float] = []
         self._poses: list[Floats] = []
         self._patch_n: list[Floats] = []
         self._speeds_m_s: list[float] = []
-        self._standing_n: list[float] = []
+        self._stand_force_n: list[float] = []
 
     def require_clear(self) -> None:
         """Check that object and stand are clear of robot and skin; needs contacts at the present state.
@@ -112,9 +117,9 @@ class GraspTruth:
         Raises:
             DeploymentError: a geom or the skin touches them.
         """
-        pairs = map(self._of_ours, self._data.contact.geom.tolist())
-        touched = [self._names[pair.other] for pair in pairs if pair is not None and not pair.between]
-        if self._pressed.by_patch_n[:, self._ours].any():
+        pairs = map(self._contact_pair, self._data.contact.geom.tolist())
+        touched = [self._names[pair.geom_id] for pair in pairs if pair is not None and not pair.is_internal]
+        if self._contact.patch_body_force_n[:, self._watched_bodies].any():
             touched.append("skin")
         if touched:
             raise DeploymentError(
@@ -126,40 +131,40 @@ class GraspTruth:
         """Begin stage `name` of the controller's program."""
         self._stage = name
 
-    def observe(self, t_ns: int, step_s: float) -> None:
+    def record(self, t_ns: int, step_s: float) -> None:
         """Record contacts and poses at `t_ns` [ns]; they count for `step_s` [s]."""
-        record = t_ns % self._every_ns == 0
-        standing_n = self._watch_contacts(t_ns, step_s, record) if self._data.ncon else 0.0
+        record = t_ns % self._period_ns == 0
+        standing_n = self._record_contacts(t_ns, step_s, record) if self._data.ncon else 0.0
         if record:
             self._t_ns.append(t_ns)
-            self._top_m.append(float(self._data.xpos[self._ours[0], 2]))
+            self._top_m.append(float(self._data.xpos[self._watched_bodies[0], 2]))
             if self._body >= 0:
-                self._watch_object(t_ns, standing_n)
+                self._record_object(t_ns, standing_n)
 
     def facts(self) -> dict[str, Any]:
         """Facts of the grasp for the body's process result."""
-        presented = self._presented
+        presented = self._placed_object
         stand = {
             "phases": [[t_ns, phase.value] for t_ns, phase in self._stand.history],
-            "met": {name: vars(met) for name, met in self.stand_met.items()},
+            "met": {name: vars(met) for name, met in self.stand_contacts.items()},
         }
-        if presented.thing is None:
+        if presented.object_model is None:
             return {"stand": stand, "object": None}
         thing = {
             "name": presented.name,
-            "size_m": presented.thing.size_m,
-            "mass_kg": presented.thing.mass_kg,
-            "stiffness_pa_per_m": presented.thing.stiffness_pa_per_m,
-            "placed_m": presented.at_m,
+            "size_m": presented.object_model.size_m,
+            "mass_kg": presented.object_model.mass_kg,
+            "stiffness_pa_per_m": presented.object_model.stiffness_pa_per_m,
+            "placed_m": presented.position_m,
             "yaw_rad": presented.yaw_rad,
             "stuck": presented.stand.stuck,
-            "left_stand_ns": self.left_ns,
+            "left_stand_ns": self.lift_off_ns,
             "dropped_ns": self.dropped_ns,
             "carried_s": self.carried_s,
-            "carried_away_s": self.carried_away_s,
-            "sunk_m": self.sunk_m,
+            "carried_away_s": self.carried_without_stand_s,
+            "sunk_m": self.descent_m,
             "peak_speed_m_s": self.peak_speed_m_s,
-            "met": {name: vars(met) for name, met in self.object_met.items()},
+            "met": {name: vars(met) for name, met in self.object_contacts.items()},
         }
         return {"stand": stand, "object": thing}
 
@@ -175,64 +180,64 @@ class GraspTruth:
         }
         if self._body < 0:
             return arrays
-        n_patches = len(self._pressed.by_patch_n)
+        n_patches = len(self._contact.patch_body_force_n)
         return arrays | {
             "object_t_ns": arrays["stand_t_ns"],
             "object_pose": np.array(self._poses, dtype=np.float32).reshape(-1, 7),
             "object_patch_n": np.array(self._patch_n, dtype=np.float32).reshape(-1, n_patches),
             "object_speed_m_s": np.array(self._speeds_m_s, dtype=np.float32),
-            "object_on_stand_n": np.array(self._standing_n, dtype=np.float32),
+            "object_on_stand_n": np.array(self._stand_force_n, dtype=np.float32),
         }
 
-    def _of_ours(self, geoms: list[int]) -> _Pair | None:
+    def _contact_pair(self, geoms: list[int]) -> _ContactPair | None:
         """Contact pair of two geoms if object or stand is one of them, else None."""
         one, other = geoms
-        mine, theirs = self._owner[one], self._owner[other]
-        if mine in self._ours:
-            return _Pair(mine, other, theirs in self._ours)
-        return _Pair(theirs, one, between=False) if theirs in self._ours else None
+        mine, theirs = self._geom_body[one], self._geom_body[other]
+        if mine in self._watched_bodies:
+            return _ContactPair(mine, other, theirs in self._watched_bodies)
+        return _ContactPair(theirs, one, is_internal=False) if theirs in self._watched_bodies else None
 
-    def _watch_contacts(self, t_ns: int, step_s: float, record: bool) -> float:
+    def _record_contacts(self, t_ns: int, step_s: float, record: bool) -> float:
         """Record rigid contacts of object and stand; return the force between them [N], 0 if not recorded."""
         standing_n = 0.0
-        forces: dict[_Pair, float] = {}
+        forces: dict[_ContactPair, float] = {}
         for index, geoms in enumerate(self._data.contact.geom.tolist()):
-            pair = self._of_ours(geoms)
-            if pair is None or (pair.between and not record):
+            pair = self._contact_pair(geoms)
+            if pair is None or (pair.is_internal and not record):
                 continue
             mujoco.mj_contactForce(self._data.model, self._data, index, self._wrench)
             force_n = float(self._wrench[0])
-            if pair.between:
+            if pair.is_internal:
                 standing_n += force_n
             else:
                 forces[pair] = forces.get(pair, 0.0) + force_n
         for pair, force_n in forces.items():
-            if force_n < _TOUCH_N:
+            if force_n < _MIN_CONTACT_N:
                 continue
-            met = self.object_met if pair.mine == self._body else self.stand_met
-            name = self._names[pair.other]
-            met.setdefault(name, Met(t_ns)).observe(t_ns, step_s, force_n, self._stage)
+            met = self.object_contacts if pair.body_id == self._body else self.stand_contacts
+            name = self._names[pair.geom_id]
+            met.setdefault(name, RigidContact(t_ns)).observe(t_ns, step_s, force_n, self._stage)
         return standing_n
 
-    def _watch_object(self, t_ns: int, standing_n: float) -> None:
+    def _record_object(self, t_ns: int, stand_force_n: float) -> None:
         data, body, phase = self._data, self._body, self._stand.phase
         height_m = float(data.xpos[body, 2])
         free = self._dof >= 0
         speed_m_s = float(np.linalg.norm(data.qvel[self._dof : self._dof + 3])) if free else 0.0
         self._poses.append(np.concatenate([data.xpos[body], data.xquat[body]]))
-        self._patch_n.append(self._pressed.by_patch_n[:, body].copy())
+        self._patch_n.append(self._contact.patch_body_force_n[:, body].copy())
         self._speeds_m_s.append(speed_m_s)
-        self._standing_n.append(standing_n)
+        self._stand_force_n.append(stand_force_n)
         if self.dropped_ns is None and height_m < self._top_m[-1]:
             self.dropped_ns = t_ns
-        if free and t_ns > 0 and standing_n == 0.0:
-            period_s = self._every_ns / NS_PER_S
-            self.left_ns = t_ns if self.left_ns is None else self.left_ns
+        if free and t_ns > 0 and stand_force_n == 0.0:
+            period_s = self._period_ns / NS_PER_S
+            self.lift_off_ns = t_ns if self.lift_off_ns is None else self.lift_off_ns
             self.peak_speed_m_s = max(self.peak_speed_m_s, speed_m_s)
             if self.dropped_ns is None:
                 self.carried_s += period_s
-                self.carried_away_s += period_s if phase is Phase.AWAY else 0.0
-        if phase not in _GONE:
-            self._held_at_m = height_m
-        elif self._held_at_m is not None:
-            self.sunk_m = max(self.sunk_m, self._held_at_m - height_m)
+                self.carried_without_stand_s += period_s if phase is StandPhase.LOWERED else 0.0
+        if phase not in _UNSUPPORTED_PHASES:
+            self._supported_height_m = height_m
+        elif self._supported_height_m is not None:
+            self.descent_m = max(self.descent_m, self._supported_height_m - height_m)

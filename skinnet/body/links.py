@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skinnet.body.model import load_model, require_body
+from skinnet.body.model import load_model, require_body_id
 from skinnet.deployment.schema import Deployment
 
-__all__ = ["WORLD", "LinkPoses", "Links"]
+__all__ = ["WORLD_FRAME", "LinkKinematics", "LinkPoses"]
 
 Floats = NDArray[np.float64]
-WORLD = "world"
+WORLD_FRAME = "world"
 """Name of the world frame."""
 
 
@@ -37,13 +37,13 @@ class LinkPoses(NamedTuple):
     quaternion: Floats
 
 
-class Links:
+class LinkKinematics:
     """Links of a robot and of fixtures in the world, parents before children.
 
     Attributes:
         names: Name of each link.
-        parent: Index of each link's parent, −1 for the world.
-        moves: (n,) True where a controlled joint moves the link relative to its parent.
+        parent_index: Index of each link's parent, −1 for the world.
+        has_controlled_joint: (n,) True where a controlled joint moves the link relative to its parent.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -58,36 +58,36 @@ class Links:
         mj = self._model.mj
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos
-        moved = {int(body) for body in mj.jnt_bodyid[self._model.joint]}
+        moved = {int(body) for body in mj.jnt_bodyid[self._model.joint_id]}
         named = {deployment.body.reference, *(patch.body for patch in deployment.patches)}
         named |= {surface.body for surface in deployment.surfaces}
-        robot = moved | {require_body(mj, name, "body", deployment.body.model) for name in named}
-        self._body = [body for body in range(1, mj.nbody) if self._stands(body, robot)]
-        number = {body: i for i, body in enumerate(self._body)}
-        self.names = [mj.body(body).name or f"body{body}" for body in self._body]
-        self.parent = [number.get(int(mj.body_parentid[body]), -1) for body in self._body]
-        self.moves = np.array([body in moved for body in self._body])
+        robot = moved | {require_body_id(mj, name, "body", deployment.body.model) for name in named}
+        self._body_id = [body for body in range(1, mj.nbody) if self._is_robot_or_fixture(body, robot)]
+        number = {body: i for i, body in enumerate(self._body_id)}
+        self.names = [mj.body(body).name or f"body{body}" for body in self._body_id]
+        self.parent_index = [number.get(int(mj.body_parentid[body]), -1) for body in self._body_id]
+        self.has_controlled_joint = np.array([body in moved for body in self._body_id])
 
     @property
     def n_dofs(self) -> int:
         """Number of controlled joints."""
-        return len(self._model.joint)
+        return len(self._model.joint_id)
 
     def poses(self, position_rad: ArrayLike) -> LinkPoses:
         """Compute link poses at the positions (D,) [rad] of the controlled joints."""
         data = self._data
-        data.qpos[self._model.qpos] = np.asarray(position_rad, dtype=np.float64)
+        data.qpos[self._model.qpos_address] = np.asarray(position_rad, dtype=np.float64)
         mujoco.mj_kinematics(self._model.mj, data)
-        position_m = data.xpos[self._body].copy()
-        rotation = data.xmat[self._body].reshape(-1, 3, 3).copy()
+        position_m = data.xpos[self._body_id].copy()
+        rotation = data.xmat[self._body_id].reshape(-1, 3, 3).copy()
         # the world's pose is appended after the last link, where index −1 finds it
-        above_m = np.vstack([position_m, np.zeros((1, 3))])[self.parent]
-        R_world_parent = np.concatenate([rotation, np.eye(3)[None]])[self.parent]
+        above_m = np.vstack([position_m, np.zeros((1, 3))])[self.parent_index]
+        R_world_parent = np.concatenate([rotation, np.eye(3)[None]])[self.parent_index]
         R_parent_world = R_world_parent.transpose(0, 2, 1)
         offset_m = np.einsum("nij,nj->ni", R_parent_world, position_m - above_m)
         return LinkPoses(position_m, rotation, offset_m, _quaternions(R_parent_world @ rotation))
 
-    def _stands(self, body: int, robot: set[int]) -> bool:
+    def _is_robot_or_fixture(self, body: int, robot: set[int]) -> bool:
         """Test that a body belongs to the robot or is fixed in the world, not a free or mocap body."""
         mj = self._model.mj
         root = int(mj.body_rootid[body])

@@ -6,13 +6,13 @@ import numpy as np
 from skinnet.body.model import FINGER, PAYLOAD
 from skinnet.body.things import OBJECT, STAND
 
-__all__ = ["LOOSE", "LooseBodies"]
+__all__ = ["FREE_BODIES", "FreeBodies"]
 
-LOOSE = {"finger": FINGER, "payload": PAYLOAD, "stand": STAND, "object": OBJECT}
+FREE_BODIES = {"finger": FINGER, "payload": PAYLOAD, "stand": STAND, "object": OBJECT}
 """Names of free bodies in messages, mapped to their body names in the model."""
 
 
-class LooseBodies:
+class FreeBodies:
     """Free bodies of a simulation; poses come from the generalised state, valid between two steps.
 
     Args:
@@ -23,7 +23,7 @@ class LooseBodies:
         self._data = data
         mj = data.model
         self._body: dict[str, int] = {}
-        for name, body in LOOSE.items():
+        for name, body in FREE_BODIES.items():
             index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, body)
             if index >= 0:
                 self._body[name] = index

@@ -9,29 +9,37 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.things import OBJECT, STAND, Presented, add_stand, solids_of
-from skinnet.body.yielding import delay_rigid_contact, yielding_of
+from skinnet.body.things import OBJECT, STAND, PlacedObject, add_stand, solids_by_geom_name
+from skinnet.body.yielding import compliant_layer, delay_rigid_contact
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.payload import PayloadSpec
 from skinnet.deployment.schema import BodySpec
 from skinnet.errors import DeploymentError, ModelError
 from skinnet.skin.placement import PlacedPatch
 
-__all__ = ["FINGER", "PAYLOAD", "BodyModel", "body_spec", "load_model", "require_body", "resting_targets_rad"]
+__all__ = [
+    "FINGER",
+    "PAYLOAD",
+    "BodyModel",
+    "build_mj_spec",
+    "equilibrium_targets_rad",
+    "load_model",
+    "require_body_id",
+]
 
 FINGER = "teacher_finger"
 PAYLOAD = "payload"
-_BESIDE = (FINGER, PAYLOAD, STAND, OBJECT)
+_NON_ROBOT_BODIES = (FINGER, PAYLOAD, STAND, OBJECT)
 """Bodies that are not part of the robot."""
 _ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _MODELS = Path(__file__).parent / "models"
-_SWAY_STIFFENING = 10.0
+_SWAY_STIFFNESS_RATIO = 10.0
 """Stiffness ratio of sway joints, which model a balancing lower body, to the arms' servos (assumed)."""
 _FINGER_LENGTH_M = 0.06
-_EVERYTHING = 2**31 - 1
+_ALL_CONTACT_BITS = 2**31 - 1
 """Contact bits (contype, conaffinity) of the finger: it collides with every contact geom."""
-_SKIN_TONE = (0.93, 0.72, 0.60, 1.0)
-_PAYLOAD_TINT = (0.80, 0.62, 0.36, 1.0)
+_FINGER_RGBA = (0.93, 0.72, 0.60, 1.0)
+_PAYLOAD_RGBA = (0.80, 0.62, 0.36, 1.0)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -43,38 +51,38 @@ class BodyModel:
 
     Attributes:
         mj: MuJoCo's model.
-        joint: (D,) ids of the controlled joints, in the order of commands and feedback.
-        qpos: (D,) their addresses in `qpos`.
-        dof: (D,) their addresses in `qvel`.
+        joint_id: (D,) ids of the controlled joints, in the order of commands and feedback.
+        qpos_address: (D,) their addresses in `qpos_address`.
+        dof_address: (D,) their addresses in `qvel`.
         range_rad: (D, 2) their limits, infinite where the model has none [rad].
-        actuator: (D,) ids of their position servos.
-        sway_actuator: (W,) ids of the servos of the sway joints.
-        sway_qpos: (W,) addresses of the sway joints in `qpos`.
-        finger: Body id of the teacher's finger, a mocap body.
+        actuator_id: (D,) ids of their position servos.
+        sway_actuator_id: (W,) ids of the servos of the sway joints.
+        sway_qpos_address: (W,) addresses of the sway joints in `qpos_address`.
+        finger_body_id: Body id of the teacher's finger, a mocap body.
         home_qpos: (nq,) configuration at the start of a run.
         temperature_c: (nbody,) temperature of every body [°C].
     """
 
     mj: mujoco.MjModel
-    joint: Indices
-    qpos: Indices
-    dof: Indices
+    joint_id: Indices
+    qpos_address: Indices
+    dof_address: Indices
     range_rad: Floats
-    actuator: Indices
-    sway_actuator: Indices
-    sway_qpos: Indices
-    finger: int
+    actuator_id: Indices
+    sway_actuator_id: Indices
+    sway_qpos_address: Indices
+    finger_body_id: int
     home_qpos: Floats
     temperature_c: Floats
 
 
-def body_spec(
+def build_mj_spec(
     body: BodySpec,
     base_dir: Path,
     finger_radius_m: float,
-    finger_tint: tuple[float, ...] = _SKIN_TONE,
+    finger_rgba: tuple[float, ...] = _FINGER_RGBA,
     payload: PayloadSpec | None = None,
-    presented: Presented | None = None,
+    placed_object: PlacedObject | None = None,
 ) -> mujoco.MjSpec:
     """Build the editable model (`MjSpec`) of `body` with servos, finger, payload and stand.
 
@@ -82,9 +90,9 @@ def body_spec(
         body: Body section of the deployment.
         base_dir: Folder that `body.model` is relative to.
         finger_radius_m: Radius of the finger's tip [m].
-        finger_tint: Colour of the finger.
+        finger_rgba: Colour of the finger.
         payload: The payload that the robot holds, if any.
-        presented: The stand with its object, if any.
+        placed_object: The stand with its object, if any.
 
     Raises:
         ModelError: MuJoCo cannot read the file, or it lacks a joint or has it of another kind.
@@ -107,13 +115,16 @@ def body_spec(
         _add_servo(spec, joint, servo.kp_nm_per_rad, servo.kv_nm_s_per_rad, servo.torque_limit_nm)
     for joint in body.sway.joints:
         _add_servo(
-            spec, joint, _SWAY_STIFFENING * servo.kp_nm_per_rad, _SWAY_STIFFENING * servo.kv_nm_s_per_rad
+            spec,
+            joint,
+            _SWAY_STIFFNESS_RATIO * servo.kp_nm_per_rad,
+            _SWAY_STIFFNESS_RATIO * servo.kv_nm_s_per_rad,
         )
-    _add_finger(spec, finger_radius_m, finger_tint)
+    _add_finger(spec, finger_radius_m, finger_rgba)
     if payload is not None:
         _add_payload(spec, payload, body.foam.friction)
-    if presented is not None:
-        add_stand(spec, presented)
+    if placed_object is not None:
+        add_stand(spec, placed_object)
     spec.option.timestep = body.physics_ns / NS_PER_S
     # Stiff servos on light links need implicit velocity terms; MuJoCo must not reset an unstable step.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -125,12 +136,12 @@ def load_model(
     body: BodySpec,
     base_dir: Path,
     finger_radius_m: float,
-    finger_c: float,
+    finger_temperature_c: float,
     payload: PayloadSpec | None = None,
-    presented: Presented | None = None,
+    placed_object: PlacedObject | None = None,
     patches: Sequence[PlacedPatch] = (),
 ) -> BodyModel:
-    """Compile the model of `body`, with a finger of temperature `finger_c` [°C]; else as `body_spec`.
+    """Compile the model of `body`, with a finger at `finger_temperature_c` [°C]; else as `build_mj_spec`.
 
     Rigid contact of the object with links under `patches` is delayed until the object is compressed.
 
@@ -138,15 +149,15 @@ def load_model(
         ModelError: the model does not compile or lacks what the deployment names.
         DeploymentError: the deployment contradicts itself or the model's limits.
     """
-    spec = body_spec(body, base_dir, finger_radius_m, payload=payload, presented=presented)
+    spec = build_mj_spec(body, base_dir, finger_radius_m, payload=payload, placed_object=placed_object)
     path = _model_path(body.model, base_dir)
     mj = _compile(spec, path)
-    require_body(mj, body.reference, "body.reference", path)
-    if presented is not None and presented.thing is not None:
+    require_body_id(mj, body.reference, "body.reference", path)
+    if placed_object is not None and placed_object.object_model is not None:
         for patch in patches:
-            require_body(mj, patch.body, f"patches.{patch.name}.body", path)
-        give_m = yielding_of(presented.thing.stiffness_pa_per_m, body.foam).give_m
-        delay_rigid_contact(spec, mj, patches, list(solids_of(presented.thing)), give_m)
+            require_body_id(mj, patch.body, f"patches.{patch.name}.body", path)
+        give_m = compliant_layer(placed_object.object_model.stiffness_pa_per_m, body.foam).max_indentation_m
+        delay_rigid_contact(spec, mj, patches, list(solids_by_geom_name(placed_object.object_model)), give_m)
         mj = _compile(spec, path)
     joint = np.array([mj.joint(name).id for name in body.joints], dtype=np.int64)
     sway = np.array([mj.joint(name).id for name in body.sway.joints], dtype=np.int64)
@@ -154,16 +165,16 @@ def load_model(
     unlimited = np.array([-math.inf, math.inf])
     return BodyModel(
         mj=mj,
-        joint=joint,
-        qpos=mj.jnt_qposadr[joint].astype(np.int64),
-        dof=mj.jnt_dofadr[joint].astype(np.int64),
+        joint_id=joint,
+        qpos_address=mj.jnt_qposadr[joint].astype(np.int64),
+        dof_address=mj.jnt_dofadr[joint].astype(np.int64),
         range_rad=np.where(limited, mj.jnt_range[joint], unlimited),
-        actuator=np.array([mj.actuator(name).id for name in body.joints], dtype=np.int64),
-        sway_actuator=np.array([mj.actuator(name).id for name in body.sway.joints], dtype=np.int64),
-        sway_qpos=mj.jnt_qposadr[sway].astype(np.int64),
-        finger=int(mj.body(FINGER).id),
+        actuator_id=np.array([mj.actuator(name).id for name in body.joints], dtype=np.int64),
+        sway_actuator_id=np.array([mj.actuator(name).id for name in body.sway.joints], dtype=np.int64),
+        sway_qpos_address=mj.jnt_qposadr[sway].astype(np.int64),
+        finger_body_id=int(mj.body(FINGER).id),
         home_qpos=_home_qpos(mj, body, path),
-        temperature_c=_temperatures_c(mj, body, path, finger_c),
+        temperature_c=_temperatures_c(mj, body, path, finger_temperature_c),
     )
 
 
@@ -174,17 +185,17 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         raise ModelError(f"{path}: {_one_line(error)}") from error
 
 
-def resting_targets_rad(data: mujoco.MjData, actuator: Indices) -> Floats:
-    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator` hold the present pose."""
+def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices) -> Floats:
+    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator_id` hold the present pose."""
     mj = data.model
-    joint = mj.actuator_trnid[actuator, 0]
+    joint = mj.actuator_trnid[actuator_id, 0]
     dof = mj.jnt_dofadr[joint]
     load_nm = data.qfrc_bias[dof] - data.qfrc_passive[dof]
-    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + load_nm / mj.actuator_gainprm[actuator, 0]
+    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + load_nm / mj.actuator_gainprm[actuator_id, 0]
     return targets
 
 
-def require_body(mj: mujoco.MjModel, name: str, key: str, source: Path | str) -> int:
+def require_body_id(mj: mujoco.MjModel, name: str, key: str, source: Path | str) -> int:
     """Look up the id of body `name`, which the deployment names under `key`.
 
     Raises:
@@ -193,7 +204,7 @@ def require_body(mj: mujoco.MjModel, name: str, key: str, source: Path | str) ->
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
         bodies = [mj.body(i).name for i in range(1, mj.nbody)]
-        known = ", ".join(body for body in bodies if body not in _BESIDE)
+        known = ", ".join(body for body in bodies if body not in _NON_ROBOT_BODIES)
         raise ModelError(f'{key} = "{name}": {source} has no such body; it has {known}')
     return int(index)
 
@@ -235,16 +246,18 @@ def _add_servo(spec: mujoco.MjSpec, joint: str, kp: float, kv: float, torque_nm:
         actuator.forcerange = [-torque_nm, torque_nm]
 
 
-def _add_finger(spec: mujoco.MjSpec, radius_m: float, tint: tuple[float, ...]) -> None:
+def _add_finger(spec: mujoco.MjSpec, radius_m: float, rgba: tuple[float, ...]) -> None:
     """Add the finger: a mocap body, spherical tip at its origin, +z away from the contact."""
     finger = spec.worldbody.add_body(name=FINGER, mocap=True)
     ball, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
-    finger.add_geom(type=ball, size=[radius_m, 0, 0], rgba=tint, contype=_EVERYTHING, conaffinity=_EVERYTHING)
+    finger.add_geom(
+        type=ball, size=[radius_m, 0, 0], rgba=rgba, contype=_ALL_CONTACT_BITS, conaffinity=_ALL_CONTACT_BITS
+    )
     finger.add_geom(
         type=capsule,
         size=[radius_m, 0, 0],
         fromto=[0, 0, 0, 0, 0, _FINGER_LENGTH_M],
-        rgba=tint,
+        rgba=rgba,
         contype=0,
         conaffinity=0,
     )
@@ -265,7 +278,7 @@ def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> 
         size=[payload.radius_m, 0.5 * payload.length_m, 0],
         mass=payload.mass_kg,
         friction=[friction, 0.005, 0.0001],
-        rgba=_PAYLOAD_TINT,
+        rgba=_PAYLOAD_RGBA,
     )
 
 
@@ -284,11 +297,11 @@ def _home_qpos(mj: mujoco.MjModel, body: BodySpec, path: Path) -> Floats:
     return home
 
 
-def _temperatures_c(mj: mujoco.MjModel, body: BodySpec, path: Path, finger_c: float) -> Floats:
+def _temperatures_c(mj: mujoco.MjModel, body: BodySpec, path: Path, finger_temperature_c: float) -> Floats:
     temperature_c = np.full(mj.nbody, body.ambient_c)
-    temperature_c[mj.body(FINGER).id] = finger_c
+    temperature_c[mj.body(FINGER).id] = finger_temperature_c
     for name, value_c in body.body_temperature_c.items():
-        temperature_c[require_body(mj, name, "body.body_temperature_c", path)] = value_c
+        temperature_c[require_body_id(mj, name, "body.body_temperature_c", path)] = value_c
     return temperature_c
 
 

@@ -12,23 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.scripted_body import ScriptedBody
-from skinnet.body.simulation import Body
-from skinnet.body.world import World as BodyWorld
+from skinnet.body.simulation import BodySimulation
+from skinnet.body.world import Plant as BodyWorld
 from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import Command, Joints, Stimulus, decode, encode
-from skinnet.part import Part
-from skinnet.record_messages import World
+from skinnet.part import ProcessResult
+from skinnet.record_messages import FreeBodyPoses
 from skinnet.sheet_messages import Pressures
 from skinnet.upstream import Upstream
 
-__all__ = ["BodyNode", "build"]
+__all__ = ["BodyProcess", "build"]
 
 
-class BodyNode:
+class BodyProcess:
     """Logical process of the body: steps the plant from event to event (publications, command effects).
 
     A command is in effect from its `effect_ns` until the next one's. In lockstep the body waits for every
@@ -36,49 +36,49 @@ class BodyNode:
     """
 
     role = Role.BODY.value
-    paced = True
+    follows_wall_clock = True
 
-    def __init__(self, deployment: Deployment, name: str, body: BodyWorld) -> None:
+    def __init__(self, deployment: Deployment, name: str, plant: BodyWorld) -> None:
         self.name = name
         keys = Keys(deployment.robot)
         self.subscriptions = (keys.of("command"),)
         control = deployment.controller
-        self._controller = Upstream("controller", "controller", covered_ns=control.command_delay_ns)
+        self._controller = Upstream("controller", "controller", watermark_ns=control.command_delay_ns)
         self.upstreams = {"controller": self._controller}
         self.senders = frozenset({"controller"})
         hosts = deployment.host_patches()
         self.peers: frozenset[str] = frozenset({"body", "controller", *deployment.hosts_of_skin()})
-        self.tolerated = frozenset(deployment.run.may_be_lost)
+        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
         self.counters: Counter[str] = Counter()
-        self._body = body
+        self._plant = plant
         self._stimulus_ns, self._joints_ns = deployment.body.stimulus_ns, deployment.body.joints_ns
         self._control_ns, self._delay_ns = control.period_ns, control.command_delay_ns
         self._end_ns = deployment.max_ns
         self._pending: deque[Command] = deque()
-        self._configs: Counter[str] = Counter()
-        self._ending = False
+        self._config_counts: Counter[str] = Counter()
+        self._end_commanded = False
         self._patches = hosts
         self._stage = ""
         self._joints_key = keys.of("joints")
-        self._world_key = keys.of("world")
-        self._heard: Callable[[str], bool] = _never
+        self._free_bodies_key = keys.of("world")
+        self._has_subscribers: Callable[[str], bool] = _no_subscribers
         self._pressures_key = keys.of("pressures") if deployment.sheets else None
-        self._hosts = [
+        self._stimulus_outputs = [
             (host, keys.of("stimulus", host), np.concatenate([self._rows(patch) for patch in patches]))
             for host, patches in hosts.items()
         ]
         self._start_s = 0.0
-        self._log = hashlib.sha256()
+        self._digest = hashlib.sha256()
         self._trace_t_ns: list[int] = []
         self._trace_rad: list[NDArray[np.float64]] = []
 
     def _rows(self, patch: str) -> NDArray[np.int64]:
-        cells = self._body.cells[patch]
+        cells = self._plant.cells[patch]
         return np.arange(cells.start, cells.stop, dtype=np.int64)
 
-    def listen_for(self, heard: Callable[[str], bool]) -> None:
+    def use_subscriber_check(self, has_subscribers: Callable[[str], bool]) -> None:
         """Set the subscriber query: free-body poses are published while they have subscribers."""
-        self._heard = heard
+        self._has_subscribers = has_subscribers
 
     def start(self, put: Put) -> None:
         """Publish stimuli and joint positions of time zero."""
@@ -87,13 +87,13 @@ class BodyNode:
 
     def needs(self) -> dict[str, int] | None:
         """Required watermark [ns] of the controller for the next step; None at the end of the run."""
-        if self._body.t_ns >= self._end_ns:
+        if self._plant.t_ns >= self._end_ns:
             return None
         return {"controller": self.due_ns()}
 
     def due_ns(self) -> int:
         """Time [ns] of the next event: a publication, a command's effect, or the end of the run."""
-        t_ns = self._body.t_ns
+        t_ns = self._plant.t_ns
         return min(
             next_multiple(t_ns, self._stimulus_ns),
             next_multiple(t_ns, self._joints_ns),
@@ -110,102 +110,106 @@ class BodyNode:
         if channel != "command":
             raise ProtocolError(f"the body does not read {channel}")
         command = decode(payload, Command)
-        n_dofs = self._body.n_dofs
+        n_dofs = self._plant.n_dofs
         if len(command.velocity_rad_s) != n_dofs:
             raise ProtocolError(f"command of {len(command.velocity_rad_s)} velocities for {n_dofs} joints")
         if not all(map(math.isfinite, command.velocity_rad_s)):
             raise ProtocolError(f"command with velocities {command.velocity_rad_s}: must be finite")
         self._pending.append(command)
-        self._controller.close(command.covered_ns)
+        self._controller.end_period(command.covered_ns)
 
-    def lose(self, upstream: Upstream) -> None:
+    def on_upstream_lost(self, upstream: Upstream) -> None:
         """Handle loss of the controller: command zero velocity."""
         self._pending.clear()
-        self._body.set_command(np.zeros(self._body.n_dofs))
+        self._plant.set_command(np.zeros(self._plant.n_dofs))
 
     def step(self, put: Put) -> None:
         """Advance the plant to the next event and publish what is due there."""
         t_end_ns = self.due_ns()
-        self._obey()
-        self._body.advance(t_end_ns)
+        self._apply_commands()
+        self._plant.advance(t_end_ns)
         self._publish(put)
 
-    def _obey(self) -> None:
-        t_ns = self._body.t_ns
+    def _apply_commands(self) -> None:
+        t_ns = self._plant.t_ns
         while self._pending and self._pending[0].effect_ns <= t_ns:
             command = self._pending.popleft()
-            self._body.set_command(np.array(command.velocity_rad_s))
+            self._plant.set_command(np.array(command.velocity_rad_s))
             if command.stage != self._stage:
                 self._stage = command.stage
-                self._body.begin_stage(command.stage)
-            self._configs.update(command.configs)
+                self._plant.begin_stage(command.stage)
+            self._config_counts.update(command.configs)
             if command.end_ns is not None:
-                self._end_ns, self._ending = min(self._end_ns, command.end_ns), True
+                self._end_ns, self._end_commanded = min(self._end_ns, command.end_ns), True
 
     def _publish(self, put: Put) -> None:
-        t_ns = self._body.t_ns
+        t_ns = self._plant.t_ns
         if t_ns % self._stimulus_ns == 0:
-            stimulus = self._body.stimulus()
+            stimulus = self._plant.stimulus()
             felt = stimulus.astype("<f4")
-            end_ns = self._end_ns if self._ending else None
-            for host, key, rows in self._hosts:
+            end_ns = self._end_ns if self._end_commanded else None
+            for host, key, rows in self._stimulus_outputs:
                 values = felt[rows].tobytes()
-                configs = self._take_configs(host) if self._configs else 0
+                configs = self._pop_config_count(host) if self._config_counts else 0
                 frame = Stimulus(
                     host=host, t_ns=t_ns, covered_ns=t_ns, values=values, configs=configs, end_ns=end_ns
                 )
                 put(key, encode(frame))
-            self._log.update(felt.tobytes())
+            self._digest.update(felt.tobytes())
             if self._pressures_key is not None:
-                values = self._body.pressures().astype("<f4").tobytes()
+                values = self._plant.pressures().astype("<f4").tobytes()
                 pressures = Pressures(t_ns=t_ns, covered_ns=t_ns, values=values, end_ns=end_ns)
                 put(self._pressures_key, encode(pressures))
-                self._log.update(values)
+                self._digest.update(values)
         if t_ns % self._joints_ns == 0:
-            if RECORDER in self.peers or self._heard(self._world_key):
-                poses = self._body.loose()
+            if RECORDER in self.peers or self._has_subscribers(self._free_bodies_key):
+                poses = self._plant.free_bodies()
                 if poses:
-                    put(self._world_key, encode(World(t_ns=t_ns, covered_ns=t_ns, poses=poses)))
-            position = self._body.joints()
+                    put(self._free_bodies_key, encode(FreeBodyPoses(t_ns=t_ns, covered_ns=t_ns, poses=poses)))
+            position = self._plant.joints()
             joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())
             put(self._joints_key, encode(joints))
             self._trace_t_ns.append(t_ns)
             self._trace_rad.append(position)
-            self._log.update(position.tobytes())
+            self._digest.update(position.tobytes())
 
-    def _take_configs(self, host: str) -> int:
-        """Pop the count of configurations sent to the patches of `host` since its last period end."""
-        return sum(self._configs.pop(patch, 0) for patch in self._patches[host])
+    def _pop_config_count(self, process: str) -> int:
+        """Pop the count of configurations sent to the patches of `process` since its last period end."""
+        return sum(self._config_counts.pop(patch, 0) for patch in self._patches[process])
 
-    def news(self) -> tuple[()]:
+    def best_effort_messages(self) -> tuple[()]:
         """Best-effort publications: none."""
         return ()
 
-    def result(self) -> Part:
+    def result(self) -> ProcessResult:
         """Process result: ground truth and joint trace, for metrics."""
-        truth = self._body.truth()
+        truth = self._plant.ground_truth()
         facts: dict[str, Any] = {
-            "logs": {"body": self._log.hexdigest()},
-            "end_ns": self._body.t_ns,
+            "logs": {"body": self._digest.hexdigest()},
+            "end_ns": self._plant.t_ns,
             "late_frames": self.counters["late_frames"],
             "loop_s": time.monotonic() - self._start_s,
             **truth.facts,
         }
         arrays: dict[str, NDArray[Any]] = {
             "joint_t_ns": np.array(self._trace_t_ns, dtype=np.int64),
-            "joint_rad": np.array(self._trace_rad, dtype=np.float32).reshape(-1, self._body.n_dofs),
+            "joint_rad": np.array(self._trace_rad, dtype=np.float32).reshape(-1, self._plant.n_dofs),
             **truth.arrays,
         }
-        return Part(self.name, self.role, facts, arrays)
+        return ProcessResult(self.name, self.role, facts, arrays)
 
 
-def _never(_key: str) -> bool:
+def _no_subscribers(_key: str) -> bool:
     """Subscriber query that reports no subscribers."""
     return False
 
 
-def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> BodyNode:
+def build(deployment: Deployment, name: str, base_dir: Path, out_dir: Path | None) -> BodyProcess:
     """Build the body process of `deployment`: scripted if it has a script, else simulated."""
-    body = Body(deployment, base) if deployment.script is None else ScriptedBody(deployment, base)
+    body = (
+        BodySimulation(deployment, base_dir)
+        if deployment.script is None
+        else ScriptedBody(deployment, base_dir)
+    )
     body.stimulus()  # warm-up: compiles before others wait; no side effect on the state
-    return BodyNode(deployment, name, body)
+    return BodyProcess(deployment, name, body)

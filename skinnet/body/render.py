@@ -1,7 +1,7 @@
 """Off-screen rendering of the body, its skin coloured by one value per cell or element.
 
 Rendering needs `MUJOCO_GL` before MuJoCo is imported, and a failing driver may crash its process. So
-`picture` renders in a subprocess: `python -m skinnet.body.render` with a request on standard input.
+`render_body` renders in a subprocess: `python -m skinnet.body.render` with a request on standard input.
 """
 
 import math
@@ -18,26 +18,26 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model import PAYLOAD, body_spec
-from skinnet.body.simulation import Body
+from skinnet.body.model import PAYLOAD, build_mj_spec
+from skinnet.body.simulation import BodySimulation
 from skinnet.body.surface import hexagon_m
-from skinnet.body.things import OBJECT, STAND, presented_by
+from skinnet.body.things import OBJECT, STAND, place_object
 from skinnet.deployment.schema import Deployment
-from skinnet.skin.placement import PlacedPatch, place
+from skinnet.skin.placement import PlacedPatch, place_patch
 from skinnet.skin.sheet import PlacedSheet
 
-__all__ = ["picture"]
+__all__ = ["render_body"]
 
-_PATIENCE_S = 120.0
-_PLATE_M = 0.003
-_GAP = 0.93
+_TIMEOUT_S = 120.0
+_CELL_THICKNESS_M = 0.003
+_CELL_SCALE = 0.93
 """Scale of drawn cells, so that gaps show their edges."""
 _FOAM_RGBA = (0.12, 0.12, 0.14, 1.0)
-_SOFT_RGBA = (0.50, 0.66, 0.68, 1.0)
-_COLOURS = "turbo"
+_SHEET_FOAM_RGBA = (0.50, 0.66, 0.68, 1.0)
+_COLOUR_MAP = "turbo"
 
 
-class _Request(msgspec.Struct, kw_only=True):
+class _RenderRequest(msgspec.Struct, kw_only=True):
     deployment: Deployment
     base_dir: str
     out: str
@@ -49,7 +49,7 @@ class _Request(msgspec.Struct, kw_only=True):
     height: int
 
 
-def picture(
+def render_body(
     deployment: Deployment,
     base_dir: Path,
     out: Path,
@@ -75,7 +75,7 @@ def picture(
     Returns:
         The file and "", or None and the reason why rendering failed on this computer.
     """
-    request = _Request(
+    request = _RenderRequest(
         deployment=deployment,
         base_dir=str(base_dir),
         out=str(out),
@@ -94,7 +94,7 @@ def picture(
             input=msgspec.json.encode(request),
             capture_output=True,
             env=environment,
-            timeout=_PATIENCE_S,
+            timeout=_TIMEOUT_S,
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -106,21 +106,21 @@ def picture(
     return out, ""
 
 
-def _draw(request: _Request) -> None:
+def _render(request: _RenderRequest) -> None:
     deployment, base_dir = request.deployment, Path(request.base_dir)
-    body = Body(deployment, base_dir)
-    presented = presented_by(deployment)
-    spec = body_spec(
+    body = BodySimulation(deployment, base_dir)
+    presented = place_object(deployment)
+    spec = build_mj_spec(
         deployment.body,
         base_dir,
         deployment.teacher.tip_radius_m,
         payload=deployment.payload,
-        presented=presented,
+        placed_object=presented,
     )
     colours = _colours(np.array(request.values), body.n_cells + body.n_elements)
     thickness_m = deployment.body.foam.thickness_m
     if deployment.patches:
-        patches = [place(patch, deployment.cells) for patch in deployment.patches]
+        patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
         _add_cells(spec, patches, deployment.cells.side_m, thickness_m, colours[: body.n_cells])
     _add_elements(spec, body.sheets, thickness_m, colours[body.n_cells :])
     spec.visual.global_.offwidth = request.width
@@ -129,7 +129,7 @@ def _draw(request: _Request) -> None:
     data = mujoco.MjData(model)
     data.qpos[:] = body.data.qpos
     if request.position_rad is not None:
-        data.qpos[body.model.qpos] = request.position_rad
+        data.qpos[body.model.qpos_address] = request.position_rad
     if request.stand_top_m is not None and presented is not None:
         data.qpos[model.joint(STAND).qposadr[0]] = request.stand_top_m - presented.start_top_m
     if request.object_pose is not None:
@@ -154,7 +154,7 @@ def _place_object(model: mujoco.MjModel, data: mujoco.MjData, pose: list[float])
 def _colours(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     filled = np.zeros(count)
     filled[: len(values)] = np.clip(values, 0.0, 1.0)
-    colours: NDArray[np.float64] = matplotlib.colormaps[_COLOURS](0.06 + 0.88 * filled)
+    colours: NDArray[np.float64] = matplotlib.colormaps[_COLOUR_MAP](0.06 + 0.88 * filled)
     return colours
 
 
@@ -166,15 +166,15 @@ def _add_cells(
     colours: NDArray[np.float64],
 ) -> None:
     """Add every cell as two visual prisms: the foam, and on it the cell in its colour."""
-    _add_prism(spec, "skin_foam", _GAP * side_m, thickness_m - _PLATE_M)
-    _add_prism(spec, "skin_cell", _GAP * side_m, _PLATE_M)
+    _add_prism(spec, "skin_foam", _CELL_SCALE * side_m, thickness_m - _CELL_THICKNESS_M)
+    _add_prism(spec, "skin_cell", _CELL_SCALE * side_m, _CELL_THICKNESS_M)
     row = 0
     for patch in patches:
         owner = spec.body(patch.body)
         for position_m, R_body_cell in zip(patch.position_m, patch.R_body_cell, strict=True):
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, R_body_cell.ravel())
-            lift_m = (thickness_m - _PLATE_M) * R_body_cell[:, 2]
+            lift_m = (thickness_m - _CELL_THICKNESS_M) * R_body_cell[:, 2]
             for mesh, at_m, rgba in (
                 ("skin_foam", position_m, _FOAM_RGBA),
                 ("skin_cell", position_m + lift_m, colours[row]),
@@ -196,10 +196,10 @@ def _add_elements(
     spec: mujoco.MjSpec, sheets: Sequence[PlacedSheet], thickness_m: float, colours: NDArray[np.float64]
 ) -> None:
     """Add every element as two visual blocks: its foam, wider outwards on round sides, and its face."""
-    top_m = thickness_m - _PLATE_M
+    top_m = thickness_m - _CELL_THICKNESS_M
     row = 0
     for sheet in sheets:
-        surface, half_m = sheet.surface, 0.5 * _GAP * math.sqrt(sheet.area_m2)
+        surface, half_m = sheet.surface, 0.5 * _CELL_SCALE * math.sqrt(sheet.area_m2)
         for name, radius_m in (("flat", math.inf), ("round", surface.radius_m)):
             for part, low_m, high_m in (("foam", 0.0, top_m), ("face", top_m, thickness_m)):
                 _add_block(spec, f"{sheet.name}_{name}_{part}", half_m, radius_m, low_m, high_m)
@@ -209,8 +209,8 @@ def _add_elements(
         ):
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, R_body_element.ravel())
-            shape = "flat" if abs(xi_m[0]) <= surface.half_flat_m else "round"
-            for part, rgba in (("foam", _SOFT_RGBA), ("face", colours[row])):
+            shape = "flat" if abs(xi_m[0]) <= surface.flat_half_width_m else "round"
+            for part, rgba in (("foam", _SHEET_FOAM_RGBA), ("face", colours[row])):
                 owner.add_geom(
                     type=mujoco.mjtGeom.mjGEOM_MESH,
                     meshname=f"{sheet.name}_{shape}_{part}",
@@ -243,4 +243,4 @@ def _add_prism(spec: mujoco.MjSpec, name: str, side_m: float, height_m: float) -
 
 
 if __name__ == "__main__":
-    _draw(msgspec.json.decode(sys.stdin.buffer.read(), type=_Request))
+    _render(msgspec.json.decode(sys.stdin.buffer.read(), type=_RenderRequest))

@@ -8,14 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body import geometry
-from skinnet.body.frames import rotated_back
-from skinnet.body.geometry import entry_m
-from skinnet.body.surface import Surface
-from skinnet.body.yielding import Yielding
-from skinnet.compiled import borrowing
+from skinnet.body.frames import rotate_inverse
+from skinnet.body.geometry import entry_distance_m
+from skinnet.body.surface import SkinSurface
+from skinnet.body.yielding import CompliantLayer
+from skinnet.compiled import compiled_without_nrt
 from skinnet.errors import ModelError
 
-__all__ = ["Motion", "Scene", "into_solid", "motion_of", "ray_m", "scene_of", "within"]
+__all__ = [
+    "ContactScene",
+    "Motion",
+    "build_contact_scene",
+    "may_intersect_sphere",
+    "motion_views",
+    "ray_distance_m",
+    "world_to_solid",
+]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,40 +39,40 @@ _SHAPES = (
 )
 
 
-_RIGID = Yielding(1.0)
+_RIGID_LAYER = CompliantLayer(1.0)
 
 
-class Scene(NamedTuple):
+class ContactScene(NamedTuple):
     """Contact scene: the geoms of the model that take part in contacts (not the visual ones).
 
     Attributes:
-        geom: (k,) ids of the geoms.
-        kind: (k,) their shapes, as `mjtGeom`.
+        geom_id: (k,) ids of the geoms.
+        geom_type: (k,) their shapes, as `mjtGeom`.
         size_m: (k, 3) their sizes [m].
-        body: (k,) ids of their bodies.
-        bound_m: (k,) radius of each bounding sphere, 0 for planes [m].
-        first: (k,) first triangle of each mesh.
-        last: (k,) one past its last.
+        body_id: (k,) ids of their bodies.
+        bounding_radius_m: (k,) radius of each bounding sphere, 0 for planes [m].
+        first_triangle: (k,) first triangle of each mesh.
+        end_triangle: (k,) one past its last.
         triangles_m: (t, 3, 3) corners of the triangles of all meshes, frames of the geoms [m].
-        share: (k,) as in `Yielding`; 1 for rigid solids.
-        give_m: (k,) as in `Yielding`; 0 for rigid solids [m].
-        deepest_m: Largest `give_m` [m].
-        felt: (p, k) collision filter: True if the patch may contact the solid; False for solids of its own
-            and adjacent bodies.
+        foam_fraction: (k,) as in `CompliantLayer`; 1 for rigid solids.
+        max_indentation_m: (k,) as in `CompliantLayer`; 0 for rigid solids [m].
+        largest_indentation_m: Largest `max_indentation_m` [m].
+        collides: (p, k) collision filter: True if the patch may contact the solid; False for solids of its
+            own and adjacent bodies.
     """
 
-    geom: Indices
-    kind: Indices
+    geom_id: Indices
+    geom_type: Indices
     size_m: Floats
-    body: Indices
-    bound_m: Floats
-    first: Indices
-    last: Indices
+    body_id: Indices
+    bounding_radius_m: Floats
+    first_triangle: Indices
+    end_triangle: Indices
     triangles_m: Floats
-    share: Floats
-    give_m: Floats
-    deepest_m: float
-    felt: NDArray[np.bool_]
+    foam_fraction: Floats
+    max_indentation_m: Floats
+    largest_indentation_m: float
+    collides: NDArray[np.bool_]
 
 
 class Motion(NamedTuple):
@@ -76,9 +84,9 @@ class Motion(NamedTuple):
         xipos: (nbody, 3) centres of mass of the bodies [m], world.
         geom_xpos: (ngeom, 3) origins of the geoms [m], world.
         geom_xmat: (ngeom, 9) rotations of the geoms.
-        cvel: (nbody, 6) angular and linear velocity at `centre_m` of the body's root, world.
-        centre_m: (nbody, 3) centres of mass of the subtrees [m], world.
-        root: (nbody,) ids of the root bodies of the kinematic trees.
+        cvel: (nbody, 6) angular and linear velocity at `subtree_com_m` of the body's root, world.
+        subtree_com_m: (nbody, 3) centres of mass of the subtrees [m], world.
+        root_body_id: (nbody,) ids of the root bodies of the kinematic trees.
     """
 
     xpos: Floats
@@ -87,11 +95,11 @@ class Motion(NamedTuple):
     geom_xpos: Floats
     geom_xmat: Floats
     cvel: Floats
-    centre_m: Floats
-    root: NDArray[np.int32]
+    subtree_com_m: Floats
+    root_body_id: NDArray[np.int32]
 
 
-def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
+def motion_views(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
     """Build the motion state as views of the arrays of `data`."""
     return Motion(
         xpos=data.xpos,
@@ -100,18 +108,20 @@ def motion_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
         geom_xpos=data.geom_xpos,
         geom_xmat=data.geom_xmat,
         cvel=data.cvel,
-        centre_m=data.subtree_com,
-        root=mj.body_rootid,
+        subtree_com_m=data.subtree_com,
+        root_body_id=mj.body_rootid,
     )
 
 
-def scene_of(mj: mujoco.MjModel, surface: Surface, yielding: Mapping[int, Yielding] | None = None) -> Scene:
+def build_contact_scene(
+    mj: mujoco.MjModel, surface: SkinSurface, compliant_layers: Mapping[int, CompliantLayer] | None = None
+) -> ContactScene:
     """Build the contact scene of `mj`.
 
     Args:
         mj: The model.
         surface: The skin.
-        yielding: Compliance of elastic bodies, by body id; all others are rigid.
+        compliant_layers: Compliance of elastic bodies, by body id; all others are rigid.
 
     Raises:
         ModelError: a contact geom is a height field or a signed distance field.
@@ -133,21 +143,21 @@ def scene_of(mj: mujoco.MjModel, surface: Surface, yielding: Mapping[int, Yieldi
             last[k] = sum(len(mesh) for mesh in triangles)
             first[k] = last[k] - len(triangles[-1])
     owner = mj.geom_bodyid[geom].astype(np.int64)
-    gives = [(yielding or {}).get(int(body), _RIGID) for body in owner]
-    return Scene(
-        geom=geom,
-        kind=mj.geom_type[geom].astype(np.int64),
+    gives = [(compliant_layers or {}).get(int(body), _RIGID_LAYER) for body in owner]
+    return ContactScene(
+        geom_id=geom,
+        geom_type=mj.geom_type[geom].astype(np.int64),
         size_m=mj.geom_size[geom].copy(),
-        body=owner,
-        bound_m=mj.geom_rbound[geom].copy(),
-        first=first,
-        last=last,
+        body_id=owner,
+        bounding_radius_m=mj.geom_rbound[geom].copy(),
+        first_triangle=first,
+        end_triangle=last,
         triangles_m=np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)),
-        share=np.array([each.share for each in gives], dtype=np.float64),
-        give_m=np.array([each.give_m for each in gives], dtype=np.float64),
-        deepest_m=max((each.give_m for each in gives), default=0.0),
-        felt=np.array(
-            [[_can_feel(mj, int(a), int(b)) for b in owner] for a in surface.patch_body], dtype=np.bool_
+        foam_fraction=np.array([each.foam_fraction for each in gives], dtype=np.float64),
+        max_indentation_m=np.array([each.max_indentation_m for each in gives], dtype=np.float64),
+        largest_indentation_m=max((each.max_indentation_m for each in gives), default=0.0),
+        collides=np.array(
+            [[_may_collide(mj, int(a), int(b)) for b in owner] for a in surface.patch_body_id], dtype=np.bool_
         ).reshape(-1, len(geom)),
     )
 
@@ -159,7 +169,7 @@ def _mesh_triangles_m(mj: mujoco.MjModel, mesh: int) -> Floats:
     return triangles
 
 
-def _can_feel(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
+def _may_collide(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
     """Collision filter: False for the skin's own body, its weld group, and neighbours across one joint.
 
     MuJoCo puts all bodies welded to the world into one group; skin on a fixed body must still contact a fixed
@@ -177,45 +187,47 @@ def _can_feel(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
     return up != other_group and other_up != group
 
 
-@borrowing
-def within(scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, radius_m: float) -> bool:
+@compiled_without_nrt
+def may_intersect_sphere(
+    scene: ContactScene, motion: Motion, k: int, x: float, y: float, z: float, radius_m: float
+) -> bool:
     """Broad-phase test: True if solid `k` may intersect the sphere of `radius_m` around (x, y, z) [m]."""
-    g = scene.geom[k]
+    g = scene.geom_id[k]
     dx, dy, dz = x - motion.geom_xpos[g, 0], y - motion.geom_xpos[g, 1], z - motion.geom_xpos[g, 2]
-    if scene.kind[k] == geometry.PLANE:
+    if scene.geom_type[k] == geometry.PLANE:
         axes = motion.geom_xmat
         return bool(dx * axes[g, 2] + dy * axes[g, 5] + dz * axes[g, 8] <= radius_m)
-    reach = radius_m + scene.bound_m[k]
+    reach = radius_m + scene.bounding_radius_m[k]
     if dx * dx + dy * dy + dz * dz > reach * reach:
         return False
-    kind, a, b, c = scene.kind[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
+    kind, a, b, c = scene.geom_type[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
     if kind == geometry.BOX:
-        dx, dy, dz = rotated_back(motion.geom_xmat, g, dx, dy, dz)
+        dx, dy, dz = rotate_inverse(motion.geom_xmat, g, dx, dy, dz)
         return bool(max(abs(dx) - a, abs(dy) - b, abs(dz) - c) <= radius_m)
     if kind in (geometry.CYLINDER, geometry.CAPSULE):
-        dx, dy, dz = rotated_back(motion.geom_xmat, g, dx, dy, dz)
+        dx, dy, dz = rotate_inverse(motion.geom_xmat, g, dx, dy, dz)
         end = b if kind == geometry.CYLINDER else a + b
         reach = radius_m + a
         return bool(abs(dz) <= radius_m + end and dx * dx + dy * dy <= reach * reach)
     return True
 
 
-@borrowing
-def ray_m(
-    scene: Scene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
+@compiled_without_nrt
+def ray_distance_m(
+    scene: ContactScene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
-    """Ray distance [m] from (x, y, z) along the unit vector (u, v, w), world, to solid `k` (`entry_m`)."""
-    x, y, z = into_solid(scene, motion, k, x, y, z)
-    u, v, w = rotated_back(motion.geom_xmat, scene.geom[k], u, v, w)
+    """Ray distance [m] from (x, y, z) along unit (u, v, w), world, to solid `k`; see `entry_distance_m`."""
+    x, y, z = world_to_solid(scene, motion, k, x, y, z)
+    u, v, w = rotate_inverse(motion.geom_xmat, scene.geom_id[k], u, v, w)
     size_m = scene.size_m
-    return entry_m(
-        scene.kind[k],
+    return entry_distance_m(
+        scene.geom_type[k],
         size_m[k, 0],
         size_m[k, 1],
         size_m[k, 2],
         scene.triangles_m,
-        scene.first[k],
-        scene.last[k],
+        scene.first_triangle[k],
+        scene.end_triangle[k],
         x,
         y,
         z,
@@ -225,10 +237,10 @@ def ray_m(
     )
 
 
-@borrowing
-def into_solid(
-    scene: Scene, motion: Motion, k: int, x: float, y: float, z: float
+@compiled_without_nrt
+def world_to_solid(
+    scene: ContactScene, motion: Motion, k: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """Transform the point (x, y, z) [m] from the world frame to the frame of solid `k`."""
-    g, origin = scene.geom[k], motion.geom_xpos
-    return rotated_back(motion.geom_xmat, g, x - origin[g, 0], y - origin[g, 1], z - origin[g, 2])
+    g, origin = scene.geom_id[k], motion.geom_xpos
+    return rotate_inverse(motion.geom_xmat, g, x - origin[g, 0], y - origin[g, 1], z - origin[g, 2])

@@ -7,21 +7,21 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.actuation import acceptable
+from skinnet.body.actuation import is_valid_command
 from skinnet.body.model import load_model
-from skinnet.body.points import lifted
-from skinnet.body.scene import Motion, motion_of
-from skinnet.body.scripted_presses import press, presses_of, presses_until
-from skinnet.body.stimulus import felt_acceleration
-from skinnet.body.surface import Surface, skin_surface
+from skinnet.body.points import point_above_cell
+from skinnet.body.scene import Motion, motion_views
+from skinnet.body.scripted_presses import build_press_schedule, presses_before, write_press_stimulus
+from skinnet.body.stimulus import write_proper_acceleration
+from skinnet.body.surface import SkinSurface, build_skin_surface
 from skinnet.body.sway import Sway
-from skinnet.body.truth import ForceTrace, reaction_truth
+from skinnet.body.truth import PeakForceTrace, reaction_crossing_detector
 from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.compiled import compiled
 from skinnet.deployment.schema import Deployment
-from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES
-from skinnet.skin.placement import place
+from skinnet.messages import N_FORCE_CHANNELS, STIMULUS_NAMES
+from skinnet.skin.placement import place_patch
 
 __all__ = ["ScriptedBody"]
 
@@ -41,10 +41,10 @@ class ScriptedBody:
         model: The compiled model.
         data: MuJoCo's state: configuration and derivatives, never stepped.
         surface: All cells, on the bodies that carry them.
-        presses: The scripted presses.
-        refused: Number of refused commands.
+        press_schedule: The scripted presses.
+        refused_commands: Number of refused commands.
         crossings: Ground truth of crossings of the reaction thresholds of the program's stages.
-        forces: Ground truth of the largest forces on force cells.
+        force_trace: Ground truth of the largest forces on force cells.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -57,60 +57,60 @@ class ScriptedBody:
         assert deployment.script is not None
         spec, teacher = deployment.body, deployment.teacher
         self.t_ns = 0
-        self.refused = 0
+        self.refused_commands = 0
         self.model = load_model(spec, base_dir, teacher.tip_radius_m, teacher.temperature_c)
-        patches = [place(patch, deployment.cells) for patch in deployment.patches]
-        self.surface = skin_surface(self.model.mj, patches, deployment.cells, spec.model)
+        patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
+        self.surface = build_skin_surface(self.model.mj, patches, deployment.cells, spec.model)
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(patches)}
         sizes = {patch.name: patch.n_cells for patch in patches}
-        self.presses = presses_of(deployment.script, deployment.seed, sizes)
-        self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
-        self.forces = ForceTrace(spec.stimulus_ns)
+        self.press_schedule = build_press_schedule(deployment.script, deployment.seed, sizes)
+        self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
+        self.force_trace = PeakForceTrace(spec.stimulus_ns)
         self.data = mujoco.MjData(self.model.mj)
         self.data.qpos[:] = self.model.home_qpos
-        self._motion = motion_of(self.model.mj, self.data)
+        self._motion = motion_views(self.model.mj, self.data)
         self._sway = Sway(spec.sway, deployment.seed)
-        self._upright_rad = self.data.qpos[self.model.sway_qpos]
+        self._sway_neutral_rad = self.data.qpos[self.model.sway_qpos_address]
         self._thickness_m = spec.foam.thickness_m
-        self._resting_c = self.model.temperature_c[self.surface.body]
+        self._body_temperature_c = self.model.temperature_c[self.surface.body_id]
         self._speed_limit_rad_s = spec.servo.speed_limit_rad_s
-        self._position_rad: Floats = self.data.qpos[self.model.qpos]
+        self._position_rad: Floats = self.data.qpos[self.model.qpos_address]
         self._command_rad_s = self._velocity_rad_s = np.zeros(self.n_dofs)
         self._commanded_ns, self._commanded_rad = 0, self._position_rad
-        self._frame_ns = spec.stimulus_ns
-        self._frame_velocity_rad_s = np.zeros(self.n_dofs)
+        self._stimulus_period_ns = spec.stimulus_ns
+        self._previous_velocity_rad_s = np.zeros(self.n_dofs)
         self._moving = True
-        self._stimulus = np.zeros((len(self.surface.body), len(STIMULUS_NAMES)))
-        self._feel()
+        self._stimulus = np.zeros((len(self.surface.body_id), len(STIMULUS_NAMES)))
+        self._sample_stimulus()
 
     @property
     def n_dofs(self) -> int:
         """Number of controlled joints."""
-        return len(self.model.joint)
+        return len(self.model.joint_id)
 
     def set_command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
         """Set the velocity command (D,) [rad/s] from now on; return False if it is refused."""
         velocity = np.asarray(velocity_rad_s, dtype=np.float64)
-        accepted = acceptable(velocity, self.n_dofs, self._speed_limit_rad_s)
+        accepted = is_valid_command(velocity, self.n_dofs, self._speed_limit_rad_s)
         self._command_rad_s = velocity.copy() if accepted else np.zeros(self.n_dofs)
         self._commanded_ns, self._commanded_rad = self.t_ns, self._position_rad
-        self._move()
-        self.refused += not accepted
+        self._integrate()
+        self.refused_commands += not accepted
         return accepted
 
     def begin_stage(self, name: str) -> None:
         """Begin stage `name`: peak forces are recorded by stage; the script depends on time only."""
-        self.forces.begin_stage(name)
+        self.force_trace.begin_stage(name)
 
     def advance(self, until_ns: int) -> None:
         """Advance to `until_ns` [ns]: move the joints within their limits, sample stimuli at each period."""
         while self.t_ns < until_ns:
-            next_frame_ns = (self.t_ns // self._frame_ns + 1) * self._frame_ns
+            next_frame_ns = (self.t_ns // self._stimulus_period_ns + 1) * self._stimulus_period_ns
             self.t_ns = min(next_frame_ns, until_ns)
-            self._move()
+            self._integrate()
             if self.t_ns == next_frame_ns:
-                self._feel()
+                self._sample_stimulus()
 
     def stimulus(self) -> Floats:
         """Stimulus of all cells at the last sample: (n_cells, 8) in `STIMULUS_NAMES` order, a copy."""
@@ -124,23 +124,25 @@ class ScriptedBody:
         """Joint positions (D,) of the controlled joints now [rad], a copy."""
         return self._position_rad.copy()
 
-    def loose(self) -> dict[str, list[float]]:
+    def free_bodies(self) -> dict[str, list[float]]:
         """Free-body poses: none, as contacts are prescribed."""
         return {}
 
-    def truth(self) -> GroundTruth:
+    def ground_truth(self) -> GroundTruth:
         """Ground truth: threshold crossings, refused commands, peak forces, and the presses that began."""
         facts = {
             "touches": [],
             "lessons": [],
             "strokes": [],
             "reaction_crossings": self.crossings.facts(),
-            "refused_commands": self.refused,
-            "peak_cell_n": self.forces.by_stage_n,
+            "refused_commands": self.refused_commands,
+            "peak_cell_n": self.force_trace.by_stage_n,
         }
-        return GroundTruth(facts, {"presses": presses_until(self.presses, self.t_ns)} | self.forces.arrays())
+        return GroundTruth(
+            facts, {"presses": presses_before(self.press_schedule, self.t_ns)} | self.force_trace.arrays()
+        )
 
-    def _move(self) -> None:
+    def _integrate(self) -> None:
         """Integrate the velocity command to the present time; a joint stops at its limit."""
         if not self._command_rad_s.any():
             self._velocity_rad_s = self._command_rad_s
@@ -149,38 +151,40 @@ class ScriptedBody:
         self._position_rad = np.clip(wanted, *self.model.range_rad.T)
         self._velocity_rad_s = np.where(wanted == self._position_rad, self._command_rad_s, 0.0)
 
-    def _feel(self) -> None:
+    def _sample_stimulus(self) -> None:
         """Sample the stimulus of all cells at the present time."""
-        self._accelerate()
+        self._update_accelerations()
         stimulus = self._stimulus
-        active = press(self.presses, self.t_ns, self._resting_c, stimulus) > 0
-        force_n = stimulus[:, :FORCE_CHANNELS]
-        self.crossings.see_forces(self.t_ns, self._frame_ns, force_n, active)
-        self.forces.see(self.t_ns, float(force_n.max()) if active else 0.0)
-        self.crossings.see_stimulus(self.t_ns, stimulus)
+        active = write_press_stimulus(self.press_schedule, self.t_ns, self._body_temperature_c, stimulus) > 0
+        force_n = stimulus[:, :N_FORCE_CHANNELS]
+        self.crossings.observe_forces(self.t_ns, self._stimulus_period_ns, force_n, active)
+        self.force_trace.observe(self.t_ns, float(force_n.max()) if active else 0.0)
+        self.crossings.observe_stimulus(self.t_ns, stimulus)
 
-    def _accelerate(self) -> None:
+    def _update_accelerations(self) -> None:
         """Compute accelerations of all cells, if the motion has changed."""
-        velocity, before = self._velocity_rad_s, self._frame_velocity_rad_s
+        velocity, before = self._velocity_rad_s, self._previous_velocity_rad_s
         moving = bool(self._sway.spec.joints or velocity.any() or before.any())
         if not moving and not self._moving:
             return
-        self._moving, self._frame_velocity_rad_s = moving, velocity
+        self._moving, self._previous_velocity_rad_s = moving, velocity
         data, model = self.data, self.model
-        data.qpos[model.qpos] = self._position_rad
-        data.qpos[model.sway_qpos] = self._upright_rad + self._sway.offsets_rad(self.t_ns)
-        data.qvel[model.dof] = velocity
-        data.qacc[model.dof] = (velocity - before) * (NS_PER_S / self._frame_ns)
+        data.qpos[model.qpos_address] = self._position_rad
+        data.qpos[model.sway_qpos_address] = self._sway_neutral_rad + self._sway.offsets_rad(self.t_ns)
+        data.qvel[model.dof_address] = velocity
+        data.qacc[model.dof_address] = (velocity - before) * (NS_PER_S / self._stimulus_period_ns)
         mujoco.mj_kinematics(model.mj, data)
         mujoco.mj_comPos(model.mj, data)
         mujoco.mj_comVel(model.mj, data)
         mujoco.mj_rnePostConstraint(model.mj, data)
-        _feel_motion(self.surface, self._motion, data.cacc, self._thickness_m, self._stimulus)
+        _write_accelerations(self.surface, self._motion, data.cacc, self._thickness_m, self._stimulus)
 
 
 @compiled
-def _feel_motion(surface: Surface, motion: Motion, cacc: Floats, height_m: float, stimulus: Floats) -> None:
+def _write_accelerations(
+    surface: SkinSurface, motion: Motion, cacc: Floats, height_m: float, stimulus: Floats
+) -> None:
     """Write the accelerations of all cells [m/s²] into `stimulus`."""
     for i in range(len(stimulus)):
-        x, y, z = lifted(surface, motion, i, height_m)
-        felt_acceleration(surface, motion, cacc, i, x, y, z, stimulus)
+        x, y, z = point_above_cell(surface, motion, i, height_m)
+        write_proper_acceleration(surface, motion, cacc, i, x, y, z, stimulus)

@@ -10,16 +10,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.loose import LOOSE
+from skinnet.body.loose import FREE_BODIES
 from skinnet.body.model import load_model
-from skinnet.body.things import presented_by
+from skinnet.body.things import place_object
 from skinnet.deployment.schema import Deployment
 
-__all__ = ["Camera", "Figure", "Pose", "Shape"]
+__all__ = ["Camera", "Pose", "VisualModel", "VisualShape"]
 
 Floats = NDArray[np.float64]
 
-_KINDS = {
+_GEOM_TYPE_NAMES = {
     mujoco.mjtGeom.mjGEOM_PLANE: "plane",
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
     mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
@@ -28,21 +28,21 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
-_SHOWN_GROUPS = 3
+_N_VISIBLE_GROUPS = 3
 """Number of geom groups that MuJoCo draws (0 to 2); higher groups are for contacts only."""
-_DISTANCE = 1.3
+_CAMERA_DISTANCE_EXTENTS = 1.3
 """Distance of the camera, in extents of the model."""
-_UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 """Default colour of a MuJoCo geom; the colour is then that of its material."""
 
 
 @dataclass(frozen=True)
-class Shape:
+class VisualShape:
     """Visual shape of a link.
 
     Attributes:
         link: Name of its link.
-        kind: "plane", "sphere", "capsule", "ellipsoid", "cylinder", "box" or "mesh".
+        geom_type: "plane", "sphere", "capsule", "ellipsoid", "cylinder", "box" or "mesh".
         size_m: (3,) MuJoCo's `geom_size`: radius, half-lengths.
         position_m: (3,) centre, frame of the link [m].
         wxyz: (4,) quaternion, frame of the link.
@@ -52,7 +52,7 @@ class Shape:
     """
 
     link: str
-    kind: str
+    geom_type: str
     size_m: Floats
     position_m: Floats
     wxyz: Floats
@@ -75,12 +75,12 @@ class Camera(NamedTuple):
     look_at_m: Floats
 
 
-class Figure:
+class VisualModel:
     """Visual model of a body: shapes, and poses of its links.
 
     Attributes:
         links: Names of all links, `world` first; unnamed ones are called `body` with their id.
-        free: Links of free bodies, by their name in messages.
+        free_links: Links of free bodies, by their name in messages.
         shapes: All visual shapes.
         camera: Suggested camera.
     """
@@ -99,46 +99,49 @@ class Figure:
             teacher.tip_radius_m,
             teacher.temperature_c,
             deployment.payload,
-            presented_by(deployment),
+            place_object(deployment),
         )
         mj = self._model.mj
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos
         self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
-        self.free = {name: link for name, link in LOOSE.items() if link in self.links}
-        shown = (mj.geom_group < _SHOWN_GROUPS) & (mj.geom_rgba[:, 3] != 0.0)
-        drawn = np.flatnonzero(shown & np.isin(mj.geom_type, [*map(int, _KINDS)]))
+        self.free_links = {name: link for name, link in FREE_BODIES.items() if link in self.links}
+        shown = (mj.geom_group < _N_VISIBLE_GROUPS) & (mj.geom_rgba[:, 3] != 0.0)
+        drawn = np.flatnonzero(shown & np.isin(mj.geom_type, [*map(int, _GEOM_TYPE_NAMES)]))
         self.shapes = tuple(self._shape(i) for i in drawn.tolist())
         self.camera = _camera(mj)
 
     @property
     def n_dofs(self) -> int:
         """Number of controlled joints."""
-        return len(self._model.joint)
+        return len(self._model.joint_id)
 
-    def poses(self, position_rad: Sequence[float], told: Mapping[str, Sequence[float]]) -> dict[str, Pose]:
+    def poses(
+        self, position_rad: Sequence[float], free_body_poses: Mapping[str, Sequence[float]]
+    ) -> dict[str, Pose]:
         """Compute poses of all links, world.
 
         Args:
             position_rad: (D,) positions of the controlled joints [rad].
-            told: Poses (7,) of free bodies, position [m] and quaternion, by name; others are at their start.
+            free_body_poses: Poses (7,) of free bodies, position [m] and quaternion, by name; others are at
+                their start.
         """
-        self._data.qpos[self._model.qpos] = position_rad
+        self._data.qpos[self._model.qpos_address] = position_rad
         mujoco.mj_kinematics(self._model.mj, self._data)
         poses = {
             link: Pose(self._data.xpos[i].copy(), self._data.xquat[i].copy())
             for i, link in enumerate(self.links)
         }
-        for name, numbers in told.items():
-            if name in self.free and len(numbers) == 7:
+        for name, numbers in free_body_poses.items():
+            if name in self.free_links and len(numbers) == 7:
                 pose = np.array(numbers, dtype=np.float64)
-                poses[self.free[name]] = Pose(pose[:3], pose[3:])
+                poses[self.free_links[name]] = Pose(pose[:3], pose[3:])
         return poses
 
-    def _shape(self, geom: int) -> Shape:
+    def _shape(self, geom: int) -> VisualShape:
         mj = self._model.mj
         material = int(mj.geom_matid[geom])
-        own = material < 0 or (mj.geom_rgba[geom] != _UNSET_RGBA).any()
+        own = material < 0 or (mj.geom_rgba[geom] != _DEFAULT_RGBA).any()
         vertices, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
         if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
             mesh = int(mj.geom_dataid[geom])
@@ -146,9 +149,9 @@ class Figure:
             vertices = mj.mesh_vert[first : first + count].astype(np.float64)
             first, count = int(mj.mesh_faceadr[mesh]), int(mj.mesh_facenum[mesh])
             faces = mj.mesh_face[first : first + count].astype(np.int64)
-        return Shape(
+        return VisualShape(
             link=self.links[mj.geom_bodyid[geom]],
-            kind=_KINDS[mujoco.mjtGeom(mj.geom_type[geom])],
+            geom_type=_GEOM_TYPE_NAMES[mujoco.mjtGeom(mj.geom_type[geom])],
             size_m=mj.geom_size[geom].copy(),
             position_m=mj.geom_pos[geom].copy(),
             wxyz=mj.geom_quat[geom].copy(),
@@ -168,4 +171,4 @@ def _camera(mj: mujoco.MjModel) -> Camera:
         math.cos(elevation) * math.sin(azimuth),
         math.sin(elevation),
     ]
-    return Camera(look_at - _DISTANCE * mj.stat.extent * np.array(ahead), look_at)
+    return Camera(look_at - _CAMERA_DISTANCE_EXTENTS * mj.stat.extent * np.array(ahead), look_at)

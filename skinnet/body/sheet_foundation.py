@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.foundation import Foundation
-from skinnet.body.sheet_surface import STRIPS
+from skinnet.body.sheet_surface import STRIPS_PER_ELEMENT
 from skinnet.skin.sheet import PlacedSheet
 
 __all__ = ["SheetFoundation"]
@@ -29,21 +29,21 @@ class SheetFoundation(Foundation):
     @property
     def n_elements(self) -> int:
         """Number of elements of all sheets."""
-        return len(self.surface.body) // STRIPS
+        return len(self.surface.body_id) // STRIPS_PER_ELEMENT
 
     def element_force_n(self) -> Floats:
         """Normal force (n,) on each element [N]."""
-        force_n: Floats = self.pressed.force_n.reshape(-1, STRIPS).sum(axis=1)
+        force_n: Floats = self.contact.force_n.reshape(-1, STRIPS_PER_ELEMENT).sum(axis=1)
         return force_n
 
     def pressure_kpa(self) -> Floats:
         """Mean pressure (n,) on each element [kPa]."""
-        area_m2 = STRIPS**2 * self.surface.sample_area_m2
+        area_m2 = STRIPS_PER_ELEMENT**2 * self.surface.sample_area_m2
         return self.element_force_n() / (area_m2 * _PA_PER_KPA) if area_m2 else np.zeros(0)
 
     def body_force_n(self) -> Floats:
         """Normal force (nbody,) on the elements of each body, summed [N]."""
-        owner = self.surface.body[::STRIPS]
+        owner = self.surface.body_id[::STRIPS_PER_ELEMENT]
         force_n = np.zeros(len(self.temperature_c))
         np.add.at(force_n, owner, self.element_force_n())
         return force_n

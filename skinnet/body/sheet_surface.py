@@ -7,20 +7,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model import require_body
-from skinnet.body.surface import Surface, surface_of_patches
+from skinnet.body.model import require_body_id
+from skinnet.body.surface import SkinSurface, surface_of_patches
 from skinnet.errors import DeploymentError
 from skinnet.skin.sheet import PlacedSheet
 
-__all__ = ["STRIPS", "sheet_surface"]
+__all__ = ["STRIPS_PER_ELEMENT", "sheet_surface"]
 
-STRIPS = 3
+STRIPS_PER_ELEMENT = 3
 """Plane strips per element, 3 sample points each; force ripple 3.5 % (3 × 3) or 29 % (one) (FACTS.md)."""
 
 Floats = NDArray[np.float64]
 
 
-def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Path | str) -> Surface:
+def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Path | str) -> SkinSurface:
     """Build the surface of `sheets` on the bodies of `mj`: three strips of foam per element, in their order.
 
     A sheet bends along ξ1 only. So a strip along ξ2 is plane, and its points and their normals are exact.
@@ -34,15 +34,15 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
         pitches_m = ", ".join(f"{area_m2**0.5:g}" for area_m2 in sorted(areas_m2))
         raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets of a body need the same")
     pitch_m = float(np.sqrt(areas_m2.pop())) if areas_m2 else 0.0
-    steps_m = pitch_m * (np.arange(STRIPS) - 0.5 * (STRIPS - 1)) / STRIPS
+    steps_m = pitch_m * (np.arange(STRIPS_PER_ELEMENT) - 0.5 * (STRIPS_PER_ELEMENT - 1)) / STRIPS_PER_ELEMENT
     frames = [_strips(sheet, steps_m) for sheet in sheets]
     return surface_of_patches(
-        [require_body(mj, s.surface.body, f"surfaces.{s.surface.name}.body", source) for s in sheets],
+        [require_body_id(mj, s.surface.body, f"surfaces.{s.surface.name}.body", source) for s in sheets],
         [position_m for position_m, _ in frames],
         [rotation for _, rotation in frames],
-        sample_m=np.column_stack([np.zeros(STRIPS), steps_m]),
-        sample_area_m2=(pitch_m / STRIPS) ** 2,
-        n_elements=1,
+        sample_m=np.column_stack([np.zeros(STRIPS_PER_ELEMENT), steps_m]),
+        sample_area_m2=(pitch_m / STRIPS_PER_ELEMENT) ** 2,
+        n_taxels=1,
     )
 
 

@@ -10,35 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
-from skinnet.body.foundation import Foundation, elastic_bodies, foam_of
-from skinnet.body.grasp_truth import GraspTruth
-from skinnet.body.loose import LooseBodies
-from skinnet.body.model import load_model, resting_targets_rad
-from skinnet.body.payload import Closing, Payload
-from skinnet.body.scene import motion_of, scene_of
+from skinnet.body.foundation import Foundation, compliant_layers, foam_from_spec
+from skinnet.body.grasp_truth import GraspGroundTruth
+from skinnet.body.loose import FreeBodies
+from skinnet.body.model import equilibrium_targets_rad, load_model
+from skinnet.body.payload import GripController, Payload
+from skinnet.body.scene import build_contact_scene, motion_views
 from skinnet.body.sheet_foundation import SheetFoundation
 from skinnet.body.sheet_surface import sheet_surface
 from skinnet.body.stand import Stand
 from skinnet.body.stimulus import StimulusSampler
-from skinnet.body.surface import Surface, skin_surface
+from skinnet.body.surface import SkinSurface, build_skin_surface
 from skinnet.body.sway import Sway
-from skinnet.body.teacher import Skin, Teacher
-from skinnet.body.things import presented_by
-from skinnet.body.truth import ForceTrace, reaction_truth
+from skinnet.body.teacher import Teacher, TeacherSkin
+from skinnet.body.things import place_object
+from skinnet.body.truth import PeakForceTrace, reaction_crossing_detector
 from skinnet.body.world import GroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ModelError
-from skinnet.skin.placement import place
+from skinnet.skin.placement import place_patch
 from skinnet.skin.sheet import place_sheets
 
-__all__ = ["Body"]
+__all__ = ["BodySimulation"]
 
-_SEEN_BEYOND_REACH = 1.5
+_RANGE_FACTOR = 1.5
 """Ratio of simulated to nominal proximity range: the sensor law is smooth beyond its nominal range."""
 
 
-class Body:
+class BodySimulation:
     """Simulation of a robot with skin, its teacher and its environment.
 
     Deterministic in the deployment, its seed and the sequence of commands and stages; reading stimulus,
@@ -55,11 +55,11 @@ class Body:
         sheet_foundation: Elastic foundation of the sheets.
         actuation: Servos of the controlled joints.
         teacher: The teacher with its finger, and ground truth of its tasks.
-        loose: Method that returns the poses of the free bodies now, by name.
+        free_bodies: Method that returns the poses of the free bodies now, by name.
         payload: The payload in the robot's arms, if there is one.
         stand: The stand in front of the robot, if there is one.
-        grasp: Ground truth of the grasp, if there is a stand.
-        forces: Ground truth of the largest forces on force cells.
+        grasp_ground_truth: Ground truth of the grasp, if there is a stand.
+        force_trace: Ground truth of the largest forces on force cells.
         crossings: Ground truth of crossings of the reaction thresholds of the program's stages.
     """
 
@@ -72,61 +72,67 @@ class Body:
         """
         spec, teacher = deployment.body, deployment.teacher
         self.t_ns = 0
-        self._presented = presented_by(deployment)
-        self.patches = [place(patch, deployment.cells) for patch in deployment.patches]
+        self._placed_object = place_object(deployment)
+        self.patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
         self.model = load_model(
             spec,
             base_dir,
             teacher.tip_radius_m,
             teacher.temperature_c,
             deployment.payload,
-            self._presented,
+            self._placed_object,
             self.patches,
         )
-        self.surface = skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
+        self.surface = build_skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}
 
         self._step_ns, self._step_s = spec.physics_ns, spec.physics_ns / NS_PER_S
         self._sway = Sway(spec.sway, deployment.seed)
-        self.data = self._at_home()
-        resting_rad = resting_targets_rad(self.data, self.model.sway_actuator)
-        self._upright_rad = resting_rad - self._sway.offsets_rad(0)
-        self.data.ctrl[self.model.sway_actuator] = resting_rad
+        self.data = self._home_data()
+        resting_rad = equilibrium_targets_rad(self.data, self.model.sway_actuator_id)
+        self._sway_neutral_rad = resting_rad - self._sway.offsets_rad(0)
+        self.data.ctrl[self.model.sway_actuator_id] = resting_rad
         self.actuation = Actuation(self.model, self.data, spec.servo)
         self.sheets = place_sheets(deployment.surfaces, deployment.sheets)
-        self._foundation = Foundation(**self._skin(self.surface, deployment))
+        self._foundation = Foundation(**self._foundation_arguments(self.surface, deployment))
         on_sheets = sheet_surface(self.model.mj, self.sheets, spec.model)
-        self.sheet_foundation = SheetFoundation(sheets=self.sheets, **self._skin(on_sheets, deployment))
-        self._touches = teacher.touches
-        skin = Skin(self._foundation, self.cells, deployment.cells)
+        self.sheet_foundation = SheetFoundation(
+            sheets=self.sheets, **self._foundation_arguments(on_sheets, deployment)
+        )
+        self._touch_specs = teacher.touches
+        skin = TeacherSkin(self._foundation, self.cells, deployment.cells)
         self.teacher = Teacher(self.model, self.data, skin, teacher, spec.model)
-        reach_m = _SEEN_BEYOND_REACH * deployment.cells.proximity.reach_m
+        reach_m = _RANGE_FACTOR * deployment.cells.proximity.reach_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
-        self.crossings = reaction_truth(deployment.controller.stages.values(), deployment.cells)
-        self.forces = ForceTrace(spec.joints_ns)
-        self.loose = LooseBodies(self.data).poses
-        self._evaluated = self._watched = False
+        self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
+        self.force_trace = PeakForceTrace(spec.joints_ns)
+        self.free_bodies = FreeBodies(self.data).poses
+        self._evaluated = self._recorded = False
         self._stimulus: NDArray[np.float64] | None = None
         self.stand: Stand | None = None
-        self.grasp: GraspTruth | None = None
-        if self._presented is not None:
-            self.stand = Stand(self.data, self._presented.stand)
-            pressed = self._foundation.pressed
-            self.grasp = GraspTruth(self.data, self._presented, self.stand, pressed, spec.joints_ns)
-            self._press()
-            self.grasp.require_clear()
+        self.grasp_ground_truth: GraspGroundTruth | None = None
+        if self._placed_object is not None:
+            self.stand = Stand(self.data, self._placed_object.stand)
+            pressed = self._foundation.contact
+            self.grasp_ground_truth = GraspGroundTruth(
+                self.data, self._placed_object, self.stand, pressed, spec.joints_ns
+            )
+            self._compute_contact()
+            self.grasp_ground_truth.require_clear()
         self.payload: Payload | None = None
         if deployment.payload is not None:
             self.payload = Payload(
-                self.data, deployment.payload, self.sheet_foundation.pressed, spec.joints_ns
+                self.data, deployment.payload, self.sheet_foundation.contact, spec.joints_ns
             )
-            self._grip(Closing(self.model, spec.joints, deployment.payload, self._step_s), self.payload)
+            self._close_grip(
+                GripController(self.model, spec.joints, deployment.payload, self._step_s), self.payload
+            )
 
     @property
     def n_dofs(self) -> int:
         """Number of controlled joints."""
-        return len(self.model.joint)
+        return len(self.model.joint_id)
 
     @property
     def thickness_m(self) -> float:
@@ -136,7 +142,7 @@ class Body:
     @property
     def n_cells(self) -> int:
         """Number of cells of all patches."""
-        return len(self.surface.body)
+        return len(self.surface.body_id)
 
     @property
     def n_elements(self) -> int:
@@ -150,10 +156,10 @@ class Body:
     def begin_stage(self, name: str) -> None:
         """Begin stage `name` of the controller's program."""
         self.teacher.begin_stage(name, self.t_ns)
-        self.forces.begin_stage(name)
-        if self.stand is not None and self.grasp is not None:
+        self.force_trace.begin_stage(name)
+        if self.stand is not None and self.grasp_ground_truth is not None:
             self.stand.begin_stage(name, self.t_ns)
-            self.grasp.begin_stage(name)
+            self.grasp_ground_truth.begin_stage(name)
         if self.payload is not None:
             self.payload.begin_stage(name, self.t_ns)
 
@@ -178,7 +184,7 @@ class Body:
         if self._stimulus is None:
             self._evaluate()
             self._stimulus = self._sampler.sample()
-            self.crossings.see_stimulus(self.t_ns, self._stimulus)
+            self.crossings.observe_stimulus(self.t_ns, self._stimulus)
         return self._stimulus.copy()
 
     def pressures(self) -> NDArray[np.float64]:
@@ -188,75 +194,75 @@ class Body:
 
     def joints(self) -> NDArray[np.float64]:
         """Joint positions (D,) of the controlled joints now [rad], a copy."""
-        positions: NDArray[np.float64] = self.data.qpos[self.model.qpos]
+        positions: NDArray[np.float64] = self.data.qpos[self.model.qpos_address]
         return positions
 
-    def truth(self) -> GroundTruth:
+    def ground_truth(self) -> GroundTruth:
         """Ground truth: teacher's tasks, threshold crossings, refused commands, forces, motion of objects."""
         self._evaluate()
-        self._watch()
+        self._record_ground_truth()
         facts = {
-            "touches": [touch.facts(self._touches) for touch in self.teacher.truth],
+            "touches": [touch.facts(self._touch_specs) for touch in self.teacher.touches],
             "lessons": [asdict(lesson) for lesson in self.teacher.lessons],
             "strokes": [asdict(stroke) for stroke in self.teacher.strokes],
             "reaction_crossings": self.crossings.facts(),
-            "refused_commands": self.actuation.refused,
-            "peak_cell_n": self.forces.by_stage_n,
+            "refused_commands": self.actuation.refused_commands,
+            "peak_cell_n": self.force_trace.by_stage_n,
         }
-        arrays = self.forces.arrays()
+        arrays = self.force_trace.arrays()
         if self.payload is not None:
             facts["payload"] = self.payload.facts()
             arrays |= self.payload.arrays()
-        if self.grasp is not None:
-            facts |= self.grasp.facts()
-            arrays |= self.grasp.arrays()
+        if self.grasp_ground_truth is not None:
+            facts |= self.grasp_ground_truth.facts()
+            arrays |= self.grasp_ground_truth.arrays()
         return GroundTruth(facts, arrays)
 
-    def _at_home(self) -> mujoco.MjData:
+    def _home_data(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model.mj)
         data.qpos[:] = self.model.home_qpos
-        data.qpos[self.model.sway_qpos] += self._sway.offsets_rad(0)
+        data.qpos[self.model.sway_qpos_address] += self._sway.offsets_rad(0)
         mujoco.mj_forward(self.model.mj, data)
         return data
 
-    def _skin(self, surface: Surface, deployment: Deployment) -> dict[str, Any]:
+    def _foundation_arguments(self, surface: SkinSurface, deployment: Deployment) -> dict[str, Any]:
         """Arguments of a foundation over `surface`."""
         mj = self.model.mj
         return {
             "surface": surface,
-            "scene": scene_of(mj, surface, elastic_bodies(mj, deployment)),
-            "foam": foam_of(deployment.body.foam),
-            "motion": motion_of(mj, self.data),
+            "scene": build_contact_scene(mj, surface, compliant_layers(mj, deployment)),
+            "foam": foam_from_spec(deployment.body.foam),
+            "motion": motion_views(mj, self.data),
             "temperature_c": self.model.temperature_c,
-            "wrench": self.data.xfrc_applied,
+            "applied_wrench": self.data.xfrc_applied,
         }
 
-    def _grip(self, closing: Closing, payload: Payload) -> None:
+    def _close_grip(self, closing: GripController, payload: Payload) -> None:
         """Close the arms on the payload, before time zero."""
         while True:
-            self._press()
-            speeds_rad_s = closing.speeds_rad_s(self.sheet_foundation.body_force_n())
+            self._compute_contact()
+            speeds_rad_s = closing.closing_velocity_rad_s(self.sheet_foundation.body_force_n())
             self.actuation.command(np.zeros(self.n_dofs) if speeds_rad_s is None else speeds_rad_s)
             if speeds_rad_s is None:
                 break
             self._accelerate()
             mujoco.mj_implicit(self.model.mj, self.data)
             self.actuation.advance(self._step_s)
-            payload.hold()
+            payload.fix_pose()
         self.data.time = 0.0
-        payload.observe(0)
+        payload.update(0)
 
-    def _press(self) -> None:
+    def _compute_contact(self) -> None:
         """Compute poses, velocities and skin contact forces at the present state."""
         mujoco.mj_fwdPosition(self.model.mj, self.data)
         mujoco.mj_fwdVelocity(self.model.mj, self.data)
-        self.teacher.tell_velocity()
+        self.teacher.write_finger_velocity()
         self.data.xfrc_applied[:] = 0.0
-        self._foundation.press(self._step_s)
-        self.sheet_foundation.press(self._step_s)
+        self._foundation.compute_contact(self._step_s)
+        self.sheet_foundation.compute_contact(self._step_s)
 
     def _accelerate(self) -> None:
-        """Compute accelerations at the present state, after `_press`."""
+        """Compute accelerations at the present state, after `_compute_contact`."""
         mujoco.mj_fwdActuation(self.model.mj, self.data)
         mujoco.mj_fwdAcceleration(self.model.mj, self.data)
         mujoco.mj_fwdConstraint(self.model.mj, self.data)
@@ -265,33 +271,33 @@ class Body:
         """Evaluate poses, contact forces and accelerations at the present time, at most once per step."""
         if self._evaluated:
             return
-        self._press()
-        force_n, touching = self._foundation.pressed.force_n, self._foundation.touching > 0
-        self.crossings.see_forces(self.t_ns, self._step_ns, force_n, touching)
+        self._compute_contact()
+        force_n, touching = self._foundation.contact.force_n, self._foundation.n_in_contact > 0
+        self.crossings.observe_forces(self.t_ns, self._step_ns, force_n, touching)
         self._accelerate()
         self._evaluated = True
 
-    def _watch(self) -> None:
+    def _record_ground_truth(self) -> None:
         """Record ground truth at the present time under the active stage, at most once per step."""
-        if self._watched:
+        if self._recorded:
             return
-        self.forces.see(self.t_ns, float(self._foundation.pressed.peak_n[0]))
-        if self.grasp is not None:
-            self.grasp.observe(self.t_ns, self._step_s)
-        self._watched = True
+        self.force_trace.observe(self.t_ns, float(self._foundation.contact.peak_force_n[0]))
+        if self.grasp_ground_truth is not None:
+            self.grasp_ground_truth.record(self.t_ns, self._step_s)
+        self._recorded = True
 
     def _integrate(self) -> None:
         """Integrate one physics step under the active command."""
-        self._watch()
+        self._record_ground_truth()
         next_ns = self.t_ns + self._step_ns
         self.teacher.step(self.t_ns, self._step_ns)
         mujoco.mj_implicit(self.model.mj, self.data)
         self.actuation.advance(self._step_s)
-        self.data.ctrl[self.model.sway_actuator] = self._upright_rad + self._sway.offsets_rad(next_ns)
+        self.data.ctrl[self.model.sway_actuator_id] = self._sway_neutral_rad + self._sway.offsets_rad(next_ns)
         self.t_ns = next_ns
         if self.payload is not None:
-            self.payload.observe(next_ns)
+            self.payload.update(next_ns)
         if self.stand is not None:
             self.stand.step(next_ns, self._step_s)
-        self._evaluated = self._watched = False
+        self._evaluated = self._recorded = False
         self._stimulus = None

@@ -8,22 +8,22 @@ import mujoco
 from skinnet.body.things import STAND
 from skinnet.deployment.stand import StandSpec
 
-__all__ = ["MOVES", "Event", "Lift", "Phase", "Stand"]
+__all__ = ["TRANSITIONS", "HeightTrajectory", "Stand", "StandEvent", "StandPhase"]
 
 
-class Phase(Enum):
+class StandPhase(Enum):
     """State of the stand: at rest or moving."""
 
-    BELOW = "below"
+    WAITING = "below"
     RISING = "rising"
-    UP = "up"
+    PRESENTED = "up"
     LOWERING = "lowering"
-    AWAY = "away"
+    LOWERED = "away"
     RETURNING = "returning"
-    BACK = "back"
+    RETURNED = "back"
 
 
-class Event(Enum):
+class StandEvent(Enum):
     """Event that moves the stand to another phase."""
 
     PRESENT = auto()
@@ -32,19 +32,19 @@ class Event(Enum):
     ARRIVED = auto()
 
 
-MOVES = {
-    (Phase.BELOW, Event.PRESENT): Phase.RISING,
-    (Phase.RISING, Event.ARRIVED): Phase.UP,
-    (Phase.UP, Event.LOWER): Phase.LOWERING,
-    (Phase.LOWERING, Event.ARRIVED): Phase.AWAY,
-    (Phase.LOWERING, Event.RETURN): Phase.RETURNING,
-    (Phase.AWAY, Event.RETURN): Phase.RETURNING,
-    (Phase.RETURNING, Event.ARRIVED): Phase.BACK,
+TRANSITIONS = {
+    (StandPhase.WAITING, StandEvent.PRESENT): StandPhase.RISING,
+    (StandPhase.RISING, StandEvent.ARRIVED): StandPhase.PRESENTED,
+    (StandPhase.PRESENTED, StandEvent.LOWER): StandPhase.LOWERING,
+    (StandPhase.LOWERING, StandEvent.ARRIVED): StandPhase.LOWERED,
+    (StandPhase.LOWERING, StandEvent.RETURN): StandPhase.RETURNING,
+    (StandPhase.LOWERED, StandEvent.RETURN): StandPhase.RETURNING,
+    (StandPhase.RETURNING, StandEvent.ARRIVED): StandPhase.RETURNED,
 }
 """Transition table of the stand; BACK is final."""
 
 
-class Lift:
+class HeightTrajectory:
     """Trajectory generator for a height, with bounded speed and acceleration; the target may change any time.
 
     Attributes:
@@ -88,11 +88,11 @@ class Stand:
 
     def __init__(self, data: mujoco.MjData, spec: StandSpec) -> None:
         """Initialise the stand at its pose in the model."""
-        self.phase = Phase.BELOW if spec.below_m > 0.0 else Phase.UP
-        self.history: list[tuple[int, Phase]] = [(0, self.phase)]
-        self._lift = Lift(spec.speed_m_s, spec.acceleration_m_s2)
+        self.phase = StandPhase.WAITING if spec.below_m > 0.0 else StandPhase.PRESENTED
+        self.history: list[tuple[int, StandPhase]] = [(0, self.phase)]
+        self._trajectory = HeightTrajectory(spec.speed_m_s, spec.acceleration_m_s2)
         """Height trajectory above the start pose, at the end of the next step."""
-        self._arrives = False
+        self._arrives_next_step = False
         self._spec, self._qpos, self._qvel, self._force_n = spec, data.qpos, data.qvel, data.qfrc_applied
         joint = data.model.joint(STAND)
         self._address, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
@@ -103,41 +103,41 @@ class Stand:
     def begin_stage(self, name: str, t_ns: int) -> None:
         """Begin stage `name` of the controller's program at `t_ns` [ns]."""
         spec = self._spec
-        if self.phase is Phase.BELOW and name == spec.present_stage and self._due_ns is None:
+        if self.phase is StandPhase.WAITING and name == spec.present_stage and self._due_ns is None:
             self._due_ns = t_ns + spec.present_ns
-        if self.phase in (Phase.RISING, Phase.UP):
+        if self.phase in (StandPhase.RISING, StandPhase.PRESENTED):
             self._due_ns = t_ns + spec.lower_ns if name == spec.lower_stage else None
-        elif self.phase in (Phase.LOWERING, Phase.AWAY) and name != spec.lower_stage:
-            self._go(Event.RETURN, t_ns)
+        elif self.phase in (StandPhase.LOWERING, StandPhase.LOWERED) and name != spec.lower_stage:
+            self._transition(StandEvent.RETURN, t_ns)
 
     def step(self, t_ns: int, step_s: float) -> None:
         """Step the stand to `t_ns` [ns], `step_s` [s] after the last call: set its state, apply its force."""
-        self._qpos[self._address] = self._lift.height_m
-        self._qvel[self._dof] = speed_m_s = self._lift.speed_m_s
-        if self._arrives:
-            self._go(Event.ARRIVED, t_ns)
+        self._qpos[self._address] = self._trajectory.height_m
+        self._qvel[self._dof] = speed_m_s = self._trajectory.speed_m_s
+        if self._arrives_next_step:
+            self._transition(StandEvent.ARRIVED, t_ns)
         if self._due_ns is not None and t_ns >= self._due_ns:
-            self._time_is_up(t_ns)
-        self._arrives = self._lift.step(step_s)
-        self._force_n[self._dof] = self._mass_kg * (self._lift.speed_m_s - speed_m_s) / step_s
+            self._on_timer(t_ns)
+        self._arrives_next_step = self._trajectory.step(step_s)
+        self._force_n[self._dof] = self._mass_kg * (self._trajectory.speed_m_s - speed_m_s) / step_s
 
-    def _time_is_up(self, t_ns: int) -> None:
+    def _on_timer(self, t_ns: int) -> None:
         match self.phase:
-            case Phase.BELOW:
-                self._go(Event.PRESENT, t_ns)
-            case Phase.UP:
-                self._go(Event.LOWER, t_ns)
-            case Phase.AWAY:
-                self._go(Event.RETURN, t_ns)
+            case StandPhase.WAITING:
+                self._transition(StandEvent.PRESENT, t_ns)
+            case StandPhase.PRESENTED:
+                self._transition(StandEvent.LOWER, t_ns)
+            case StandPhase.LOWERED:
+                self._transition(StandEvent.RETURN, t_ns)
 
-    def _go(self, event: Event, t_ns: int) -> None:
+    def _transition(self, event: StandEvent, t_ns: int) -> None:
         """Apply the transition of `event` at `t_ns` [ns]; a `KeyError` is a bug of ours."""
-        waits_for_hold = self.phase is Phase.RISING
-        self.phase = MOVES[self.phase, event]
+        waits_for_hold = self.phase is StandPhase.RISING
+        self.phase = TRANSITIONS[self.phase, event]
         self.history.append((t_ns, self.phase))
         if not waits_for_hold:
-            self._due_ns = t_ns + self._spec.away_ns if self.phase is Phase.AWAY else None
+            self._due_ns = t_ns + self._spec.away_ns if self.phase is StandPhase.LOWERED else None
         up_m = self._spec.below_m
-        self._lift.target_m = (
-            up_m - self._spec.lower_m if self.phase in (Phase.LOWERING, Phase.AWAY) else up_m
+        self._trajectory.target_m = (
+            up_m - self._spec.lower_m if self.phase in (StandPhase.LOWERING, StandPhase.LOWERED) else up_m
         )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import SwaySpec
-from skinnet.seeding import StreamName, key_of, uniform
+from skinnet.seeding import StreamName, stream_key, uniform
 
 __all__ = ["Sway"]
 
@@ -24,7 +24,7 @@ class Sway:
         self.spec = spec
         self._phase_rad = np.array(
             [
-                2.0 * math.pi * uniform(key_of(seed, StreamName.SWAY, joint), np.uint64(0))
+                2.0 * math.pi * uniform(stream_key(seed, StreamName.SWAY, joint), np.uint64(0))
                 for joint in spec.joints
             ]
         )

@@ -8,26 +8,26 @@ from typing import NamedTuple
 import mujoco
 
 from skinnet.body.evasion import Evasion
-from skinnet.body.finger import Finger, Phase, Spot, Task, spot_on
+from skinnet.body.finger import ContactTarget, Finger, FingerPhase, FingerTask, contact_target
 from skinnet.body.foundation import Foundation
-from skinnet.body.lesson_plan import Goals
+from skinnet.body.lesson_plan import PositionGoals
 from skinnet.body.lessons import Lesson
 from skinnet.body.model import BodyModel
-from skinnet.body.strokes import Stroke, Sweep, sweeps_over
-from skinnet.body.teaching_truth import LessonTruth, StrokeTruth
+from skinnet.body.strokes import Stroke, SweepPath, plan_sweeps
+from skinnet.body.teaching_truth import LessonGroundTruth, StrokeGroundTruth
 from skinnet.body.touches import Touch
-from skinnet.body.truth import TouchTruth
+from skinnet.body.truth import TouchGroundTruth
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.schema import CellSpec
-from skinnet.deployment.teacher import TeacherSpec, cells_of
+from skinnet.deployment.teacher import TeacherSpec, parse_cell_range
 
-__all__ = ["Phase", "Skin", "Teacher"]
+__all__ = ["FingerPhase", "Teacher", "TeacherSkin"]
 
-_PUSHED = 0
+_PUSHED_FORCE_CELL = 0
 """Force cell that a lesson with contact pushes on each cell: one force cell gives the largest reading."""
 
 
-class Skin(NamedTuple):
+class TeacherSkin(NamedTuple):
     """Skin interface of the teacher: foundation and cell names.
 
     Attributes:
@@ -40,23 +40,25 @@ class Skin(NamedTuple):
     cells: Mapping[str, slice]
     spec: CellSpec
 
-    def spots(self, key: str, names: Sequence[str], force_cell: int | None = None) -> list[Spot]:
+    def contact_targets(
+        self, key: str, names: Sequence[str], force_cell: int | None = None
+    ) -> list[ContactTarget]:
         """Resolve contact targets of the cells `names`, given under `key` of the deployment.
 
         Raises:
             DeploymentError: there is no such patch or cell.
         """
         sizes = {patch: rows.stop - rows.start for patch, rows in self.cells.items()}
-        found = [cells_of(key, name, sizes) for name in names]
+        found = [parse_cell_range(key, name, sizes) for name in names]
         rows = [self.cells[patch].start + cell for patch, cells in found for cell in cells]
-        return [spot_on(self.foundation, row, self.spec, force_cell) for row in rows]
+        return [contact_target(self.foundation, row, self.spec, force_cell) for row in rows]
 
 
-class _Due(NamedTuple):
+class _ScheduledTask(NamedTuple):
     """Scheduled task of the present stage: begin time [ns] and factory."""
 
     t_ns: int
-    begin: Callable[[int], Task]
+    begin: Callable[[int], FingerTask]
 
 
 class Teacher:
@@ -68,13 +70,13 @@ class Teacher:
     tasks of the old stage are dropped.
 
     Attributes:
-        truth: Ground truth of the touches so far; the last one may be in progress.
+        touches: Ground truth of the touches so far; the last one may be in progress.
         lessons: Ground truth of the lessons so far.
         strokes: Ground truth of the strokes so far.
     """
 
     def __init__(
-        self, model: BodyModel, data: mujoco.MjData, skin: Skin, spec: TeacherSpec, source: str
+        self, model: BodyModel, data: mujoco.MjData, skin: TeacherSkin, spec: TeacherSpec, source: str
     ) -> None:
         """Resolve the script and park the finger.
 
@@ -89,50 +91,52 @@ class Teacher:
             DeploymentError: the script names a cell that does not exist.
             ModelError: a lesson's goal names a body that does not exist.
         """
-        self.truth: list[TouchTruth] = []
-        self.lessons: list[LessonTruth] = []
-        self.strokes: list[StrokeTruth] = []
+        self.touches: list[TouchGroundTruth] = []
+        self.lessons: list[LessonGroundTruth] = []
+        self.strokes: list[StrokeGroundTruth] = []
         foundation = skin.foundation
-        self._finger = Finger(data, model.finger, foundation, spec.tip_radius_m)
+        self._finger = Finger(data, model.finger_body_id, foundation, spec.tip_radius_m)
         self._model, self._data, self._foundation, self._spec = model, data, foundation, spec
-        self._aims = [
-            skin.spots(f"teacher.touches[{i}].cell", [touch.cell], touch.force_cell)[0]
+        self._touch_targets = [
+            skin.contact_targets(f"teacher.touches[{i}].cell", [touch.cell], touch.force_cell)[0]
             for i, touch in enumerate(spec.touches)
         ]
-        self._usable = [
-            skin.spots(
+        self._lesson_targets = [
+            skin.contact_targets(
                 f"teacher.lessons[{i}].cells",
                 lesson.cells or tuple(skin.cells),
-                None if lesson.depth_m is None else _PUSHED,
+                None if lesson.depth_m is None else _PUSHED_FORCE_CELL,
             )
             for i, lesson in enumerate(spec.lessons)
         ]
         self._goals = [
-            Goals(model, data, lesson.goals, f"teacher.lessons[{i}]", source)
+            PositionGoals(model, data, lesson.goals, f"teacher.lessons[{i}]", source)
             for i, lesson in enumerate(spec.lessons)
         ]
         self._sweeps = [
             [
-                Sweep(spots)
+                SweepPath(spots)
                 for name in stroke.cells
-                for spots in sweeps_over(skin.spots(f"teacher.strokes[{i}].cells", [name]), skin.spec.side_m)
+                for spots in plan_sweeps(
+                    skin.contact_targets(f"teacher.strokes[{i}].cells", [name]), skin.spec.side_m
+                )
             ]
             for i, stroke in enumerate(spec.strokes)
         ]
-        self._given: Counter[str] = Counter()
-        self._queue: deque[_Due] = deque()
-        self._task: Task | None = None
+        self._stage_visits: Counter[str] = Counter()
+        self._queue: deque[_ScheduledTask] = deque()
+        self._task: FingerTask | None = None
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> FingerPhase:
         """Motion phase of the finger."""
-        return Phase.PARKED if self._task is None else self._task.phase
+        return FingerPhase.PARKED if self._task is None else self._task.phase
 
     def begin_stage(self, name: str, t_ns: int) -> None:
         """Begin stage `name` of the controller's program at `t_ns` [ns]: schedule its tasks."""
         spec = self._spec
-        count = self._given[name]
-        self._given[name] += 1
+        count = self._stage_visits[name]
+        self._stage_visits[name] += 1
         touches = [i for i, touch in enumerate(spec.touches) if touch.stage == name]
         lessons = [i for i, lesson in enumerate(spec.lessons) if lesson.stage == name]
         strokes = [i for i, stroke in enumerate(spec.strokes) if stroke.stage == name]
@@ -140,13 +144,13 @@ class Teacher:
         due += [(spec.lessons[i].start_s, partial(self._lesson, i)) for i in lessons[count : count + 1]]
         due += [(spec.strokes[i].start_s, partial(self._stroke, i)) for i in strokes[count : count + 1]]
         due.sort(key=lambda entry: entry[0])
-        self._queue = deque(_Due(t_ns + round(start_s * NS_PER_S), begin) for start_s, begin in due)
+        self._queue = deque(_ScheduledTask(t_ns + round(start_s * NS_PER_S), begin) for start_s, begin in due)
         if self._task is not None:
-            self._task.leave(t_ns)
+            self._task.abort(t_ns)
 
-    def tell_velocity(self) -> None:
+    def write_finger_velocity(self) -> None:
         """Write the finger's velocity into MuJoCo's state."""
-        self._finger.tell_velocity()
+        self._finger.write_velocity()
 
     def step(self, t_ns: int, step_ns: int) -> None:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
@@ -154,25 +158,25 @@ class Teacher:
             self._task = self._queue.popleft().begin(t_ns)
         if self._task is not None:
             self._task.step(t_ns, step_ns)
-            if self._task.over:
+            if self._task.finished:
                 self._task = None
 
-    def _touch(self, index: int, t_ns: int) -> Task:
+    def _touch(self, index: int, t_ns: int) -> FingerTask:
         spec = self._spec.touches[index]
-        truth = TouchTruth(touch=index, cell=spec.cell, stage=spec.stage, begin_ns=t_ns)
-        self.truth.append(truth)
-        return Touch(self._finger, spec, self._aims[index], truth, self._foundation.foam.thickness_m)
+        truth = TouchGroundTruth(touch=index, cell=spec.cell, stage=spec.stage, begin_ns=t_ns)
+        self.touches.append(truth)
+        return Touch(self._finger, spec, self._touch_targets[index], truth, self._foundation.foam.thickness_m)
 
-    def _lesson(self, index: int, t_ns: int) -> Task:
+    def _lesson(self, index: int, t_ns: int) -> FingerTask:
         spec, foundation = self._spec.lessons[index], self._foundation
-        truth = LessonTruth(lesson=index, stage=spec.stage, begin_ns=t_ns)
+        truth = LessonGroundTruth(lesson=index, stage=spec.stage, begin_ns=t_ns)
         self.lessons.append(truth)
         evasion = Evasion(self._model, self._data, foundation.surface, foundation.foam.thickness_m)
-        return Lesson(self._finger, spec, self._usable[index], self._goals[index], evasion, truth)
+        return Lesson(self._finger, spec, self._lesson_targets[index], self._goals[index], evasion, truth)
 
-    def _stroke(self, index: int, t_ns: int) -> Task:
+    def _stroke(self, index: int, t_ns: int) -> FingerTask:
         spec, sweeps = self._spec.strokes[index], self._sweeps[index]
-        asked = [spot.row for sweep in sweeps for spot in sweep.spots]
-        truth = StrokeTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, asked=asked)
+        asked = [spot.row for sweep in sweeps for spot in sweep.targets]
+        truth = StrokeGroundTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, asked=asked)
         self.strokes.append(truth)
         return Stroke(self._finger, self._foundation, spec, sweeps, truth)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-__all__ = ["LessonTouch", "LessonTruth", "StrokeTruth"]
+__all__ = ["LessonGroundTruth", "LessonTouch", "StrokeGroundTruth"]
 
 
 @dataclass
@@ -23,7 +23,7 @@ class LessonTouch:
 
 
 @dataclass
-class LessonTruth:
+class LessonGroundTruth:
     """Ground truth of a lesson.
 
     Attributes:
@@ -62,7 +62,7 @@ class LessonTruth:
 
 
 @dataclass
-class StrokeTruth:
+class StrokeGroundTruth:
     """Ground truth of a stroke.
 
     Attributes:

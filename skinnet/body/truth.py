@@ -9,22 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.deployment.schema import CellSpec, ForceSpec, ProximitySpec, StageSpec, TouchSpec
-from skinnet.messages import FORCE_CHANNELS, STIMULUS_NAMES, Modality
+from skinnet.messages import N_FORCE_CHANNELS, STIMULUS_NAMES, Modality
 
 __all__ = [
     "Crossing",
-    "CrossingTruth",
-    "ForceTrace",
-    "TouchTruth",
+    "CrossingDetector",
+    "PeakForceTrace",
+    "TouchGroundTruth",
     "distance_thresholds_m",
     "force_thresholds_n",
-    "reaction_truth",
+    "reaction_crossing_detector",
 ]
 
 Floats = NDArray[np.float64]
 
 _DISTANCE = STIMULUS_NAMES.index("distance_m")
-_FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: FORCE_CHANNELS}
+_FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: N_FORCE_CHANNELS}
 
 
 class Crossing(NamedTuple):
@@ -46,57 +46,69 @@ class Crossing(NamedTuple):
 
 
 @dataclass
-class CrossingTruth:
+class CrossingDetector:
     """Detector of threshold crossings of force and distance, for all cells.
 
     Attributes:
-        force_n: (l,) ascending thresholds of the normal force of a force cell [N].
-        distance_m: (m,) descending thresholds of the distance [m]; an approach crosses them.
-        readings: Noise-free sensor readings at the thresholds, by modality; indexed by level − 1.
+        force_thresholds_n: (l,) ascending thresholds of the normal force of a force cell [N].
+        distance_thresholds_m: (m,) descending thresholds of the distance [m]; an approach crosses them.
+        threshold_readings: Noise-free sensor readings at the thresholds, by modality; indexed by level − 1.
         crossings: Crossings so far, in the order of detection.
     """
 
-    force_n: Floats
-    distance_m: Floats
-    readings: Mapping[Modality, Sequence[float]] = field(default_factory=dict)
+    force_thresholds_n: Floats
+    distance_thresholds_m: Floats
+    threshold_readings: Mapping[Modality, Sequence[float]] = field(default_factory=dict)
     crossings: list[Crossing] = field(default_factory=list)
     _force_before: Floats | None = None
     _distance_before: Floats | None = None
     _distance_ns: int = 0
-    _quiet: bool = True
-    _nothing_near: bool = False
+    _was_without_contact: bool = True
+    _was_out_of_range: bool = False
 
-    def see_forces(self, t_ns: int, step_ns: int, force_n: Floats, touching: bool) -> None:
-        """Observe forces (n, 3) [N] at `t_ns` [ns], a step after the last; `touching`: any in contact."""
-        if not len(self.force_n) or (self._quiet and not touching):
+    def observe_forces(self, t_ns: int, step_ns: int, force_n: Floats, in_contact: bool) -> None:
+        """Observe forces (n, 3) [N] at `t_ns` [ns], a step after the last; `in_contact`: any in contact."""
+        if not len(self.force_thresholds_n) or (self._was_without_contact and not in_contact):
             return
         if self._force_before is None:
             self._force_before = np.zeros_like(force_n)
         before = self._force_before
         if not np.array_equal(before, force_n):
-            self._find(t_ns, step_ns, before, force_n, self.force_n, Modality.FORCE)
+            self._find(t_ns, step_ns, before, force_n, self.force_thresholds_n, Modality.FORCE)
             before[:] = force_n
-        self._quiet = not touching
+        self._was_without_contact = not in_contact
 
-    def see_stimulus(self, t_ns: int, stimulus: Floats) -> None:
+    def observe_stimulus(self, t_ns: int, stimulus: Floats) -> None:
         """Observe distances of the stimulus (n, 8) at `t_ns` [ns], later than the last one."""
-        if not len(self.distance_m):
+        if not len(self.distance_thresholds_m):
             return
         nearness = -stimulus[:, _DISTANCE : _DISTANCE + 1]
         nothing_near = not np.isfinite(nearness).any()
-        if nothing_near and self._nothing_near:
+        if nothing_near and self._was_out_of_range:
             self._distance_before, self._distance_ns = nearness, t_ns
             return
-        self._nothing_near = nothing_near
+        self._was_out_of_range = nothing_near
         if self._distance_before is not None:
             step_ns = t_ns - self._distance_ns
-            self._find(t_ns, step_ns, self._distance_before, nearness, -self.distance_m, Modality.PROXIMITY)
+            self._find(
+                t_ns,
+                step_ns,
+                self._distance_before,
+                nearness,
+                -self.distance_thresholds_m,
+                Modality.PROXIMITY,
+            )
         self._distance_before, self._distance_ns = nearness, t_ns
 
     def facts(self) -> list[tuple[int, int, int, float]]:
         """Crossings as facts: time [ns], cell, touch channel (0–2 force, 3 proximity), reading."""
         return [
-            (c.t_ns, c.cell, _FIRST_CHANNEL[c.modality] + c.channel, self.readings[c.modality][c.level - 1])
+            (
+                c.t_ns,
+                c.cell,
+                _FIRST_CHANNEL[c.modality] + c.channel,
+                self.threshold_readings[c.modality][c.level - 1],
+            )
             for c in self.crossings
         ]
 
@@ -113,17 +125,17 @@ class CrossingTruth:
             )
 
 
-class ForceTrace:
+class PeakForceTrace:
     """Peak force trace of all force cells: over time, and by stage of the controller's program.
 
     Attributes:
         by_stage_n: Peak force of each stage with a force above 0, by name [N].
     """
 
-    def __init__(self, every_ns: int) -> None:
-        """Initialise an empty trace of period `every_ns` [ns]."""
+    def __init__(self, period_ns: int) -> None:
+        """Initialise an empty trace of period `period_ns` [ns]."""
         self.by_stage_n: dict[str, float] = {}
-        self._every_ns, self._stage = every_ns, ""
+        self._period_ns, self._stage = period_ns, ""
         self._peak_n = 0.0
         self._t_ns: list[int] = []
         self._trace_n: list[float] = []
@@ -132,12 +144,12 @@ class ForceTrace:
         """Begin stage `name` of the controller's program."""
         self._stage = name
 
-    def see(self, t_ns: int, peak_n: float) -> None:
+    def observe(self, t_ns: int, peak_n: float) -> None:
         """Observe the largest force now [N] at `t_ns` [ns], one physics step after the last call."""
         if peak_n > 0.0:
             self._peak_n = max(self._peak_n, peak_n)
             self.by_stage_n[self._stage] = max(self.by_stage_n.get(self._stage, 0.0), peak_n)
-        if t_ns % self._every_ns == 0:
+        if t_ns % self._period_ns == 0:
             self._t_ns.append(t_ns)
             self._trace_n.append(self._peak_n)
             self._peak_n = 0.0
@@ -150,12 +162,12 @@ class ForceTrace:
         }
 
 
-def reaction_truth(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingTruth:
+def reaction_crossing_detector(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingDetector:
     """Build the crossing detector for the reaction thresholds of all guide stages."""
     guides = [stage for stage in stages if stage.kind == "guide"]
     force = sorted({stage.force_threshold for stage in guides})
     proximity = sorted({stage.proximity_threshold for stage in guides})
-    return CrossingTruth(
+    return CrossingDetector(
         force_thresholds_n(cells.force, force),
         distance_thresholds_m(cells.proximity, proximity),
         {Modality.FORCE: force, Modality.PROXIMITY: proximity},
@@ -170,7 +182,7 @@ def force_thresholds_n(spec: ForceSpec, readings: Sequence[float] | None = None)
 
 
 def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None = None) -> Floats:
-    """Distance thresholds (m,) [m] at noise-free proximity readings `readings`; default: Table I [M14].
+    """Distance thresholds (m,) [m] at noise-free proximity `readings`; default: Table I [M14].
 
     Inverse of the sensor law (d0 / (d0 + distance))² of `ProximitySpec`.
     """
@@ -181,7 +193,7 @@ def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None 
 
 
 @dataclass
-class TouchTruth:
+class TouchGroundTruth:
     """Ground truth of a touch of the teacher.
 
     Attributes:
@@ -216,14 +228,16 @@ class TouchTruth:
         public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
         return public | {"by_depth": touches[self.touch].depth_m is not None}
 
-    def observe(self, t_ns: int, step_s: float, finger_n: float, aimed_n: float, holds: bool) -> None:
+    def observe(
+        self, t_ns: int, step_s: float, finger_n: float, target_force_n: float, holding: bool
+    ) -> None:
         """Record one physics step at `t_ns` [ns]: forces on the finger and on the target [N]."""
         if finger_n > 0.0 and self.contact_ns is None:
             self.contact_ns = t_ns
         self.peak_n = max(self.peak_n, finger_n)
-        self.aimed_peak_n = max(self.aimed_peak_n, aimed_n)
+        self.aimed_peak_n = max(self.aimed_peak_n, target_force_n)
         self.impulse_n_s += finger_n * step_s
-        if holds:
+        if holding:
             mean_n = 0.0 if self._held_steps == 0 else self.held_n
             self._held_steps += 1
-            self.held_n = mean_n + (aimed_n - mean_n) / self._held_steps
+            self.held_n = mean_n + (target_force_n - mean_n) / self._held_steps

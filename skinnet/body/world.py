@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GroundTruth", "World"]
+__all__ = ["GroundTruth", "Plant"]
 
 
 class GroundTruth(NamedTuple):
@@ -15,7 +15,7 @@ class GroundTruth(NamedTuple):
     arrays: dict[str, NDArray[Any]]
 
 
-class World(Protocol):
+class Plant(Protocol):
     """Plant (protocol): a robot with skin in its environment, stepped in time.
 
     Attributes:
@@ -48,8 +48,8 @@ class World(Protocol):
     def joints(self) -> NDArray[np.float64]:
         """Joint positions (D,) of the controlled joints now [rad], a copy."""
 
-    def loose(self) -> dict[str, list[float]]:
+    def free_bodies(self) -> dict[str, list[float]]:
         """Free-body poses now: position [m] and quaternion (w, x, y, z), world, by name."""
 
-    def truth(self) -> GroundTruth:
+    def ground_truth(self) -> GroundTruth:
         """Ground truth of the run so far."""

@@ -10,51 +10,51 @@ from numpy.typing import NDArray
 from skinnet.deployment.schema import FoamSpec
 from skinnet.skin.placement import PlacedPatch
 
-__all__ = ["Yielding", "delay_rigid_contact", "share_of", "under_skin", "yielding_of"]
+__all__ = ["CompliantLayer", "compliant_layer", "delay_rigid_contact", "foam_fraction", "geoms_under_skin"]
 
 Floats = NDArray[np.float64]
-_DEEPEST_M = 0.03
+_MAX_INDENTATION_M = 0.03
 """Maximum indentation [m] beyond the foam: forearms are 45 mm thick (assumed)."""
-_NOTHING, _RIGID = 0.0001, 0.95
+_FREE_IMPEDANCE, _RIGID_IMPEDANCE = 0.0001, 0.95
 """Impedance (`solimp`) of a contact without force, and of a rigid one."""
-_SETS_IN, _STEEP = 0.9, 20.0
+_ONSET_MIDPOINT, _ONSET_POWER = 0.9, 20.0
 """Midpoint and power (`solimp`) of the onset of rigid contact over depth.
 
 A negative margin would be simpler, but MuJoCo's collision of general convex shapes ignores it.
 """
-_ABOVE_M = 0.01
+_RAY_START_HEIGHT_M = 0.01
 """Start of rays [m] above the link's surface, to find the geom under a cell."""
 
 
-class Yielding(NamedTuple):
+class CompliantLayer(NamedTuple):
     """Compliance of a body in contact with skin.
 
     Attributes:
-        share: Fraction of the overlap that compresses the skin's foam; the rest indents the body.
-        give_m: Maximum indentation of the body, beyond the thickness of the foam [m].
+        foam_fraction: Fraction of the overlap that compresses the skin's foam; the rest indents the body.
+        max_indentation_m: Maximum indentation of the body, beyond the thickness of the foam [m].
     """
 
-    share: float
-    give_m: float = 0.0
+    foam_fraction: float
+    max_indentation_m: float = 0.0
 
 
-def share_of(own_pa_per_m: float, foam: FoamSpec) -> float:
+def foam_fraction(stiffness_pa_per_m: float, foam: FoamSpec) -> float:
     """Fraction of the overlap that the foam takes against an elastic face: two springs in series."""
-    return 1.0 / (1.0 + foam.stiffness_pa_per_m / own_pa_per_m)
+    return 1.0 / (1.0 + foam.stiffness_pa_per_m / stiffness_pa_per_m)
 
 
-def yielding_of(own_pa_per_m: float, foam: FoamSpec) -> Yielding:
+def compliant_layer(stiffness_pa_per_m: float, foam: FoamSpec) -> CompliantLayer:
     """Compliance of an elastic body, indented until the foam is fully compressed, at most 30 mm."""
-    share = share_of(own_pa_per_m, foam)
-    return Yielding(share, min(foam.thickness_m * (1.0 / share - 1.0), _DEEPEST_M))
+    share = foam_fraction(stiffness_pa_per_m, foam)
+    return CompliantLayer(share, min(foam.thickness_m * (1.0 / share - 1.0), _MAX_INDENTATION_M))
 
 
 def delay_rigid_contact(
     spec: mujoco.MjSpec,
     mj: mujoco.MjModel,
     patches: Sequence[PlacedPatch],
-    solids: Sequence[str],
-    give_m: float,
+    geom_names: Sequence[str],
+    max_indentation_m: float,
 ) -> None:
     """Delay rigid contact of links under skin with elastic solids until these are almost fully indented.
 
@@ -64,14 +64,14 @@ def delay_rigid_contact(
         spec: The model, compiled once; must be compiled again.
         mj: The compiled model of `spec`.
         patches: The skin.
-        solids: Names of the solids' geoms.
-        give_m: Maximum indentation [m], as in `Yielding`.
+        geom_names: Names of the solids' geoms.
+        max_indentation_m: Maximum indentation [m], as in `CompliantLayer`.
     """
     links = {geom.id: geom for geom in spec.geoms}
-    for index in under_skin(mj, patches):
+    for index in geoms_under_skin(mj, patches):
         link = links[index]
         link.name = link.name or f"under_skin_{index}"
-        for name in solids:
+        for name in geom_names:
             slide, spin, roll = spec.geom(name).friction
             spec.add_pair(
                 geomname1=link.name,
@@ -79,11 +79,17 @@ def delay_rigid_contact(
                 condim=3,
                 friction=[slide, slide, spin, roll, roll],
                 solref=spec.geom(name).solref,
-                solimp=[_NOTHING, _RIGID, max(give_m, _NOTHING), _SETS_IN, _STEEP],
+                solimp=[
+                    _FREE_IMPEDANCE,
+                    _RIGID_IMPEDANCE,
+                    max(max_indentation_m, _FREE_IMPEDANCE),
+                    _ONSET_MIDPOINT,
+                    _ONSET_POWER,
+                ],
             )
 
 
-def under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list[int]:
+def geoms_under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list[int]:
     """Find geoms under skin: ids, ascending, of the first geom along each cell's inward normal."""
     data = mujoco.MjData(mj)
     mujoco.mj_kinematics(mj, data)
@@ -95,7 +101,7 @@ def under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list[int]:
         R_world_body, origin_m = data.xmat[body].reshape(3, 3), data.xpos[body]
         for position_m, R_body_cell in zip(patch.position_m, patch.R_body_cell, strict=True):
             normal = R_world_body @ R_body_cell[:, 2]
-            start_m = origin_m + R_world_body @ position_m + _ABOVE_M * normal
+            start_m = origin_m + R_world_body @ position_m + _RAY_START_HEIGHT_M * normal
             met_m = {g: _ray_m(mj, data, g, start_m, -normal) for g in geoms}
             found |= {g for g, m in met_m.items() if 0.0 <= m == min(d for d in met_m.values() if d >= 0.0)}
     return sorted(found)

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from skinnet.bench.network import measure
-from skinnet.cli.console import Json, console, write_report
+from skinnet.bench.network import run_benchmarks
+from skinnet.cli.console import JsonOption, console, write_report
 
 __all__ = ["app"]
 
@@ -21,29 +21,29 @@ def _group() -> None:
 @app.command(name="network")
 def _network(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer packets and rounds, for a look.")] = False,
-    json: Json = None,
+    json: JsonOption = None,
 ) -> None:
     """Benchmark the packet kernel against SimPy, an event heap and, if installed, ns-3, in CPU time."""
     progress = console(stderr=True)
     with progress.status("starting") as status:
-        figures = measure(quick=quick, say=status.update)
+        figures = run_benchmarks(quick=quick, progress=status.update)
     console(stderr=json == "-").print(_table(figures))
     write_report({"figures": figures}, json)
 
 
-def _table(figures: dict[str, Any]) -> Table:
+def _table(metrics: dict[str, Any]) -> Table:
     title = (
         "{packets} packets over {packet_hops} hops, {cells} cells in patches of {cells_per_patch} at {hz} Hz"
     )
-    table = Table(title=title.format(**figures), show_header=False)
+    table = Table(title=title.format(**metrics), show_header=False)
     table.add_column(style="bold")
     table.add_column(justify="right")
-    for name, value in figures.items():
-        table.add_row(name, _shown(name, value))
+    for name, value in metrics.items():
+        table.add_row(name, _format_value(name, value))
     return table
 
 
-def _shown(name: str, value: object) -> str:
+def _format_value(name: str, value: object) -> str:
     if name.startswith("hops_per_s"):
         return f"{float(str(value)) / 1e6:.3g} million/s"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -61,7 +61,7 @@ def _ros2(
     ROS 2 need not be installed here.
     """
     try:
-        from skinnet.ros2.bridge import Order, bridge
+        from skinnet.ros2.bridge import BridgeOptions, bridge
     except ModuleNotFoundError as error:
         raise SkinnetError(
             f"{error.name} is missing; install the extra: pip install 'skinnet[ros2]'"
@@ -71,5 +71,7 @@ def _ros2(
     def say(line: str) -> None:
         terminal.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    for topic, sent in bridge(Order(endpoint, domain, router, listen, rate, base, control), say).items():
+    for topic, sent in bridge(
+        BridgeOptions(endpoint, domain, router, listen, rate, base, control), say
+    ).items():
         say(f"  {topic}: {sent} messages")

@@ -12,17 +12,30 @@ from rich.console import Console
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
 
-__all__ = ["File", "Json", "Out", "Set", "console", "require_extra", "seed_range", "write_report"]
+__all__ = [
+    "DeploymentArgument",
+    "JsonOption",
+    "OutOption",
+    "SettingsOption",
+    "console",
+    "require_extra",
+    "seed_range",
+    "write_report",
+]
 
 _PLAIN_WIDTH = 120
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="Deployment, a TOML file.")]
-Set = Annotated[
+DeploymentArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Deployment, a TOML file.")]
+SettingsOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Overrides a setting; may be repeated. Values are TOML."),
 ]
-Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Writes the result as JSON.")]
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; runs/NAME-TIME unless given.")]
+JsonOption = Annotated[
+    str | None, typer.Option("--json", metavar="FILE|-", help="Writes the result as JSON.")
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", help="Folder for results; runs/NAME-TIME unless given.")
+]
 
 
 def console(stderr: bool = False) -> Console:

@@ -31,7 +31,7 @@ from skinnet.errors import (
 __all__ = ["app", "main"]
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
-_BAD_INPUTS = (
+_BAD_INPUT_ERRORS = (
     DeploymentError,
     MemoryFileError,
     ModelError,
@@ -84,7 +84,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM as Ctrl-C
     try:
         app()
-    except _BAD_INPUTS as error:
+    except _BAD_INPUT_ERRORS as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT
     except SkinnetError as error:

@@ -14,28 +14,28 @@ from skinnet.body.model import load_model
 from skinnet.cli.console import console
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
-from skinnet.deployment.recall import read_json, require_fit
+from skinnet.deployment.recall import check_compatible, read_memory_json
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes
 from skinnet.memory.exchange import to_json
-from skinnet.memory.record import Memory
+from skinnet.memory.record import MemoryContents
 from skinnet.memory.store import read_memory, write_memory
 
 __all__ = ["app"]
 
-_SHOW = """
+_SHOW_EXAMPLES = """
 Examples:
 
   skinnet memory show runs/teach/memory.sqlite
 """
-_EXPORT = """
+_EXPORT_EXAMPLES = """
 Examples:
 
   skinnet memory export runs/teach/memory.sqlite
 
   skinnet memory export runs/teach/memory.sqlite --out taught.json
 """
-_IMPORT = """
+_IMPORT_EXAMPLES = """
 Examples:
 
   skinnet memory import taught.json taught.sqlite
@@ -44,10 +44,12 @@ Examples:
 """
 
 app = typer.Typer(
-    no_args_is_help=True, help="What a robot remembers.", epilog=_SHOW + _EXPORT.replace("Examples:\n", "")
+    no_args_is_help=True,
+    help="What a robot remembers.",
+    epilog=_SHOW_EXAMPLES + _EXPORT_EXAMPLES.replace("Examples:\n", ""),
 )
 
-Stored = Annotated[Path, typer.Argument(metavar="FILE", help="Memory file, SQLite.")]
+MemoryFileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Memory file, SQLite.")]
 
 
 @app.callback()
@@ -55,19 +57,19 @@ def _group() -> None:
     """Show, export and import the long-term memory of a robot."""
 
 
-@app.command(name="show", epilog=_SHOW)
-def _show(memory_file: Stored) -> None:
+@app.command(name="show", epilog=_SHOW_EXAMPLES)
+def _show(memory_file: MemoryFileArgument) -> None:
     """Print the robot, structure, key poses, touch areas and parameters of a memory file."""
     memory = read_memory(memory_file)
     terminal = console()
-    for table in (_table(memory), _poses(memory), _areas(memory), _parameters(memory)):
+    for table in (_robot_table(memory), _pose_table(memory), _area_table(memory), _parameter_table(memory)):
         if table.row_count:
             terminal.print(table)
 
 
-@app.command(name="export", epilog=_EXPORT)
+@app.command(name="export", epilog=_EXPORT_EXAMPLES)
 def _export(
-    memory_file: Stored,
+    memory_file: MemoryFileArgument,
     out: Annotated[str, typer.Option(metavar="JSON|-", help="File to write; - for standard output.")] = "-",
 ) -> None:
     """Export a memory file as JSON, exact to the last bit."""
@@ -78,7 +80,7 @@ def _export(
         write_bytes(Path(out), content)
 
 
-@app.command(name="import", epilog=_IMPORT)
+@app.command(name="import", epilog=_IMPORT_EXAMPLES)
 def _import(
     source: Annotated[Path, typer.Argument(metavar="JSON", help="What `export` wrote.")],
     memory_file: Annotated[Path, typer.Argument(metavar="FILE", help="Memory file to write.")],
@@ -91,7 +93,7 @@ def _import(
     force: Annotated[bool, typer.Option("--force", help="Replaces FILE if it exists.")] = False,
 ) -> None:
     """Import a memory file from JSON; nothing is written unless all of it is valid."""
-    memory = read_json(source)
+    memory = read_memory_json(source)
     if deployment is not None:
         try:
             _require_fit(memory, deployment)
@@ -102,7 +104,7 @@ def _import(
     write_memory(memory_file, memory)
 
 
-def _require_fit(memory: Memory, file: Path) -> None:
+def _require_fit(memory: MemoryContents, file: Path) -> None:
     deployment = load(file)
     try:
         check(deployment)
@@ -110,10 +112,10 @@ def _require_fit(memory: Memory, file: Path) -> None:
         body = load_model(deployment.body, file.parent, finger.tip_radius_m, finger.temperature_c)
     except DeploymentError as error:
         raise DeploymentError(f"{file}: {error}") from None
-    require_fit(memory, deployment, body.range_rad)
+    check_compatible(memory, deployment, body.range_rad)
 
 
-def _table(memory: Memory) -> Table:
+def _robot_table(memory: MemoryContents) -> Table:
     """Build the table of the robot and its explored structure."""
     robot = memory.robot
     table = Table(title=f"memory of {robot.name}", show_header=False)
@@ -129,11 +131,11 @@ def _table(memory: Memory) -> Table:
         entries = np.count_nonzero(memory.activity)
         table.add_row("structure", f"{moved} cells move, {entries} of {memory.activity.size} entries active")
         if len(memory.unmeasured):
-            table.add_row("not measured", _by_patch(memory, memory.unmeasured))
+            table.add_row("not measured", _counts_by_patch(memory, memory.unmeasured))
     return table
 
 
-def _poses(memory: Memory) -> Table:
+def _pose_table(memory: MemoryContents) -> Table:
     """Build the table of key poses: joint positions [rad]."""
     table = Table(title="key poses [rad]")
     table.add_column("joint", style="bold")
@@ -148,21 +150,21 @@ def _poses(memory: Memory) -> Table:
     return table
 
 
-def _areas(memory: Memory) -> Table:
+def _area_table(memory: MemoryContents) -> Table:
     table = Table("area", "cells", "of each patch", title="touch areas")
     for label, cells in memory.areas.items():
-        table.add_row(label, str(len(cells)), _by_patch(memory, cells))
+        table.add_row(label, str(len(cells)), _counts_by_patch(memory, cells))
     return table
 
 
-def _parameters(memory: Memory) -> Table:
+def _parameter_table(memory: MemoryContents) -> Table:
     table = Table("parameter", "value", title="parameters")
     for name, value in memory.parameters.items():
         table.add_row(name, f"{value:g}")
     return table
 
 
-def _by_patch(memory: Memory, cells: np.typing.NDArray[np.int64]) -> str:
+def _counts_by_patch(memory: MemoryContents, cells: np.typing.NDArray[np.int64]) -> str:
     places = memory.robot.cells()
     counts = Counter(places[cell][0] for cell in cells)
     return ", ".join(f"{patch} {count}" for patch, count in counts.items())

@@ -7,8 +7,8 @@ import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from skinnet.cli.console import Json, console, write_report
-from skinnet.network.simulate import Files, simulate
+from skinnet.cli.console import JsonOption, console, write_report
+from skinnet.network.simulate import SimulationFiles, simulate_csv
 
 __all__ = ["app"]
 
@@ -37,7 +37,7 @@ def _simulate(
     ] = None,
     drops: Annotated[Path | None, typer.Option(help="Written: id,t_ns,node,cause.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of loss, jitter and bit errors.")] = 0,
-    json: Json = None,
+    json: JsonOption = None,
 ) -> None:
     """Simulate packets through a network of directed links. Every file may be gzipped: NAME.csv.gz."""
     bar = Progress(
@@ -51,8 +51,8 @@ def _simulate(
     )
     with bar:
         task = bar.add_task("packets", total=1.0)
-        figures = simulate(
-            Files(links, packets, out, routes, drops),
+        figures = simulate_csv(
+            SimulationFiles(links, packets, out, routes, drops),
             until_ns,
             seed=seed,
             progress=lambda share: bar.update(task, completed=share),
@@ -61,31 +61,31 @@ def _simulate(
     write_report({"seed": seed, "figures": figures}, json)
 
 
-def _table(figures: dict[str, Any]) -> Table:
+def _table(metrics: dict[str, Any]) -> Table:
     """Build the table of packets: enqueued, delivered, dropped, in flight."""
     prefix = "packets.dropped."
-    causes = {name.removeprefix(prefix): n for name, n in figures.items() if name.startswith(prefix)}
+    causes = {name.removeprefix(prefix): n for name, n in metrics.items() if name.startswith(prefix)}
     table = Table(
-        title=f"{figures['nodes']} nodes, {figures['links']} links, {figures['until_ns'] / 1e6:g} ms",
+        title=f"{metrics['nodes']} nodes, {metrics['links']} links, {metrics['until_ns'] / 1e6:g} ms",
         show_header=False,
     )
     table.add_column(style="bold")
     table.add_column(justify="right")
-    table.add_row("offered", str(figures["packets.offered"]))
-    table.add_row("delivered", str(figures["packets.delivered"]))
+    table.add_row("offered", str(metrics["packets.offered"]))
+    table.add_row("delivered", str(metrics["packets.delivered"]))
     for cause, n in causes.items():
         if n:
             table.add_row(f"dropped: {cause.replace('_', ' ')}", str(n))
-    if not figures["packets.dropped"]:
+    if not metrics["packets.dropped"]:
         table.add_row("dropped", "0")
-    table.add_row("in flight at the end", str(figures["packets.in_flight"]))
+    table.add_row("in flight at the end", str(metrics["packets.in_flight"]))
     table.add_row(
-        "offered = delivered + dropped + in flight", "yes" if figures["packets.conserved"] else "NO"
+        "offered = delivered + dropped + in flight", "yes" if metrics["packets.conserved"] else "NO"
     )
-    if figures["packets.not_before_until"]:
-        table.add_row("not offered: from --until-ns on", str(figures["packets.not_before_until"]))
+    if metrics["packets.not_before_until"]:
+        table.add_row("not offered: from --until-ns on", str(metrics["packets.not_before_until"]))
     table.add_section()
-    for name, value in figures.items():
+    for name, value in metrics.items():
         if name.startswith(("latency.", "links.")) and value is not None:
             table.add_row(name, f"{value:.6g}")
     return table

@@ -6,13 +6,20 @@ from typing import Annotated
 
 import typer
 
-from skinnet.cli.console import File, Json, Out, Set, console, write_report
+from skinnet.cli.console import (
+    DeploymentArgument,
+    JsonOption,
+    OutOption,
+    SettingsOption,
+    console,
+    write_report,
+)
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
-from skinnet.plan.plan import make
-from skinnet.plan.report import report
+from skinnet.plan.plan import make_plan
+from skinnet.plan.report import plan_report
 from skinnet.plan.table import print_plan
 
 __all__ = ["EXAMPLES", "plan"]
@@ -30,8 +37,8 @@ _DPI = 130
 
 
 def plan(
-    file: File,
-    settings: Set = None,
+    file: DeploymentArgument,
+    settings: SettingsOption = None,
     latency_ms: Annotated[float | None, typer.Option(help="Limit of the worst-case latency.")] = None,
     utilisation: Annotated[float | None, typer.Option(help="Limit of the load of a link, 0 to 1.")] = None,
     voltage: Annotated[float | None, typer.Option(help="Limit of the lowest voltage of a cell.")] = None,
@@ -41,8 +48,8 @@ def plan(
     stimulated: Annotated[float | None, typer.Option(help="Share of touched cells, 0 to 1.")] = None,
     events_hz: Annotated[float | None, typer.Option(help="Events a second of a touched cell.")] = None,
     idle_events_hz: Annotated[float | None, typer.Option(help="Events a second of any other.")] = None,
-    out: Out = None,
-    json: Json = None,
+    out: OutOption = None,
+    json: JsonOption = None,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the skin.")] = True,
 ) -> None:
     """Plan a deployment: link loads, latencies, cell voltages, and the fewest sufficient gateways."""
@@ -61,10 +68,10 @@ def plan(
         check(deployment)
         if not deployment.patches:
             raise DeploymentError("patches: there are none; a plan is one of the network of cells")
-        made = make(deployment)
+        made = make_plan(deployment)
     except DeploymentError as error:
         raise DeploymentError(f"{file}: {error}") from None
-    result = report(made)
+    result = plan_report(made)
     terminal = console(stderr=json == "-")
     write_report(result, json)
     folder = None
@@ -72,9 +79,9 @@ def plan(
         folder = out or Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}"
         write_json(folder / "plan.json", result)
     if plots and folder is not None:
-        from skinnet.plan.picture import draw  # matplotlib takes a second to import
+        from skinnet.plan.picture import draw_plan  # matplotlib takes a second to import
 
-        draw(made).savefig(folder / "plan.png", dpi=_DPI)
+        draw_plan(made).savefig(folder / "plan.png", dpi=_DPI)
     print_plan(terminal, result)
     if folder is not None:
         terminal.print(f"everything is in {folder}", highlight=False)

@@ -6,10 +6,10 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import typer
 
-from skinnet.cli.console import Json, Set, console, require_extra, write_report
+from skinnet.cli.console import JsonOption, SettingsOption, console, require_extra, write_report
 from skinnet.deployment import Deployment, load
 from skinnet.deployment.checks import check
-from skinnet.deployment.load import apply_override, build
+from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
 from skinnet.run.watch import free_endpoint
 
@@ -34,7 +34,7 @@ def replay(
     deployment: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Whose controller; the recorded one unless given.")
     ] = None,
-    settings: Set = None,
+    settings: SettingsOption = None,
     publish: Annotated[
         bool, typer.Option("--publish", help="Plays it to whoever watches over Zenoh.")
     ] = False,
@@ -53,21 +53,21 @@ def replay(
     base: Annotated[
         Path | None, typer.Option(help="Folder with the model; the one of the recorded run unless given.")
     ] = None,
-    json: Json = None,
+    json: JsonOption = None,
 ) -> None:
     """Replay a recording into a controller, or publish it; exit code 1 if a command differs."""
     if (into is None) == (not publish):
         raise DeploymentError("give --into controller, or else --publish")
     require_extra("record", "mcap", "zstandard")
     if into is not None:
-        _into(recording, into, _Changes(deployment, tuple(settings or ()), base), json)
+        _replay_into(recording, into, _DeploymentChanges(deployment, tuple(settings or ()), base), json)
         return
     if deployment is not None or settings:
         raise DeploymentError("--deployment and --set are for --into: what is published was recorded")
     _publish(recording, (begin_s, end_s, rate, loop), listen, base, wait)
 
 
-class _Changes(NamedTuple):
+class _DeploymentChanges(NamedTuple):
     """Changes of the deployment relative to the recorded run."""
 
     file: Path | None
@@ -75,15 +75,15 @@ class _Changes(NamedTuple):
     base: Path | None
 
 
-def _into(path: Path, into: str, changes: _Changes, json: str | None) -> None:
+def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str | None) -> None:
     from skinnet.recording.reader import Recording
     from skinnet.recording.replay import replay_into, require_same_robot, with_memory
 
-    if into != "controller":
-        raise DeploymentError(f"--into {into}: allowed: controller")
+    if target != "controller":
+        raise DeploymentError(f"--into {target}: allowed: controller")
     recording = Recording(path)
     recorded = recording.deployment()
-    deployment = _deployment(recording.raw, path, changes)
+    deployment = _deployment(recording.deployment_dict, path, changes)
     require_same_robot(recorded, deployment)
     base = changes.base or (recording.base if changes.file is None else changes.file.parent)
     with with_memory(recording, deployment) as remembering:
@@ -104,7 +104,7 @@ def _into(path: Path, into: str, changes: _Changes, json: str | None) -> None:
     raise typer.Exit(0 if difference is None else 1)
 
 
-def _deployment(raw: dict[str, Any], path: Path, changes: _Changes) -> Deployment:
+def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) -> Deployment:
     """Build the recorded deployment, or load another one, with the changed settings."""
     if changes.file is not None:
         deployment = load(changes.file, changes.settings)
@@ -112,22 +112,22 @@ def _deployment(raw: dict[str, Any], path: Path, changes: _Changes) -> Deploymen
         changed = msgspec.json.decode(msgspec.json.encode(raw))
         for setting in changes.settings:
             apply_override(changed, setting)
-        deployment = build(changed, str(path))
+        deployment = from_document(changed, str(path))
     check(deployment)
     return deployment
 
 
 def _publish(
     path: Path,
-    stretch: tuple[float, float | None, float, bool],
+    interval: tuple[float, float | None, float, bool],
     listen: str | None,
     base: Path | None,
     wait: bool,
 ) -> None:
-    from skinnet.recording.publish import Stretch, publish
+    from skinnet.recording.publish import PlaybackOptions, publish_recording
     from skinnet.recording.reader import Recording
 
-    begin_s, end_s, rate, loop = stretch
+    begin_s, end_s, rate, loop = interval
     if end_s is not None and end_s <= begin_s:
         raise DeploymentError(f"--until {end_s:g}: must be later than --from {begin_s:g}")
     recording = Recording(path)
@@ -141,12 +141,12 @@ def _publish(
     if not recording.complete:
         say(f"the recording is cut; its last chunk ends at {recording.end_ns * 1e-9:.3f} s")
     until_ns = None if end_s is None else round(end_s * 1e9)
-    count = publish(
+    count = publish_recording(
         recording,
-        Stretch(round(begin_s * 1e9), until_ns, rate, loop),
+        PlaybackOptions(round(begin_s * 1e9), until_ns, rate, loop),
         listen or free_endpoint(),
         base=base or recording.base,
-        wait=wait,
-        say=say,
+        wait_for_subscriber=wait,
+        log=say,
     )
     say(f"{count} messages")

@@ -28,10 +28,10 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one HTML page: summary, plots, metrics beside the paper's, deployment, versions."""
-    from skinnet.report.collect import collect
-    from skinnet.report.html import render
+    from skinnet.report.collect import read_run_folder
+    from skinnet.report.html import render_html
 
-    page = render(collect(run))
+    page = render_html(read_run_folder(run))
     target = out or run / "report.html"
     if target.is_dir():
         raise RunFolderError(f"--out {target}: that is a folder; give a file in it")

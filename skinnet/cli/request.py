@@ -8,11 +8,11 @@ import typer
 from skinnet.channels import Keys
 from skinnet.errors import DeploymentError, ProtocolError, SkinnetError, UnreachableError
 from skinnet.messages import Answer, decode
-from skinnet.transport.client import ask
+from skinnet.transport.client import query
 
 __all__ = ["EXAMPLES", "request"]
 
-_NAME = re.compile(r"[A-Za-z0-9_\-]+")
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9_\-]+")
 
 EXAMPLES = """
 Examples:
@@ -25,7 +25,7 @@ Examples:
 
 def request(
     endpoint: Annotated[str, typer.Argument(metavar="ENDPOINT", help="Where the run can be watched.")],
-    what: Annotated[str, typer.Argument(metavar="WHAT", help="What is asked for, e.g. cancel.")],
+    name: Annotated[str, typer.Argument(metavar="WHAT", help="What is asked for, e.g. cancel.")],
     argument: Annotated[str, typer.Argument(metavar="ARGUMENT", help="One word for it, e.g. force.")] = "",
     robot: Annotated[
         str | None, typer.Option(help="Name of the robot; whichever is there unless given.")
@@ -35,10 +35,10 @@ def request(
     ] = 10.0,
 ) -> None:
     """Send a request to the controller of a live run; exit code 0 if accepted, 1 if refused."""
-    for name, hint in ((what, "WHAT"), (robot or "any", "--robot")):
-        if not _NAME.fullmatch(name):
-            raise DeploymentError(f"{hint} {name!r}: names have letters, digits, - and _ only")
-    replies = ask(endpoint, Keys(robot or "*").of("request", what), argument.encode(), timeout)
+    for part, hint in ((name, "WHAT"), (robot or "any", "--robot")):
+        if not _NAME_PATTERN.fullmatch(part):
+            raise DeploymentError(f"{hint} {part!r}: names have letters, digits, - and _ only")
+    replies = query(endpoint, Keys(robot or "*").of("request", name), argument.encode(), timeout)
     if not replies:
         who = f"no robot {robot}" if robot else "nobody"
         raise UnreachableError(f"{endpoint}: {who} takes requests there; a run prints its endpoint")
@@ -46,11 +46,11 @@ def request(
     for reply in replies:
         if reply.error:
             raise SkinnetError(reply.error)
-        accepted &= _report(reply.key, reply.payload)
+        accepted &= _print_answer(reply.key, reply.payload)
     raise typer.Exit(0 if accepted else 1)
 
 
-def _report(key: str, payload: bytes) -> bool:
+def _print_answer(key: str, payload: bytes) -> bool:
     """Print an answer; return whether the request was accepted."""
     try:
         answer = decode(payload, Answer)

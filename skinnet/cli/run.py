@@ -8,14 +8,23 @@ from typing import Annotated, Any
 
 import typer
 
-from skinnet.cli.console import File, Json, Out, Set, console, require_extra, seed_range, write_report
+from skinnet.cli.console import (
+    DeploymentArgument,
+    JsonOption,
+    OutOption,
+    SettingsOption,
+    console,
+    require_extra,
+    seed_range,
+    write_report,
+)
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
-from skinnet.run.explain import explain
-from skinnet.run.launch import Order, prepare, run_once
-from skinnet.run.progress import Progress
+from skinnet.run.explain import print_deployment
+from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.progress import ProgressDisplay
 from skinnet.run.table import print_summary
-from skinnet.run.viewer import Viewer
+from skinnet.run.viewer import PageProcess
 
 __all__ = ["EXAMPLES", "check", "run"]
 
@@ -39,8 +48,8 @@ Examples:
 
 
 def run(
-    file: File,
-    settings: Set = None,
+    file: DeploymentArgument,
+    settings: SettingsOption = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed, instead of the deployment's.")] = None,
     seeds: Annotated[str | None, typer.Option(metavar="A-B", help="Runs every seed from A to B.")] = None,
     in_process: Annotated[
@@ -49,8 +58,8 @@ def run(
     pace: Annotated[
         str | None, typer.Option(metavar="lockstep|realtime", help="Instead of the deployment's.")
     ] = None,
-    out: Out = None,
-    json: Json = None,
+    out: OutOption = None,
+    json: JsonOption = None,
     listen: Annotated[
         str | None,
         typer.Option(metavar="ENDPOINT", help="Where watchers join, e.g. tcp/127.0.0.1:7447."),
@@ -69,7 +78,7 @@ def run(
     if keep and seeds is not None:
         raise DeploymentError("--keep and --seeds: a page that stays shows one run")
     overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
-    order = Order(file, overrides, in_process, listen, plots, record)
+    order = RunOptions(file, overrides, in_process, listen, plots, record)
     if record:
         require_extra("record", "mcap", "zstandard", "foxglove")
     terminal = console(stderr=json == "-")
@@ -77,10 +86,10 @@ def run(
     with contextlib.ExitStack() as pages:
 
         def run_seed(number: int | None, where: Path) -> dict[str, Any]:
-            deployment, progress, asked = prepare(order, number), Progress(terminal), order
+            deployment, progress, asked = load_and_check(order, number), ProgressDisplay(terminal), order
             if view:
-                page = pages.enter_context(Viewer(progress.say, keep=keep, control=control))
-                asked = replace(order, on_watch=page.start)
+                page = pages.enter_context(PageProcess(progress.print_line, keep=keep, control=control))
+                asked = replace(order, on_observer_endpoint=page.start)
             return run_once(asked, deployment, where, progress)
 
         if seeds is None:
@@ -97,7 +106,7 @@ def run(
         write_report(report, json)
 
 
-def check(file: File, settings: Set = None) -> None:
+def check(file: DeploymentArgument, settings: SettingsOption = None) -> None:
     """Check a deployment; print its processes, cells, channels and periods."""
-    order = Order(file, tuple(settings or ()))
-    explain(console(), prepare(order))
+    order = RunOptions(file, tuple(settings or ()))
+    print_deployment(console(), load_and_check(order))

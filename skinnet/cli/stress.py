@@ -9,25 +9,32 @@ import typer
 from msgspec import ValidationError, convert, to_builtins
 from rich.console import Console
 
-from skinnet.cli.console import File, Json, Out, Set, console, write_report
+from skinnet.cli.console import (
+    DeploymentArgument,
+    JsonOption,
+    OutOption,
+    SettingsOption,
+    console,
+    write_report,
+)
 from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.stress import StressSpec
 from skinnet.errors import DeploymentError, SkinnetError
 from skinnet.files import write_bytes, write_json
 from skinnet.run.environment import environment
-from skinnet.run.launch import Order, prepare
-from skinnet.stress.report import figures_of, print_table
-from skinnet.stress.sweep import Result, sweep
+from skinnet.run.launch import RunOptions, load_and_check
+from skinnet.stress.report import print_table, sweep_metrics
+from skinnet.stress.sweep import PointResult, run_sweep
 
 __all__ = ["stress"]
 
-_QUICK = {"duration_s": 1.0, "settle_s": 0.5, "delta_sigmas": ()}
+_QUICK_SETTINGS = {"duration_s": 1.0, "settle_s": 0.5, "delta_sigmas": ()}
 T = TypeVar("T")
 
 
 def stress(
-    file: File,
-    settings: Set = None,
+    file: DeploymentArgument,
+    settings: SettingsOption = None,
     cells: Annotated[
         str | None, typer.Option(metavar="N,…", help="Numbers of cells, by whole patches.")
     ] = None,
@@ -49,19 +56,19 @@ def stress(
     resume: Annotated[
         bool, typer.Option("--resume", help="Keep the finished points of an earlier sweep in --out.")
     ] = False,
-    out: Out = None,
-    json: Json = None,
+    out: OutOption = None,
+    json: JsonOption = None,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots.")] = True,
 ) -> None:
     """Sweep cells, encodings, stimulation and gateways, with separate processes over Zenoh."""
     if resume and out is None:
         raise DeploymentError("--resume: say with --out which sweep to go on with")
-    deployment = prepare(Order(file, tuple(settings or ()), plots=False))
+    deployment = load_and_check(RunOptions(file, tuple(settings or ()), plots=False))
     if not deployment.patches:
         raise DeploymentError(
             f"{file}: patches: there are none; a stress test is one of the network of cells"
         )
-    given: dict[str, Any] = dict(_QUICK) if quick else {}
+    given: dict[str, Any] = dict(_QUICK_SETTINGS) if quick else {}
     for name, text, kind in (
         ("cells", cells, int),
         ("encodings", encodings, str),
@@ -70,19 +77,19 @@ def stress(
         ("delta_sigmas", sigmas, float),
     ):
         if text is not None:
-            given[name] = _list(name, text, kind)
+            given[name] = _parse_list(name, text, kind)
     if duration_s is not None:
         given["duration_s"] = duration_s
-    spec = _spec(deployment, given)
+    spec = _stress_spec(deployment, given)
     folder = out or Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     terminal = console(stderr=json == "-")
-    results = sweep(file, deployment, spec, folder, resume=resume, say=_say(terminal))
+    results = run_sweep(file, deployment, spec, folder, resume=resume, progress=_line_printer(terminal))
     report = {
         "deployment": deployment.name,
         "stress": to_builtins(spec),
         "points": [result.point.name for result in results],
         "failed": {result.point.name: result.failed for result in results if result.failed is not None},
-        "figures": figures_of(deployment, spec, results),
+        "figures": sweep_metrics(deployment, spec, results),
         "environment": environment(),
         "settings": list(settings or ()),
     }
@@ -97,11 +104,11 @@ def stress(
         raise SkinnetError(f"{len(report['failed'])} of {len(results)} points failed")
 
 
-def _say(terminal: Console) -> Callable[[str], None]:
+def _line_printer(terminal: Console) -> Callable[[str], None]:
     return lambda line: terminal.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
+def _parse_list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
     """Parse the list "a,b,c" of option `name`.
 
     Raises:
@@ -114,7 +121,7 @@ def _list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
         raise DeploymentError(f"{option} {text}: write numbers with commas between them") from None
 
 
-def _spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
+def _stress_spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
     """Build the sweep specification: that of the deployment, with the overrides of the command line."""
     try:
         return convert(to_builtins(deployment.stress) | given, StressSpec)
@@ -122,7 +129,7 @@ def _spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
         raise DeploymentError(f"stress: {error}") from None
 
 
-def _draw(spec: StressSpec, deployment: Deployment, results: list[Result], folder: Path) -> None:
-    from skinnet.stress.plots import draw  # matplotlib takes a second to import
+def _draw(spec: StressSpec, deployment: Deployment, results: list[PointResult], folder: Path) -> None:
+    from skinnet.stress.plots import draw_plots  # matplotlib takes a second to import
 
-    draw(deployment, spec, results, folder)
+    draw_plots(deployment, spec, results, folder)

@@ -21,12 +21,12 @@ Examples:
 
   skinnet view tcp/127.0.0.1:7447 --host 0.0.0.0 --token a-word-that-nobody-guesses
 """
-_NICE = 10
+_NICE_INCREMENT = 10
 """Scheduling priority increment of the page, below the processes of the run."""
 
 
 def view(
-    what: Annotated[
+    source: Annotated[
         str, typer.Argument(metavar="ENDPOINT|FILE", help="Watch endpoint that a run prints, or run.mcap.")
     ],
     host: Annotated[
@@ -48,13 +48,13 @@ def view(
 ) -> None:
     """Serve a web page of body, skin, network and controller, of a live run or of a recording."""
     if hasattr(os, "nice"):
-        os.nice(_NICE)
+        os.nice(_NICE_INCREMENT)
     require_extra("view", "viser", "mcap", "zstandard")
-    from skinnet.view.show import Order, show
+    from skinnet.view.show import ViewOptions, serve_page
 
     terminal = console()
 
     def say(line: str) -> None:
         terminal.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    show(Order(what, host, port, token, control, keep, base), say)
+    serve_page(ViewOptions(source, host, port, token, control, keep, base), say)

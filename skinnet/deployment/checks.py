@@ -6,14 +6,14 @@ from collections import Counter
 
 from skinnet.deployment.fault_checks import check_faults
 from skinnet.deployment.schema import CellSpec, Deployment
-from skinnet.deployment.stage_names import require_stage
+from skinnet.deployment.stage_names import check_stage_name
 from skinnet.deployment.teacher_checks import check_teacher
 from skinnet.deployment.things import NO_OBJECT
 from skinnet.errors import DeploymentError
 
 __all__ = ["check"]
 
-_TAKEN = ("body", "boards", "cells", "controller", "outside")
+_RESERVED_NAMES = ("body", "boards", "cells", "controller", "outside")
 """Reserved names: other processes, all cell processes, and external clients (`skinnet.channels`)."""
 
 
@@ -26,7 +26,7 @@ def check(deployment: Deployment) -> None:
     _check_periods(deployment)
     _check_network(deployment)
     _check_patches(deployment)
-    _check_hosts(deployment)
+    _check_processes(deployment)
     _check_sensors(deployment.cells)
     _check_program(deployment)
     check_teacher(deployment)
@@ -93,14 +93,14 @@ def _check_patches(deployment: Deployment) -> None:
             raise DeploymentError(f"patches: the name {name} stands {count} times; every patch needs its own")
 
 
-def _check_hosts(deployment: Deployment) -> None:
+def _check_processes(deployment: Deployment) -> None:
     hosts = deployment.hosts
     if isinstance(hosts, int) and hosts < 1:
         raise DeploymentError(f'hosts = {hosts}: at least 1, or "per_patch", or a table of patches by host')
     names = [patch.name for patch in deployment.patches]
     placed: dict[str, str] = {}
     for host, patches in deployment.host_patches().items():
-        if host in _TAKEN:
+        if host in _RESERVED_NAMES:
             raise DeploymentError(f"hosts.{host}: that name has a meaning of its own; choose another")
         if not patches:
             raise DeploymentError(f"hosts.{host}: has no patches; leave it out")
@@ -229,4 +229,4 @@ def _check_stand(deployment: Deployment) -> None:
         )
     for key, name in (("present_stage", stand.present_stage), ("lower_stage", stand.lower_stage)):
         if name is not None:
-            require_stage(f"stand.{key}", name, deployment.controller)
+            check_stage_name(f"stand.{key}", name, deployment.controller)

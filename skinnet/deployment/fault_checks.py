@@ -3,7 +3,7 @@
 Targets are checked against the placed patches in `skinnet.network.faults.check_targets`.
 """
 
-from skinnet.deployment.faults import Drift, FaultRule, Stuck
+from skinnet.deployment.faults import Drift, FaultRule, StuckAt
 from skinnet.deployment.schema import CellSpec, Deployment
 from skinnet.errors import DeploymentError
 
@@ -21,8 +21,8 @@ def check_faults(deployment: Deployment) -> None:
         _check_times(key, rule, deployment.run.max_s)
         if isinstance(rule, Drift) and rule.per_s == 0.0:
             raise DeploymentError(f"{key}.per_s = 0: nothing would drift; above or below zero")
-        if isinstance(rule, Stuck) and rule.value is not None:
-            low, high = _range(deployment.cells, rule.channel)
+        if isinstance(rule, StuckAt) and rule.value is not None:
+            low, high = _reading_range(deployment.cells, rule.channel)
             if not low <= rule.value <= high:
                 hint = "; give each channel a rule of its own" if rule.channel == "all" else ""
                 raise DeploymentError(
@@ -46,7 +46,7 @@ def _check_times(key: str, rule: FaultRule, end_s: float) -> None:
             raise DeploymentError(f"{key}.between_s = [{first_s:g}, {last_s:g}]: {last_s:g} {never}")
 
 
-def _range(cells: CellSpec, channel: str) -> tuple[float, float]:
+def _reading_range(cells: CellSpec, channel: str) -> tuple[float, float]:
     """Return the range of readings of a channel; for `all`, the range common to all channels."""
     acceleration, warmth = cells.accelerometer, cells.temperature
     match channel:

@@ -7,27 +7,27 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from skinnet.deployment.table import NonNegative, Positive, Share, Table
+from skinnet.deployment.table import Fraction, NonNegative, Positive, Table
 
 __all__ = [
-    "Babble",
+    "BabblingIdiot",
     "BitErrors",
     "BurstLoss",
     "CellDead",
     "CellRule",
-    "Channel",
     "Drift",
     "FaultRule",
     "GatewayLost",
     "LinkCut",
     "LinkRule",
     "Loss",
-    "SlowHost",
-    "Stuck",
+    "SensorChannel",
+    "SlowProcess",
+    "StuckAt",
 ]
 
 Target = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-*]+(/(?!0[0-9])[0-9*]+)?(:(?!0[0-9])[0-9*]+)?$")]
-Channel = Literal["force0", "force1", "force2", "proximity", "ax_g", "ay_g", "az_g", "temperature_c"]
+SensorChannel = Literal["force0", "force1", "force2", "proximity", "ax_g", "ay_g", "az_g", "temperature_c"]
 """Columns of a reading, as in `skinnet.messages.READING_NAMES`; a test compares the two."""
 _Interval = Annotated[float, Meta(ge=0.001)]
 """Mean interval of repeated faults [s], bounded below against typing errors that yield billions of faults."""
@@ -79,14 +79,14 @@ class BitErrors(LinkRule, frozen=True, kw_only=True, tag="bit_errors"):
     Links are named as for `link_cut`.
     """
 
-    rate: Share
+    rate: Fraction
     """Bit error probability, for each bit on the wire."""
 
 
 class Loss(LinkRule, frozen=True, kw_only=True, tag="loss"):
     """Independent packet loss on a link. Links are named as for `link_cut`."""
 
-    probability: Share
+    probability: Fraction
 
 
 class BurstLoss(LinkRule, frozen=True, kw_only=True, tag="burst_loss"):
@@ -98,9 +98,9 @@ class BurstLoss(LinkRule, frozen=True, kw_only=True, tag="burst_loss"):
 
     mean_good_s: _Dwell
     mean_bad_s: _Dwell
-    loss_good: Share = 0.0
+    loss_good: Fraction = 0.0
     """Loss probability in the good state."""
-    loss_bad: Share = 1.0
+    loss_bad: Fraction = 1.0
     """Loss probability in the bad state."""
 
 
@@ -120,10 +120,10 @@ class CellDead(CellRule, frozen=True, kw_only=True, tag="cell_dead"):
     """
 
 
-class Stuck(CellRule, frozen=True, kw_only=True, tag="stuck"):
+class StuckAt(CellRule, frozen=True, kw_only=True, tag="stuck"):
     """Stuck-at fault of a reading. Cells are named as for `cell_dead`."""
 
-    channel: Channel | Literal["all"]
+    channel: SensorChannel | Literal["all"]
     value: float | None = None
     """Constant reading; the first one after the onset unless given."""
 
@@ -131,12 +131,12 @@ class Stuck(CellRule, frozen=True, kw_only=True, tag="stuck"):
 class Drift(CellRule, frozen=True, kw_only=True, tag="drift"):
     """Drift of a reading within the sensor's range. Cells are named as for `cell_dead`."""
 
-    channel: Channel
+    channel: SensorChannel
     per_s: float
     """Drift rate, in units of the reading per second."""
 
 
-class Babble(CellRule, frozen=True, kw_only=True, tag="babble"):
+class BabblingIdiot(CellRule, frozen=True, kw_only=True, tag="babble"):
     """Babbling idiot (Kopetz): a cell sends spurious events as a Poisson process.
 
     Cells are named as for `cell_dead`.
@@ -145,7 +145,7 @@ class Babble(CellRule, frozen=True, kw_only=True, tag="babble"):
     packets_per_s: _PacketRate
 
 
-class SlowHost(_Rule, frozen=True, kw_only=True, tag="slow_host"):
+class SlowProcess(_Rule, frozen=True, kw_only=True, tag="slow_host"):
     """Slow process: a cell process, by name, needs more wall-clock time for the same results."""
 
     extra_ms: Positive
@@ -153,5 +153,14 @@ class SlowHost(_Rule, frozen=True, kw_only=True, tag="slow_host"):
 
 
 FaultRule = (
-    LinkCut | CellDead | Stuck | Drift | Babble | BitErrors | Loss | BurstLoss | GatewayLost | SlowHost
+    LinkCut
+    | CellDead
+    | StuckAt
+    | Drift
+    | BabblingIdiot
+    | BitErrors
+    | Loss
+    | BurstLoss
+    | GatewayLost
+    | SlowProcess
 )

@@ -12,11 +12,11 @@ import msgspec
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import DeploymentError
 
-__all__ = ["apply_override", "build", "load", "resolved_json"]
+__all__ = ["apply_override", "from_document", "load", "resolved_json"]
 
-_AT = re.compile(r"^(?P<what>.*?)(?: - at (?P<in_key>`key` in )?`\$(?P<path>.*)`)?$", re.DOTALL)
-_UNKNOWN = re.compile(r"Object contains unknown field `(?P<field>[^`]*)`")
-_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|(\[\.\.\.\]|\[key\])")
+_ERROR_LOCATION = re.compile(r"^(?P<what>.*?)(?: - at (?P<in_key>`key` in )?`\$(?P<path>.*)`)?$", re.DOTALL)
+_UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(?P<field>[^`]*)`")
+_PATH_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|(\[\.\.\.\]|\[key\])")
 
 
 def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -> Deployment:
@@ -43,26 +43,26 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
         apply_override(raw, override)
     if seed is not None:
         raw["seed"] = seed
-    return build(raw, str(path))
+    return from_document(raw, str(path))
 
 
-def build(raw: dict[str, Any], source: str) -> Deployment:
+def from_document(raw: dict[str, Any], source: str) -> Deployment:
     """Convert a decoded TOML document to a deployment; `source` names it in errors.
 
     Raises:
         DeploymentError: one line with source, key, value and what is allowed.
     """
     try:
-        _refuse_infinite(raw)
+        _reject_non_finite(raw)
         return msgspec.convert(raw, Deployment)
     except DeploymentError as error:
         raise DeploymentError(f"{source}: {error}") from None
     except msgspec.ValidationError as error:
-        raise DeploymentError(f"{source}: {_explain(raw, str(error))}") from None
+        raise DeploymentError(f"{source}: {_describe_error(raw, str(error))}") from None
 
 
 def resolved_json(deployment: Deployment) -> bytes:
-    """Encode the deployment with every default, as JSON that `build` accepts."""
+    """Encode the deployment with every default, as JSON that `from_document` accepts."""
     return msgspec.json.format(msgspec.json.encode(deployment), indent=1)
 
 
@@ -80,22 +80,22 @@ def apply_override(raw: dict[str, Any], override: str) -> None:
     for step in steps[:-1]:
         node = _descend(node, step, override)
     if isinstance(node, list):
-        node[_index(node, steps[-1], override)] = _value(text.strip())
+        node[_entry_index(node, steps[-1], override)] = _parse_value(text.strip())
     elif isinstance(node, dict):
-        node[steps[-1]] = _value(text.strip())
+        node[steps[-1]] = _parse_value(text.strip())
     else:
         raise DeploymentError(f"--set {override}: {steps[-2]} is a value, it has no {steps[-1]}")
 
 
 def _descend(node: Any, step: str, override: str) -> Any:
     if isinstance(node, list):
-        return node[_index(node, step, override)]
+        return node[_entry_index(node, step, override)]
     if isinstance(node, dict):
         return node.setdefault(step, {})
     raise DeploymentError(f"--set {override}: nothing lies below {step}")
 
 
-def _index(node: list[Any], step: str, override: str) -> int:
+def _entry_index(node: list[Any], step: str, override: str) -> int:
     names = [item.get("name") if isinstance(item, dict) else None for item in node]
     if step in names:
         return names.index(step)
@@ -105,67 +105,71 @@ def _index(node: list[Any], step: str, override: str) -> int:
     raise DeploymentError(f"--set {override}: no entry {step}; there are {known}")
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     try:
         return tomllib.loads(f"x = {text}")["x"]
     except tomllib.TOMLDecodeError:
         return text
 
 
-def _refuse_infinite(value: Any, key: str = "") -> None:
+def _reject_non_finite(value: Any, key: str = "") -> None:
     """Reject nan and inf, which TOML allows."""
     if isinstance(value, float) and not math.isfinite(value):
         raise DeploymentError(f"{key} = {value}: must be a finite number")
     if isinstance(value, dict):
         for name, item in value.items():
-            _refuse_infinite(item, f"{key}.{name}".lstrip("."))
+            _reject_non_finite(item, f"{key}.{name}".lstrip("."))
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            _refuse_infinite(item, f"{key}[{index}]")
+            _reject_non_finite(item, f"{key}[{index}]")
 
 
-def _explain(raw: dict[str, Any], message: str) -> str:
+def _describe_error(raw: dict[str, Any], message: str) -> str:
     """Translate a msgspec message to "key = value: error, allowed values"."""
-    match = _AT.match(message)
+    match = _ERROR_LOCATION.match(message)
     assert match is not None
     what = match["what"]
-    key, value, kind = _follow(raw, (match["path"] or "") + ("[key]" if match["in_key"] else ""))
-    unknown = _UNKNOWN.search(what)
+    key, value, kind = _resolve_path(raw, (match["path"] or "") + ("[key]" if match["in_key"] else ""))
+    unknown = _UNKNOWN_FIELD.search(what)
     if unknown is not None:
-        return _explain_unknown(key, _table(kind, value), unknown["field"])
+        return _describe_unknown_key(key, _select_table(kind, value), unknown["field"])
     if what.startswith(("Invalid enum value", "Invalid value")):
-        what = f"allowed: {', '.join(_allowed(kind))}"
+        what = f"allowed: {', '.join(_allowed_values(kind))}"
     tag = _tag_field(kind)
     if tag is not None and what == f"Object missing required field `{tag}`":
-        what = f"{what}; allowed: {', '.join(_allowed(_tags(kind)))}"
+        what = f"{what}; allowed: {', '.join(_allowed_values(_tag_annotation(kind)))}"
     shown = "" if isinstance(value, dict | list) else f" = {value!r}"
     return f"{key or 'the file'}{shown}: {what[0].lower()}{what[1:]}"
 
 
-def _follow(raw: dict[str, Any], path: str) -> tuple[str, Any, Any]:
+def _resolve_path(raw: dict[str, Any], path: str) -> tuple[str, Any, Any]:
     """Resolve a msgspec path to key, value and annotation.
 
     msgspec writes [...] for any entry of a table: this resolves to the first invalid entry, and [key] to the
     first invalid name.
     """
     key, value, kind = "", cast(Any, raw), cast(Any, Deployment)
-    for name, number, other in _STEP.findall(path):
+    for name, number, other in _PATH_STEP.findall(path):
         if name:
             tagged = name == _tag_field(kind)
-            kind = _tags(kind) if tagged else get_type_hints(_table(kind, value), include_extras=True)[name]
+            kind = (
+                _tag_annotation(kind)
+                if tagged
+                else get_type_hints(_select_table(kind, value), include_extras=True)[name]
+            )
             key, value = f"{key}.{name}".lstrip("."), value[name]
         elif number:
             key, value = f"{key}[{number}]", value[int(number)]
         else:
-            kinds = _entries(kind)
+            kinds = _dict_annotations(kind)
             if other == "[key]":
-                return key, next(name for name in value if not _holds(name, kinds[0])), kinds[0]
-            name = next(name for name, item in value.items() if not _holds(item, kinds[1]))
+                return key, next(name for name in value if not _is_valid(name, kinds[0])), kinds[0]
+            name = next(name for name, item in value.items() if not _is_valid(item, kinds[1]))
             key, value, kind = f"{key}.{name}", value[name], kinds[1]
     return key, value, kind
 
 
-def _holds(value: Any, kind: Any) -> bool:
+def _is_valid(value: Any, kind: Any) -> bool:
     try:
         msgspec.convert(value, kind)
     except msgspec.ValidationError:
@@ -173,7 +177,7 @@ def _holds(value: Any, kind: Any) -> bool:
     return True
 
 
-def _explain_unknown(key: str, table: Any, field: str) -> str:
+def _describe_unknown_key(key: str, table: Any, field: str) -> str:
     tag = table.__struct_config__.tag_field
     known = [*([tag] if tag else []), *table.__struct_fields__]
     near = difflib.get_close_matches(field, known, n=1)
@@ -181,38 +185,38 @@ def _explain_unknown(key: str, table: Any, field: str) -> str:
     return f"{key}.{field}".lstrip(".") + f": unknown key; {hint}allowed: {', '.join(known)}"
 
 
-def _tables(annotation: Any) -> list[Any]:
+def _table_types(annotation: Any) -> list[Any]:
     """List the table types of an annotation: several for a tagged union."""
     if hasattr(annotation, "__struct_fields__"):
         return [annotation]
-    return [table for part in get_args(annotation) for table in _tables(part)]
+    return [table for part in get_args(annotation) for table in _table_types(part)]
 
 
-def _table(annotation: Any, value: Any) -> Any:
+def _select_table(annotation: Any, value: Any) -> Any:
     """Select the table type of `value` by its tag."""
-    tables = _tables(annotation)
+    tables = _table_types(annotation)
     tag = value.get(_tag_field(annotation))
     return next((table for table in tables if table.__struct_config__.tag == tag), tables[0])
 
 
 def _tag_field(annotation: Any) -> str | None:
     """Return the tag key of a tagged union of tables; None for other annotations."""
-    return next((table.__struct_config__.tag_field for table in _tables(annotation)), None)
+    return next((table.__struct_config__.tag_field for table in _table_types(annotation)), None)
 
 
-def _tags(annotation: Any) -> Any:
+def _tag_annotation(annotation: Any) -> Any:
     """Return the annotation of the tag key."""
-    return Literal[tuple(table.__struct_config__.tag for table in _tables(annotation))]
+    return Literal[tuple(table.__struct_config__.tag for table in _table_types(annotation))]
 
 
-def _entries(annotation: Any) -> tuple[Any, ...]:
+def _dict_annotations(annotation: Any) -> tuple[Any, ...]:
     """Return the name and value annotations of a dict annotation; empty for others."""
     if get_origin(annotation) is dict:
         return get_args(annotation)
-    return next((kinds for part in get_args(annotation) if (kinds := _entries(part))), ())
+    return next((kinds for part in get_args(annotation) if (kinds := _dict_annotations(part))), ())
 
 
-def _allowed(annotation: Any) -> list[str]:
+def _allowed_values(annotation: Any) -> list[str]:
     """List the allowed values of an annotation."""
     if get_origin(annotation) is Literal:
         return [repr(choice) for choice in get_args(annotation)]
@@ -220,4 +224,4 @@ def _allowed(annotation: Any) -> list[str]:
         return ["a whole number"]
     if get_origin(annotation) is dict:
         return ["a table"]
-    return [choice for part in get_args(annotation) for choice in _allowed(part)]
+    return [choice for part in get_args(annotation) for choice in _allowed_values(part)]

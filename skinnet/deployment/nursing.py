@@ -4,26 +4,26 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from skinnet.deployment.table import Name, NonNegative, Positive, Table, Vector, ns_of_ms, ns_of_s
+from skinnet.deployment.table import Name, NonNegative, Positive, Table, Vector3, ns_of_ms, ns_of_s
 
-__all__ = ["AssumedContactSpec", "ImpedanceSpec", "NursingSpec", "WaypointSpec", "WeightSpec"]
+__all__ = ["AssumedContactSpec", "ContactWeightSpec", "ImpedanceSpec", "NursingSpec", "WaypointSpec"]
 
 
-def _above_zero(spec: Table, *fields: str) -> None:
+def _require_positive(spec: Table, *fields: str) -> None:
     """Require positive fields; msgspec checks types only in what is read from a file."""
     for name in fields:
         if not getattr(spec, name) > 0.0:
             raise ValueError(f"{name} = {getattr(spec, name):g}: must be above zero")
 
 
-class WeightSpec(Table, frozen=True, kw_only=True):
+class ContactWeightSpec(Table, frozen=True, kw_only=True):
     """Weights of one contact in the evaluation function (6); defaults are those of a forearm [R11]."""
 
     position: Positive = 1.0
     rotation: Positive = 0.2
 
     def __post_init__(self) -> None:
-        _above_zero(self, "position", "rotation")
+        _require_positive(self, "position", "rotation")
 
 
 class ImpedanceSpec(Table, frozen=True, kw_only=True):
@@ -34,7 +34,7 @@ class ImpedanceSpec(Table, frozen=True, kw_only=True):
     stiffness: Positive
 
     def __post_init__(self) -> None:
-        _above_zero(self, "inertia", "damping", "stiffness")
+        _require_positive(self, "inertia", "damping", "stiffness")
 
 
 class AssumedContactSpec(Table, frozen=True, kw_only=True):
@@ -49,8 +49,8 @@ class WaypointSpec(Table, frozen=True, kw_only=True):
 
     t_s: Positive
     """Time since the start of the motion."""
-    displacement_m: Vector = (0.0, 0.0, 0.0)
-    rotation_rad: Vector = (0.0, 0.0, 0.0)
+    displacement_m: Vector3 = (0.0, 0.0, 0.0)
+    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     """Rotation vector (axis times angle)."""
 
 
@@ -66,11 +66,11 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     """Contacts used instead of sensed ones; requires `feedback = "none"`."""
     solver: Literal["closed_form", "qp"] = "closed_form"
     feedback: Literal["none", "position", "rotation", "position_rotation"] = "position_rotation"
-    weights: dict[str, WeightSpec] = field(default_factory=dict)
+    weights: dict[str, ContactWeightSpec] = field(default_factory=dict)
     """Contact weights by sheet or by its body; default weights for all others."""
     joint_weight: Positive = 1e-4
     """Weight w_q of every joint [R11, VI.A]."""
-    object_m: Vector | None = None
+    object_m: Vector3 | None = None
     """Initial inherent centre of the object, world frame; mean of the contacts unless given."""
     position_feedback: ImpedanceSpec = ImpedanceSpec(inertia=545.0, damping=1090.0, stiffness=2725.0)
     """Impedance of the position feedback: Table II [R11]."""
@@ -86,7 +86,7 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     """Standard deviation of the link positions in the controller's model, per axis, drawn by the seed."""
     joint_offset_deg: dict[str, float] = field(default_factory=dict)
     """Joint offsets given by name instead of drawn."""
-    link_error_mm: dict[str, Vector] = field(default_factory=dict)
+    link_error_mm: dict[str, Vector3] = field(default_factory=dict)
     """Link position errors given by body instead of drawn, in the frame of its parent."""
     hold_s: NonNegative = 1.0
     record_s: NonNegative = 0.2
@@ -112,10 +112,12 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     """Joint lever below which a direction counts as lost in a singular posture *(assumed)*."""
 
     def __post_init__(self) -> None:
-        _above_zero(self, "joint_weight", "speed_rad_s", "contact_n", "lost_ms", "silent_ms", "comfort_kpa")
-        _above_zero(self, "reach_m", "reach_rad", "mobility_lever_m")
+        _require_positive(
+            self, "joint_weight", "speed_rad_s", "contact_n", "lost_ms", "silent_ms", "comfort_kpa"
+        )
+        _require_positive(self, "reach_m", "reach_rad", "mobility_lever_m")
         if self.acceleration_rad_s2 is not None:
-            _above_zero(self, "acceleration_rad_s2")
+            _require_positive(self, "acceleration_rad_s2")
         if self.assumed and self.feedback != "none":
             raise ValueError(f'feedback = "{self.feedback}": assumed contacts feel nothing; set it to none')
         times_s = [0.0, *(point.t_s for point in self.waypoints)]

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from skinnet.deployment.table import Name, NonNegative, Positive, Table, Vector
+from skinnet.deployment.table import Name, NonNegative, Positive, Table, Vector3
 
 __all__ = ["PayloadSpec"]
 
@@ -17,9 +17,9 @@ class PayloadSpec(Table, frozen=True, kw_only=True):
     cylinder `release_s` after the start of the controller's stage `release_stage`.
     """
 
-    position_m: Vector
+    position_m: Vector3
     """Initial position of the centre, world frame."""
-    axis: Vector = (0.0, 0.0, 1.0)
+    axis: Vector3 = (0.0, 0.0, 1.0)
     """Axis of the cylinder, world frame; upright unless given *(assumed)*."""
     diameter_m: Positive = 0.140
     """Diameter without the sheet [R11]."""

@@ -4,18 +4,18 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from skinnet.deployment.table import NonNegative, Positive, Share, Table
+from skinnet.deployment.table import Fraction, NonNegative, Positive, Table
 
-__all__ = ["PlanSpec"]
+__all__ = ["LinkBudgetSpec"]
 
 
-class PlanSpec(Table, frozen=True, kw_only=True):
+class LinkBudgetSpec(Table, frozen=True, kw_only=True):
     """Load and limits of a link budget; runs ignore them."""
 
     encoding: Literal["levels", "delta", "clock"] | None = None
     """Event encoding; that of `cells.encoding` unless given, but `clock` if the program has an exploration
     stage, in which all cells stream."""
-    stimulated: Share = 0.54
+    stimulated: Fraction = 0.54
     """Fraction of the cells touched at once, possibly all neighbours; 680 of 1260 [B19]."""
     events_hz: NonNegative = 59.0
     """Event rate of a touched cell: 40 000 events/s of 680 cells [B19]."""

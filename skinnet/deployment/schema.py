@@ -14,22 +14,22 @@ from skinnet.deployment.faults import FaultRule
 from skinnet.deployment.memory import MemorySpec
 from skinnet.deployment.nursing import NursingSpec
 from skinnet.deployment.payload import PayloadSpec
-from skinnet.deployment.plan import PlanSpec
+from skinnet.deployment.plan import LinkBudgetSpec
 from skinnet.deployment.power import PowerSpec
-from skinnet.deployment.script import ScriptSpec
-from skinnet.deployment.session import SessionSpec
+from skinnet.deployment.script import ScriptedStimuliSpec
+from skinnet.deployment.session import TeachAndGraspSpec
 from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, SheetSpec, SurfaceSpec
 from skinnet.deployment.stand import StandSpec
 from skinnet.deployment.stress import StressSpec
 from skinnet.deployment.table import (
-    Levels,
+    Fraction,
+    LevelThresholds,
     Name,
     NonNegative,
     PortName,
     Positive,
-    Share,
     Table,
-    Vector,
+    Vector3,
     ns_of_ms,
     parse_port,
 )
@@ -37,10 +37,11 @@ from skinnet.deployment.teacher import TeacherSpec, TouchSpec
 from skinnet.deployment.things import NO_OBJECT, ObjectName
 
 __all__ = [
-    "BOARDS",
+    "BOARD_PROCESS",
     "AccelerometerSpec",
     "BodySpec",
     "BridgeSpec",
+    "CellPoseSpec",
     "CellSpec",
     "ControllerSpec",
     "Deployment",
@@ -49,16 +50,15 @@ __all__ = [
     "ForceSpec",
     "InterfaceSpec",
     "LatticeSpec",
-    "MapSpec",
+    "MapExplorationSpec",
     "NetworkSpec",
     "PatchSpec",
-    "PlacedCell",
     "ProximitySpec",
     "RunSpec",
     "SafetySpec",
     "ServoSpec",
     "StageSpec",
-    "StructureSpec",
+    "StructureExplorationSpec",
     "SwaySpec",
     "TeacherSpec",
     "TemperatureSpec",
@@ -66,7 +66,7 @@ __all__ = [
 ]
 
 
-BOARDS = "boards"
+BOARD_PROCESS = "boards"
 """Name of the process that runs the boards of all tactile sheets."""
 
 
@@ -167,7 +167,7 @@ class ForceSpec(Table, frozen=True, kw_only=True):
     noise: NonNegative = 0.004
     """Standard deviation of a reading: idle noise 0.003–0.005 (field report in FACTS.md)."""
     lsb: Positive = 0.0009765625
-    levels: Levels = (0.04, 0.10, 0.30, 0.45)
+    levels: LevelThresholds = (0.04, 0.10, 0.30, 0.45)
     """Low, medium, high and pain force: Table I [M14]."""
     hysteresis: NonNegative = 0.028
     """Hysteresis of level crossing: seven times the noise, less than one false event in 15 s at rest."""
@@ -182,7 +182,7 @@ class ProximitySpec(Table, frozen=True, kw_only=True):
     reading_at_reach: Positive = 0.01
     noise: NonNegative = 0.0008
     lsb: Positive = 0.0009765625
-    levels: Levels = (0.01, 0.02, 0.10, 0.80)
+    levels: LevelThresholds = (0.01, 0.02, 0.10, 0.80)
     """High, medium, low proximity and close contact: Table I [M14]."""
     hysteresis: NonNegative = 0.0056
     """Hysteresis of level crossing: seven times the noise."""
@@ -247,21 +247,21 @@ class LatticeSpec(Table, frozen=True, kw_only=True):
 
     columns: Annotated[int, Meta(ge=1)]
     rows: Annotated[int, Meta(ge=1)]
-    origin_m: Vector
-    normal: Vector
-    up: Vector
+    origin_m: Vector3
+    normal: Vector3
+    up: Vector3
     radius_m: Positive | None = None
 
 
-class PlacedCell(Table, frozen=True, kw_only=True):
+class CellPoseSpec(Table, frozen=True, kw_only=True):
     """Pose of a single cell on the rigid surface, in the frame of the body.
 
     `x_axis` points from the centre to the edge of port 0.
     """
 
-    position_m: Vector
-    normal: Vector
-    x_axis: Vector
+    position_m: Vector3
+    normal: Vector3
+    x_axis: Vector3
 
 
 class InterfaceSpec(Table, frozen=True, kw_only=True):
@@ -277,7 +277,7 @@ class PatchSpec(Table, frozen=True, kw_only=True):
     name: Name
     body: str
     lattice: LatticeSpec | None = None
-    cells: tuple[PlacedCell, ...] = ()
+    cells: tuple[CellPoseSpec, ...] = ()
     interfaces: tuple[InterfaceSpec, ...] = ()
     """Ports of the gateways; at least one, here or in a patch that bridges connect."""
 
@@ -310,7 +310,7 @@ class NetworkSpec(Table, frozen=True, kw_only=True):
     stream_bytes: Annotated[int, Meta(gt=0)] = 23
     control_bytes: Annotated[int, Meta(gt=0)] = 8
     jitter_us: NonNegative = 0.0
-    loss: Share = 0.0
+    loss: Fraction = 0.0
     """Probability that a link loses a packet."""
     detect_us: NonNegative = 500.0
     """Time from the loss of a line's signal (cut wire, or far end without power) to its detection by the
@@ -319,7 +319,7 @@ class NetworkSpec(Table, frozen=True, kw_only=True):
     """Aggregate the events of a period in one message per gateway, instead of one per cell."""
 
 
-class StructureSpec(Table, frozen=True, kw_only=True):
+class StructureExplorationSpec(Table, frozen=True, kw_only=True):
     """Structural exploration, with the timing of [M14, VI.A]."""
 
     step_rad: Positive = 0.1
@@ -329,7 +329,7 @@ class StructureSpec(Table, frozen=True, kw_only=True):
     threshold_g: Positive = 0.01
 
 
-class MapSpec(Table, frozen=True, kw_only=True):
+class MapExplorationSpec(Table, frozen=True, kw_only=True):
     """Sensory-motor map exploration by velocity sines of 0.3 rad/s (frequency: FACTS.md)."""
 
     amplitude_rad_s: Positive = 0.3
@@ -381,10 +381,10 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
     stages: dict[str, StageSpec] = field(default_factory=dict)
     poses_rad: dict[str, tuple[float, ...]] = field(default_factory=dict)
     """Named poses, with one angle per controlled joint."""
-    structure: StructureSpec = field(default_factory=StructureSpec)
-    map: MapSpec = field(default_factory=MapSpec)
+    structure: StructureExplorationSpec = field(default_factory=StructureExplorationSpec)
+    map: MapExplorationSpec = field(default_factory=MapExplorationSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
-    session: SessionSpec = field(default_factory=SessionSpec)
+    session: TeachAndGraspSpec = field(default_factory=TeachAndGraspSpec)
     outside_velocity: bool = False
     """Add joint velocities of external clients to those of the controller, before the safety clamp."""
     safety: SafetySpec = field(default_factory=SafetySpec)
@@ -424,9 +424,9 @@ class Deployment(Table, frozen=True, kw_only=True):
     bridges: tuple[BridgeSpec, ...] = ()
     power: PowerSpec | None = None
     """Power network; without this table every cell has power."""
-    plan: PlanSpec = field(default_factory=PlanSpec)
+    plan: LinkBudgetSpec = field(default_factory=LinkBudgetSpec)
     faults: tuple[FaultRule, ...] = ()
-    script: ScriptSpec | None = None
+    script: ScriptedStimuliSpec | None = None
     """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
     payload: PayloadSpec | None = None
@@ -454,7 +454,7 @@ class Deployment(Table, frozen=True, kw_only=True):
 
     def hosts_of_skin(self) -> tuple[str, ...]:
         """List the processes that simulate skin: the cell processes, then that of the boards."""
-        return (*self.host_patches(), *((BOARDS,) if self.sheets else ()))
+        return (*self.host_patches(), *((BOARD_PROCESS,) if self.sheets else ()))
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Group the patches that bridges join into one network; a patch without bridges is its own group."""

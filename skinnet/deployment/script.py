@@ -5,16 +5,16 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from skinnet.deployment.table import NonNegative, Positive, Share, Table, ns_of_s
+from skinnet.deployment.table import Fraction, NonNegative, Positive, Table, ns_of_s
 from skinnet.errors import DeploymentError
 
-__all__ = ["CellPattern", "Course", "ScriptSpec", "ScriptTouch", "StimulationSpec"]
+__all__ = ["CellPattern", "ForceProfile", "RandomPressSpec", "ScriptedPressSpec", "ScriptedStimuliSpec"]
 
 CellPattern = Annotated[str, Meta(pattern=r"^([A-Za-z0-9_\-]+|\*)/([0-9]+|\*)$")]
 """Pattern of cells: "patch/cell", where * matches any."""
 
 
-class Course(Table, frozen=True, kw_only=True):
+class ForceProfile(Table, frozen=True, kw_only=True):
     """Force profile of a scripted press *(assumed)*.
 
     A warm object approaches from `approach_m` in `approach_s`; its force rises for `rise_s`, holds for
@@ -28,9 +28,9 @@ class Course(Table, frozen=True, kw_only=True):
     rise_s: Positive = 0.15
     hold_s: NonNegative = 1.0
     release_s: Positive = 0.15
-    modulation: Share = 0.1
+    modulation: Fraction = 0.1
     modulation_hz: NonNegative = 2.0
-    unevenness: Share = 0.5
+    unevenness: Fraction = 0.5
     temperature_c: float = 33.0
 
     @property
@@ -39,7 +39,7 @@ class Course(Table, frozen=True, kw_only=True):
         return sum(map(ns_of_s, (self.approach_s, self.rise_s, self.hold_s, self.release_s, self.approach_s)))
 
 
-class StimulationSpec(Course, frozen=True, kw_only=True):
+class RandomPressSpec(ForceProfile, frozen=True, kw_only=True):
     """Random presses on the fraction `script.stimulated` of the cells *(assumed)*.
 
     The force of each press on its most loaded force cell is drawn from `force_n`. Presses repeat after
@@ -59,31 +59,31 @@ class StimulationSpec(Course, frozen=True, kw_only=True):
         return self.duration_ns + ns_of_s(self.pause_s)
 
 
-class ScriptTouch(Course, frozen=True, kw_only=True):
+class ScriptedPressSpec(ForceProfile, frozen=True, kw_only=True):
     """Press on several cells at once, at `start_s` and then with period `every_s`, or once without it."""
 
     cells: Annotated[tuple[CellPattern, ...], Meta(min_length=1)]
     start_s: NonNegative
     force_n: Positive
     every_s: Positive | None = None
-    modulation: Share = 0.0
-    unevenness: Share = 0.0
+    modulation: Fraction = 0.0
+    unevenness: Fraction = 0.0
 
 
-class ScriptSpec(Table, frozen=True, kw_only=True):
+class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
     """Scripted stimuli instead of physics: joints follow their commands exactly, contact is prescribed.
 
     Accelerometers measure gravity and motion as given by the model's kinematics. Cells that the script does
     not press have no contact. The teacher's finger is inactive.
     """
 
-    stimulated: Share = 0.0
+    stimulated: Fraction = 0.0
     """Fraction of the cells that are pressed as in `script.stimulation`; drawn by the seed and cell name."""
-    stimulation: StimulationSpec = field(default_factory=StimulationSpec)
-    touches: tuple[ScriptTouch, ...] = ()
+    stimulation: RandomPressSpec = field(default_factory=RandomPressSpec)
+    touches: tuple[ScriptedPressSpec, ...] = ()
 
-    def check(self, sizes: Mapping[str, int]) -> None:
-        """Check the script against patches of `sizes` cells.
+    def check(self, cells_per_patch: Mapping[str, int]) -> None:
+        """Check the script against patches of `cells_per_patch` cells.
 
         Raises:
             DeploymentError: forces, periods or cell patterns are inconsistent.
@@ -94,36 +94,47 @@ class ScriptSpec(Table, frozen=True, kw_only=True):
                 f"script.stimulation.force_n = [{low_n:g}, {high_n:g}]: the smallest force comes first"
             )
         for index, touch in enumerate(self.touches):
-            self.touched(index, sizes)
+            self.touched(index, cells_per_patch)
             if touch.every_s is not None and ns_of_s(touch.every_s) < touch.duration_ns:
                 raise DeploymentError(
                     f"script.touches[{index}].every_s = {touch.every_s:g}: a press takes "
                     f"{touch.duration_ns * 1e-9:g} s from approach to withdrawal; at least that"
                 )
 
-    def touched(self, index: int, sizes: Mapping[str, int]) -> list[tuple[str, int]]:
+    def touched(self, index: int, cells_per_patch: Mapping[str, int]) -> list[tuple[str, int]]:
         """List the cells pressed by touch `index`, each once, in the order of the patches.
 
         Args:
             index: Index in `touches`.
-            sizes: Number of cells of every patch.
+            cells_per_patch: Number of cells of every patch.
 
         Raises:
             DeploymentError: a pattern names a patch or a cell that does not exist.
         """
-        found = {cell for pattern in self.touches[index].cells for cell in _matching(pattern, sizes, index)}
-        return [(patch, cell) for patch, n in sizes.items() for cell in range(n) if (patch, cell) in found]
+        found = {
+            cell
+            for pattern in self.touches[index].cells
+            for cell in _match_cells(pattern, cells_per_patch, index)
+        }
+        return [
+            (patch, cell)
+            for patch, n in cells_per_patch.items()
+            for cell in range(n)
+            if (patch, cell) in found
+        ]
 
 
-def _matching(pattern: str, sizes: Mapping[str, int], index: int) -> list[tuple[str, int]]:
+def _match_cells(pattern: str, cells_per_patch: Mapping[str, int], index: int) -> list[tuple[str, int]]:
     patch, _, cell = pattern.partition("/")
     key = f"script.touches[{index}].cells: {pattern!r}"
-    if patch != "*" and patch not in sizes:
-        raise DeploymentError(f"{key}: unknown patch; there are {', '.join(sizes)}")
-    patches = list(sizes) if patch == "*" else [patch]
+    if patch != "*" and patch not in cells_per_patch:
+        raise DeploymentError(f"{key}: unknown patch; there are {', '.join(cells_per_patch)}")
+    patches = list(cells_per_patch) if patch == "*" else [patch]
     if cell == "*":
-        return [(name, i) for name in patches for i in range(sizes[name])]
-    found = [(name, int(cell)) for name in patches if int(cell) < sizes[name]]
+        return [(name, i) for name in patches for i in range(cells_per_patch[name])]
+    found = [(name, int(cell)) for name in patches if int(cell) < cells_per_patch[name]]
     if not found:
-        raise DeploymentError(f"{key}: {patch} has cells 0 to {max(sizes[name] for name in patches) - 1}")
+        raise DeploymentError(
+            f"{key}: {patch} has cells 0 to {max(cells_per_patch[name] for name in patches) - 1}"
+        )
     return found

@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from skinnet.deployment.table import NonNegative, Positive, Share, Table, ns_of_ms, ns_of_s
+from skinnet.deployment.table import Fraction, NonNegative, Positive, Table, ns_of_ms, ns_of_s
 
-__all__ = ["AreaSpec", "OperatorSpec", "SessionSpec", "StateName", "StateSpec"]
+__all__ = ["AreaReactionSpec", "OperatorRequestSpec", "StateName", "StateParametersSpec", "TeachAndGraspSpec"]
 
 AreaName = Literal["pat", "contact", "chest", "other"]
 StateName = Literal[
@@ -26,10 +26,10 @@ StateName = Literal[
     "release",
     "safe",
 ]
-Level = Annotated[int, Meta(ge=1, le=4)]
+LevelNumber = Annotated[int, Meta(ge=1, le=4)]
 
 
-class AreaSpec(Table, frozen=True, kw_only=True):
+class AreaReactionSpec(Table, frozen=True, kw_only=True):
     """Tactile reaction of one area in one state; defaults are those of Table II [M14]."""
 
     force_threshold: NonNegative | None = None
@@ -38,16 +38,16 @@ class AreaSpec(Table, frozen=True, kw_only=True):
     proximity_gain: NonNegative | None = None
 
 
-class StateSpec(Table, frozen=True, kw_only=True):
+class StateParametersSpec(Table, frozen=True, kw_only=True):
     """Parameters of one state; defaults are those of Table II [M14]."""
 
     speed_rad_s: Positive | None = None
     accuracy_rad: Positive | None = None
     patience_s: Positive | None = None
-    areas: dict[AreaName, AreaSpec] = field(default_factory=dict)
+    areas: dict[AreaName, AreaReactionSpec] = field(default_factory=dict)
 
 
-class OperatorSpec(Table, frozen=True, kw_only=True):
+class OperatorRequestSpec(Table, frozen=True, kw_only=True):
     """Request of the scripted operator, who sends one after the other.
 
     It is sent once the session has been in `state` for `after_s`, counted from the previous request if that
@@ -61,22 +61,22 @@ class OperatorSpec(Table, frozen=True, kw_only=True):
     quiet_s: NonNegative = 0.0
 
 
-class SessionSpec(Table, frozen=True, kw_only=True):
+class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
     """Teaching and grasping [M14]; levels are those of Table I, counted from 1."""
 
-    operator: tuple[OperatorSpec, ...] = ()
+    operator: tuple[OperatorRequestSpec, ...] = ()
     """Scripted requests; without any, external clients send requests until one of them ends the session."""
     patience_s: Positive = 10.0
     """Timeout of the scripted operator, while the robot is at rest; then the session ends."""
     pre_contact: bool = True
     """Use proximity and force to grasp; if false, force only."""
-    near_level: Level = 2
+    near_level: LevelNumber = 2
     """Proximity level at which an object is near an arm: medium *(settled in docs/grasping.md)*."""
-    contact_level: Level = 4
+    contact_level: LevelNumber = 4
     """Proximity level that counts as contact, close contact; any level of force counts too."""
-    load_level: Level = 2
+    load_level: LevelNumber = 2
     """Force level at which an object is held: medium."""
-    pain_level: Level = 4
+    pain_level: LevelNumber = 4
     """Force level of pain, at which the grasp is cancelled."""
     lost_ms: Positive = 300.0
     """Time without contact after which an arm has lost the object *(assumed)*."""
@@ -84,9 +84,9 @@ class SessionSpec(Table, frozen=True, kw_only=True):
     """Time without progress towards the pose after which the robot is stalled *(assumed)*."""
     set_down_s: Positive = 4.0
     """Time for which the robot holds an object to be taken before it lets go *(assumed)*."""
-    least_skin: Share = 0.5
+    least_skin: Fraction = 0.5
     """Fraction of an area's cells below which the area is lost *(assumed)*."""
-    states: dict[StateName, StateSpec] = field(default_factory=dict)
+    states: dict[StateName, StateParametersSpec] = field(default_factory=dict)
 
     @property
     def lost_ns(self) -> int:

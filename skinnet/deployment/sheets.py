@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from skinnet.deployment.table import Name, NonNegative, Positive, Share, Table, Vector, ns_of_ms
+from skinnet.deployment.table import Fraction, Name, NonNegative, Positive, Table, Vector3, ns_of_ms
 
 __all__ = [
     "MAX_SIDE",
@@ -33,9 +33,9 @@ class SurfaceSpec(Table, frozen=True, kw_only=True):
 
     name: Name
     body: str
-    origin_m: Vector
-    normal: Vector
-    up: Vector
+    origin_m: Vector3
+    normal: Vector3
+    up: Vector3
     radius_m: Positive | None = None
     flat_m: NonNegative = 0.0
 
@@ -123,7 +123,7 @@ class BoardNetworkSpec(Table, frozen=True, kw_only=True):
     delay_us: NonNegative = 0.0
     """Propagation delay of each link."""
     jitter_us: NonNegative = 0.0
-    loss: Share = 0.0
+    loss: Fraction = 0.0
     """Probability that a link loses a message."""
     queue_messages: Annotated[int, Meta(ge=-1)] = 32
     """Capacity of the queue of each link; −1 for no bound."""

@@ -6,17 +6,17 @@ from skinnet.deployment.schema import ControllerSpec
 from skinnet.deployment.session import StateName
 from skinnet.errors import DeploymentError
 
-__all__ = ["require_stage"]
+__all__ = ["check_stage_name"]
 
 
-def require_stage(key: str, name: str, control: ControllerSpec) -> None:
+def check_stage_name(key: str, name: str, controller: ControllerSpec) -> None:
     """Check that `name` under `key` is a stage, or a state of one as in `session.hold`.
 
     Raises:
         DeploymentError: names the known stages and states.
     """
-    known = list(control.stages)
-    for stage, spec in control.stages.items():
+    known = list(controller.stages)
+    for stage, spec in controller.stages.items():
         if spec.kind == "session":
             known += [f"{stage}.{state}" for state in get_args(StateName)]
     if name not in known:

@@ -4,18 +4,18 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from skinnet.deployment.table import NonNegative, Positive, Share, Table
+from skinnet.deployment.table import Fraction, NonNegative, Positive, Table
 
-__all__ = ["EncodingName", "PublishedSpec", "StressSpec"]
+__all__ = ["EncodingName", "PublishedRateSpec", "StressSpec"]
 
 EncodingName = Literal["clock", "delta", "levels"]
 _Count = Annotated[int, Meta(ge=1)]
 
 
-class PublishedSpec(Table, frozen=True, kw_only=True):
+class PublishedRateSpec(Table, frozen=True, kw_only=True):
     """Published fraction of the clock-driven rate, for comparison with the measured one."""
 
-    share: Share
+    share: Fraction
     of: Literal["bytes", "packets", "rate"] = "rate"
     """Quantity of the fraction; "rate" where the source gives no packet length: it is then compared with
     both."""
@@ -24,9 +24,9 @@ class PublishedSpec(Table, frozen=True, kw_only=True):
     """Upper bound instead of a value."""
     source: str
 
-    def is_of(self, what: str) -> bool:
-        """Check if the published fraction applies to `what`, "bytes" or "packets"."""
-        return self.of in (what, "rate")
+    def is_of(self, quantity: str) -> bool:
+        """Check if the published fraction applies to `quantity`, "bytes" or "packets"."""
+        return self.of in (quantity, "rate")
 
 
 class StressSpec(Table, frozen=True, kw_only=True):
@@ -36,7 +36,7 @@ class StressSpec(Table, frozen=True, kw_only=True):
     """Numbers of cells, reached by whole patches from the first; all unless given."""
     gateways: tuple[_Count, ...] = ()
     """Numbers of gateways per patch, placed by search; those of the deployment unless given."""
-    stimulated: tuple[Share, ...] = ()
+    stimulated: tuple[Fraction, ...] = ()
     """Fractions of stimulated cells, which need a script; zero and the fraction of the script unless
     given."""
     encodings: Annotated[tuple[EncodingName, ...], Meta(min_length=1)] = ("clock", "delta", "levels")
@@ -47,4 +47,4 @@ class StressSpec(Table, frozen=True, kw_only=True):
     """Warm-up before the measurement (simulated time), in which cells send their first readings."""
     duration_s: Positive = 4.0
     """Duration of the measurement (simulated time)."""
-    published: tuple[PublishedSpec, ...] = ()
+    published: tuple[PublishedRateSpec, ...] = ()

@@ -6,15 +6,15 @@ from msgspec import Meta, Struct
 
 __all__ = [
     "CellName",
-    "Levels",
+    "Fraction",
+    "LevelThresholds",
     "Name",
     "NonNegative",
     "PortName",
     "Positive",
-    "Share",
     "StageName",
     "Table",
-    "Vector",
+    "Vector3",
     "ns_of_ms",
     "ns_of_s",
     "parse_port",
@@ -27,13 +27,13 @@ StageName = Annotated[
     str, Meta(pattern=r"^[A-Za-z0-9_\-]+(\.[A-Za-z0-9_\-]+)?$", min_length=1, max_length=129)
 ]
 """Stage of the program, or with a dot one of its states: "stage.state"."""
-Vector = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 CellName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+$")]
 """Cell: "patch/cell"."""
 PortName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+:[0-3]$")]
 """Port of a cell: "patch/cell:port"."""
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Levels = Annotated[tuple[float, ...], Meta(min_length=1, max_length=4)]
+Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+LevelThresholds = Annotated[tuple[float, ...], Meta(min_length=1, max_length=4)]
 """Thresholds of one modality: at most four, as in Table I [M14]."""
 
 

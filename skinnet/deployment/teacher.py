@@ -5,12 +5,20 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from skinnet.deployment.table import CellName, NonNegative, Positive, StageName, Table, Vector
+from skinnet.deployment.table import CellName, NonNegative, Positive, StageName, Table, Vector3
 from skinnet.errors import DeploymentError
 
-__all__ = ["CellsName", "GoalSpec", "LessonSpec", "StrokeSpec", "TeacherSpec", "TouchSpec", "cells_of"]
+__all__ = [
+    "CellRange",
+    "GoalSpec",
+    "LessonSpec",
+    "StrokeSpec",
+    "TeacherSpec",
+    "TouchSpec",
+    "parse_cell_range",
+]
 
-CellsName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$")]
+CellRange = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$")]
 """Range of cells: all of "patch", one as in "patch/3", or several as in "patch/3-7", ends included."""
 
 
@@ -40,9 +48,9 @@ class GoalSpec(Table, frozen=True, kw_only=True):
     """Goal position of a point of the robot in a lesson."""
 
     body: str
-    point_m: Vector = (0.0, 0.0, 0.0)
+    point_m: Vector3 = (0.0, 0.0, 0.0)
     """Point, in the frame of the body."""
-    at_m: Vector
+    at_m: Vector3
     """Goal position, world frame."""
     weight: Positive = 1.0
 
@@ -70,7 +78,7 @@ class LessonSpec(Table, frozen=True, kw_only=True):
     """Initial height of the finger above the face of the foam, reduced by obstacles."""
     speed_m_s: Positive = 0.1
     """Speed limit of the finger."""
-    cells: tuple[CellsName, ...] = ()
+    cells: tuple[CellRange, ...] = ()
     """Cells that may be used: "patch", "patch/3" or "patch/3-7"; all unless given."""
     patience_s: Positive = 120.0
     """Timeout of the lesson."""
@@ -95,7 +103,7 @@ class StrokeSpec(Table, frozen=True, kw_only=True):
     stage: StageName
     """Stage, or one of its states as in "session.attend"."""
     start_s: NonNegative = 0.5
-    cells: Annotated[tuple[CellsName, ...], Meta(min_length=1)]
+    cells: Annotated[tuple[CellRange, ...], Meta(min_length=1)]
     """Cells to stroke, in the order of the list: "patch", "patch/3" or "patch/3-7"."""
     depth_m: Positive = 0.002
     approach_m: Positive = 0.05
@@ -112,26 +120,26 @@ class TeacherSpec(Table, frozen=True, kw_only=True):
     strokes: tuple[StrokeSpec, ...] = ()
 
 
-def cells_of(key: str, name: str, sizes: Mapping[str, int]) -> tuple[str, range]:
+def parse_cell_range(key: str, name: str, cells_per_patch: Mapping[str, int]) -> tuple[str, range]:
     """Parse the cell range `name` into its patch and cells.
 
     Args:
         key: Deployment key of the name, for errors.
-        name: A `CellsName` or `CellName`.
-        sizes: Number of cells of every patch.
+        name: A `CellRange` or `CellName`.
+        cells_per_patch: Number of cells of every patch.
 
     Raises:
         DeploymentError: the patch or a cell does not exist.
     """
     patch, _, numbers = name.partition("/")
-    if patch not in sizes:
-        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {', '.join(sizes)}")
+    if patch not in cells_per_patch:
+        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {', '.join(cells_per_patch)}")
     if not numbers:
-        return patch, range(sizes[patch])
+        return patch, range(cells_per_patch[patch])
     first, _, last = numbers.partition("-")
     cells = range(int(first), int(last or first) + 1)
     if not cells:
         raise DeploymentError(f"{key} = {name!r}: the smaller number comes first")
-    if cells[-1] >= sizes[patch]:
-        raise DeploymentError(f"{key} = {name!r}: {patch} has cells 0 to {sizes[patch] - 1}")
+    if cells[-1] >= cells_per_patch[patch]:
+        raise DeploymentError(f"{key} = {name!r}: {patch} has cells 0 to {cells_per_patch[patch] - 1}")
     return patch, cells

@@ -1,8 +1,8 @@
 """Consistency checks of the teacher: stages, cells, and mutually exclusive keys."""
 
 from skinnet.deployment.schema import Deployment
-from skinnet.deployment.stage_names import require_stage
-from skinnet.deployment.teacher import cells_of
+from skinnet.deployment.stage_names import check_stage_name
+from skinnet.deployment.teacher import parse_cell_range
 from skinnet.errors import DeploymentError
 
 __all__ = ["check_teacher"]
@@ -20,19 +20,19 @@ def check_teacher(deployment: Deployment) -> None:
         key = f"teacher.touches[{index}]"
         if (touch.depth_m is None) == (touch.force_n is None):
             raise DeploymentError(f"{key}: give either depth_m or force_n")
-        require_stage(f"{key}.stage", touch.stage, deployment.controller)
-        cells_of(f"{key}.cell", touch.cell, sizes)
+        check_stage_name(f"{key}.stage", touch.stage, deployment.controller)
+        parse_cell_range(f"{key}.cell", touch.cell, sizes)
     for index, lesson in enumerate(teacher.lessons):
         key = f"teacher.lessons[{index}]"
         if (lesson.gap_m is None) == (lesson.depth_m is None):
             raise DeploymentError(
                 f"{key}: give either gap_m, for proximity guidance, or depth_m, for force guidance"
             )
-        require_stage(f"{key}.stage", lesson.stage, deployment.controller)
+        check_stage_name(f"{key}.stage", lesson.stage, deployment.controller)
         for name in lesson.cells:
-            cells_of(f"{key}.cells", name, sizes)
+            parse_cell_range(f"{key}.cells", name, sizes)
     for index, stroke in enumerate(teacher.strokes):
         key = f"teacher.strokes[{index}]"
-        require_stage(f"{key}.stage", stroke.stage, deployment.controller)
+        check_stage_name(f"{key}.stage", stroke.stage, deployment.controller)
         for name in stroke.cells:
-            cells_of(f"{key}.cells", name, sizes)
+            parse_cell_range(f"{key}.cells", name, sizes)

@@ -11,9 +11,9 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from skinnet.deployment.table import Vector
+from skinnet.deployment.table import Vector3
 
-__all__ = ["NO_OBJECT", "THINGS", "ObjectName", "Shape", "Solid", "Thing"]
+__all__ = ["NO_OBJECT", "OBJECTS", "ObjectModel", "ObjectName", "PrimitiveSolid", "Shape"]
 
 ObjectName = Literal[
     "none",
@@ -27,7 +27,7 @@ ObjectName = Literal[
 ]
 NO_OBJECT: ObjectName = "none"
 
-_BASE_M = 0.002
+_BASE_PROTRUSION_M = 0.002
 """Height [m] by which the box under a round object protrudes below it."""
 
 
@@ -42,7 +42,7 @@ class Shape(Enum):
     """Ellipsoid: semi-axes."""
 
 
-class Solid(NamedTuple):
+class PrimitiveSolid(NamedTuple):
     """Primitive solid of an object.
 
     Attributes:
@@ -53,8 +53,8 @@ class Solid(NamedTuple):
     """
 
     shape: Shape
-    half_m: Vector
-    at_m: Vector = (0.0, 0.0, 0.0)
+    half_m: Vector3
+    at_m: Vector3 = (0.0, 0.0, 0.0)
     yaw_deg: float = 0.0
 
     @property
@@ -64,7 +64,7 @@ class Solid(NamedTuple):
         return factor[self.shape] * math.prod(self.half_m)
 
 
-class Thing(NamedTuple):
+class ObjectModel(NamedTuple):
     """Object model: geometry, mass, compliance and friction *(assumed)*.
 
     Attributes:
@@ -80,45 +80,47 @@ class Thing(NamedTuple):
         tint: RGB colour, each 0 to 1.
     """
 
-    size_m: Vector
-    solids: tuple[Solid, ...]
+    size_m: Vector3
+    solids: tuple[PrimitiveSolid, ...]
     mass_kg: float
     stiffness_pa_per_m: float
     friction: float
     tint: tuple[float, float, float]
-    base: Solid | None = None
+    base: PrimitiveSolid | None = None
     hollow: bool = False
     nearer_m: float = 0.0
 
 
-def _box(size_m: Vector) -> tuple[Solid, ...]:
+def _box(size_m: Vector3) -> tuple[PrimitiveSolid, ...]:
     depth, width, height = size_m
-    return (Solid(Shape.BOX, (0.5 * depth, 0.5 * width, 0.5 * height)),)
+    return (PrimitiveSolid(Shape.BOX, (0.5 * depth, 0.5 * width, 0.5 * height)),)
 
 
-def _base(depth_m: float, width_m: float, height_m: float, thick_m: float) -> Solid:
-    """Build the base, a box of `thick_m` at the bottom of an object of `height_m`."""
-    half_m = 0.5 * thick_m
-    return Solid(Shape.BOX, (0.5 * depth_m, 0.5 * width_m, half_m), (0.0, 0.0, half_m - 0.5 * height_m))
+def _base(depth_m: float, width_m: float, height_m: float, thickness_m: float) -> PrimitiveSolid:
+    """Build the base, a box of `thickness_m` at the bottom of an object of `height_m`."""
+    half_m = 0.5 * thickness_m
+    return PrimitiveSolid(
+        Shape.BOX, (0.5 * depth_m, 0.5 * width_m, half_m), (0.0, 0.0, half_m - 0.5 * height_m)
+    )
 
 
-def _tapered(bottom_m: float, top_m: float, height_m: float, rings: int) -> tuple[Solid, ...]:
+def _frustum(bottom_m: float, top_m: float, height_m: float, n_cylinders: int) -> tuple[PrimitiveSolid, ...]:
     """Build a frustum as a stack of cylinders, from the bottom to the top diameter."""
-    half_m = 0.5 * (height_m - _BASE_M) / rings
-    lowest_m = _BASE_M - 0.5 * height_m
+    half_m = 0.5 * (height_m - _BASE_PROTRUSION_M) / n_cylinders
+    lowest_m = _BASE_PROTRUSION_M - 0.5 * height_m
     solids = []
-    for i in range(rings):
-        radius_m = 0.5 * (bottom_m + (top_m - bottom_m) * i / (rings - 1))
+    for i in range(n_cylinders):
+        radius_m = 0.5 * (bottom_m + (top_m - bottom_m) * i / (n_cylinders - 1))
         at_m = (0.0, 0.0, lowest_m + (2 * i + 1) * half_m)
-        solids.append(Solid(Shape.CYLINDER, (radius_m, radius_m, half_m), at_m))
+        solids.append(PrimitiveSolid(Shape.CYLINDER, (radius_m, radius_m, half_m), at_m))
     return tuple(solids)
 
 
-THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
+OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
     {
-        "trash_bin": Thing(
+        "trash_bin": ObjectModel(
             size_m=(0.330, 0.330, 0.320),
-            solids=_tapered(0.270, 0.330, 0.320, rings=8),
+            solids=_frustum(0.270, 0.330, 0.320, n_cylinders=8),
             base=_base(0.170, 0.170, 0.320, 0.010),
             mass_kg=0.8,
             stiffness_pa_per_m=2.5e6,
@@ -126,16 +128,16 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             nearer_m=0.04,
             tint=(0.30, 0.42, 0.55),
         ),
-        "sponge_rock": Thing(
+        "sponge_rock": ObjectModel(
             size_m=(0.280, 0.340, 0.260),
             solids=(
-                Solid(Shape.ELLIPSOID, (0.125, 0.162, 0.120), (0.000, 0.000, -0.006)),
-                Solid(Shape.ELLIPSOID, (0.080, 0.085, 0.085), (0.030, 0.085, -0.010)),
-                Solid(Shape.ELLIPSOID, (0.085, 0.080, 0.090), (-0.010, -0.090, 0.000)),
-                Solid(Shape.ELLIPSOID, (0.070, 0.080, 0.085), (-0.070, 0.030, 0.010)),
-                Solid(Shape.ELLIPSOID, (0.085, 0.080, 0.080), (0.055, -0.020, -0.020)),
-                Solid(Shape.ELLIPSOID, (0.075, 0.060, 0.070), (-0.045, -0.085, -0.050), 25.0),
-                Solid(Shape.ELLIPSOID, (0.080, 0.095, 0.065), (0.010, 0.020, 0.065), -30.0),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.125, 0.162, 0.120), (0.000, 0.000, -0.006)),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.080, 0.085, 0.085), (0.030, 0.085, -0.010)),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.085, 0.080, 0.090), (-0.010, -0.090, 0.000)),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.070, 0.080, 0.085), (-0.070, 0.030, 0.010)),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.085, 0.080, 0.080), (0.055, -0.020, -0.020)),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.075, 0.060, 0.070), (-0.045, -0.085, -0.050), 25.0),
+                PrimitiveSolid(Shape.ELLIPSOID, (0.080, 0.095, 0.065), (0.010, 0.020, 0.065), -30.0),
             ),
             base=_base(0.150, 0.190, 0.260, 0.050),
             mass_kg=0.25,
@@ -144,7 +146,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             nearer_m=0.02,
             tint=(0.55, 0.53, 0.50),
         ),
-        "moving_box": Thing(
+        "moving_box": ObjectModel(
             size_m=(0.300, 0.400, 0.330),
             solids=_box((0.300, 0.400, 0.330)),
             mass_kg=0.9,
@@ -153,7 +155,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             hollow=True,
             tint=(0.76, 0.60, 0.40),
         ),
-        "lid": Thing(
+        "lid": ObjectModel(
             size_m=(0.240, 0.330, 0.100),
             solids=_box((0.240, 0.330, 0.100)),
             mass_kg=0.15,
@@ -163,7 +165,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             hollow=True,
             tint=(0.86, 0.84, 0.78),
         ),
-        "delivery_box": Thing(
+        "delivery_box": ObjectModel(
             size_m=(0.260, 0.360, 0.280),
             solids=_box((0.260, 0.360, 0.280)),
             mass_kg=1.1,
@@ -171,7 +173,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             friction=0.4,
             tint=(0.70, 0.52, 0.32),
         ),
-        "thin_post": Thing(
+        "thin_post": ObjectModel(
             size_m=(0.060, 0.060, 0.300),
             solids=_box((0.060, 0.060, 0.300)),
             mass_kg=0.6,
@@ -179,7 +181,7 @@ THINGS: Mapping[ObjectName, Thing] = MappingProxyType(
             friction=0.4,
             tint=(0.62, 0.45, 0.28),
         ),
-        "wide_crate": Thing(
+        "wide_crate": ObjectModel(
             size_m=(0.250, 0.800, 0.300),
             solids=_box((0.250, 0.800, 0.300)),
             mass_kg=3.0,

@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 
 from skinnet.errors import MemoryFileError
 
-__all__ = ["KeyPose", "Memory", "Robot", "check_limits"]
+__all__ = ["KeyPose", "MemoryContents", "RobotIdentity", "check_joint_limits"]
 
-_NAME = re.compile(r"[A-Za-z0-9_\-]{1,64}")
-_PARAMETER = re.compile(r"[A-Za-z0-9_\-.]{1,128}")
-_MOST_CELLS = 1_000_000
-_GIVE_RAD = 0.01
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9_\-]{1,64}")
+_PARAMETER_PATTERN = re.compile(r"[A-Za-z0-9_\-.]{1,128}")
+_MAX_CELLS = 1_000_000
+_LIMIT_TOLERANCE_RAD = 0.01
 """Tolerance [rad] of poses beyond a joint limit: limits are soft and postures no more accurate (assumed)."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class RobotIdentity:
     """Robot identity of a memory: the joints and cells of its maps, poses and areas.
 
     Attributes:
@@ -57,10 +57,8 @@ class Robot:
             raise MemoryFileError("robot.patches: there are none; a memory is one of a robot with skin")
         for patch, cells in self.patches.items():
             _require_name("robot.patches", patch)
-            if not 1 <= cells <= _MOST_CELLS:
-                raise MemoryFileError(
-                    f"robot.patches.{patch} = {cells}: 1 to {_MOST_CELLS} cells are allowed"
-                )
+            if not 1 <= cells <= _MAX_CELLS:
+                raise MemoryFileError(f"robot.patches.{patch} = {cells}: 1 to {_MAX_CELLS} cells are allowed")
 
     @property
     def n_cells(self) -> int:
@@ -76,7 +74,7 @@ class Robot:
         """Return patch and cell number within it of every cell, in order."""
         return [(patch, cell) for patch, n in self.patches.items() for cell in range(n)]
 
-    def require_same(self, robot: "Robot") -> None:
+    def require_match(self, robot: "RobotIdentity") -> None:
         """Require the same name, joints and patches as `robot`.
 
         Raises:
@@ -85,7 +83,7 @@ class Robot:
         for what, mine, due in (
             ("name", [self.name], [robot.name]),
             ("joints", list(self.joints), list(robot.joints)),
-            ("patches", _sizes(self.patches), _sizes(robot.patches)),
+            ("patches", _patch_descriptions(self.patches), _patch_descriptions(robot.patches)),
         ):
             place = next((i for i, (a, b) in enumerate(zip(mine, due, strict=False)) if a != b), None)
             if place is not None:
@@ -110,13 +108,13 @@ class KeyPose:
 
     def __post_init__(self) -> None:
         """Store read-only copies of the arrays."""
-        object.__setattr__(self, "position_rad", _frozen(self.position_rad))
+        object.__setattr__(self, "position_rad", _read_only(self.position_rad))
         if self.weights is not None:
-            object.__setattr__(self, "weights", _frozen(self.weights))
+            object.__setattr__(self, "weights", _read_only(self.weights))
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class MemoryContents:
     """Memory contents of a robot.
 
     Attributes:
@@ -128,7 +126,7 @@ class Memory:
         unmeasured: (n,) numbers of cells without data from the exploration, ascending.
     """
 
-    robot: Robot
+    robot: RobotIdentity
     activity: NDArray[np.bool_] | None = None
     poses: dict[str, KeyPose] = field(default_factory=dict)
     areas: dict[str, NDArray[np.int64]] = field(default_factory=dict)
@@ -141,14 +139,14 @@ class Memory:
         Raises:
             MemoryFileError: an entry does not match the robot, is not finite, or is empty; names it.
         """
-        activity = None if self.activity is None else _frozen(self.activity, np.bool_)
-        areas = {label: _frozen(cells, np.int64) for label, cells in self.areas.items()}
+        activity = None if self.activity is None else _read_only(self.activity, np.bool_)
+        areas = {label: _read_only(cells, np.int64) for label, cells in self.areas.items()}
         own = {
             "activity": activity,
             "poses": dict(self.poses),
             "areas": areas,
             "parameters": {name: float(value) + 0.0 for name, value in self.parameters.items()},
-            "unmeasured": _frozen(self.unmeasured, np.int64),
+            "unmeasured": _read_only(self.unmeasured, np.int64),
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
@@ -162,7 +160,7 @@ class Memory:
                 raise MemoryFileError(f"areas.{label}: has no cells; brush over at least one")
             self._check_cells(f"areas.{label}", cells)
         for name, number in self.parameters.items():
-            if _PARAMETER.fullmatch(name) is None:
+            if _PARAMETER_PATTERN.fullmatch(name) is None:
                 raise MemoryFileError(
                     f"parameters: {name!r} is no name; letters, digits, _, - and . are allowed"
                 )
@@ -206,7 +204,7 @@ class Memory:
             raise MemoryFileError(f"{key}: there is no cell {outside[0]}; {self.robot.n_cells} are there")
 
 
-def check_limits(memory: Memory, range_rad: Floats) -> None:
+def check_joint_limits(memory: MemoryContents, range_rad: Floats) -> None:
     """Check all key poses against the joint limits.
 
     Args:
@@ -220,17 +218,17 @@ def check_limits(memory: Memory, range_rad: Floats) -> None:
         for joint, position, (lower, upper) in zip(
             memory.robot.joints, pose.position_rad, range_rad, strict=True
         ):
-            if not lower - _GIVE_RAD <= position <= upper + _GIVE_RAD:
+            if not lower - _LIMIT_TOLERANCE_RAD <= position <= upper + _LIMIT_TOLERANCE_RAD:
                 raise MemoryFileError(
                     f"poses.{name}: {joint} = {position:g}: the joint turns from {lower:g} to {upper:g} rad"
                 )
 
 
-def _sizes(patches: dict[str, int]) -> list[str]:
+def _patch_descriptions(patches: dict[str, int]) -> list[str]:
     return [f"{patch} of {cells} cells" for patch, cells in patches.items()]
 
 
-def _frozen(array: NDArray[Any], dtype: Any = np.float64) -> NDArray[Any]:
+def _read_only(array: NDArray[Any], dtype: Any = np.float64) -> NDArray[Any]:
     """Return a read-only copy; zeros lose their sign."""
     copy = np.array(array, dtype=dtype, order="C")
     if copy.dtype == np.float64:
@@ -244,7 +242,7 @@ def _bytes(array: NDArray[Any] | None) -> bytes | None:
 
 
 def _require_name(key: str, name: str) -> None:
-    if _NAME.fullmatch(name) is None:
+    if _NAME_PATTERN.fullmatch(name) is None:
         raise MemoryFileError(f"{key}: {name!r} is no name; 1 to 64 letters, digits, _ and - are allowed")
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from skinnet.errors import MemoryFileError
 from skinnet.files import write_bytes
 from skinnet.memory import tables
-from skinnet.memory.record import KeyPose, Memory, Robot
+from skinnet.memory.record import KeyPose, MemoryContents, RobotIdentity
 
 __all__ = ["APPLICATION_ID", "VERSION", "MemoryStore", "read_memory", "write_memory"]
 
@@ -27,10 +27,10 @@ APPLICATION_ID = 0x736B696E
 """SQLite application id 'skin', which identifies memory files."""
 VERSION = 1
 """Schema version, `user_version` in the file."""
-_PATIENCE_S = 0.5
+_LOCK_TIMEOUT_S = 0.5
 """Lock timeout [s]: readers hold the file for some milliseconds, writers for a run."""
-_SIBLINGS = ("-journal", "-wal", "-shm")
-_REASONS = {
+_JOURNAL_SUFFIXES = ("-journal", "-wal", "-shm")
+_ERROR_MESSAGES = {
     "SQLITE_NOTADB": "is no SQLite file; a memory is written by a run or by `skinnet memory import`",
     "SQLITE_BUSY": "is in use by another process; wait for the end of its run",
     "SQLITE_CANTOPEN": "cannot be opened; check its permissions and those of its folder",
@@ -41,28 +41,28 @@ _REASONS = {
 class MemoryStore:
     """Memory store of a running robot, with an exclusive lock on its file.
 
-    Each change is atomic, and durable when the method returns. A refused change leaves the file and `memory`
-    unchanged.
+    Each change is atomic, and durable when the method returns. A refused change leaves the file and
+    its contents unchanged.
     """
 
-    def __init__(self, path: Path, db: sqlite3.Connection, memory: Memory) -> None:
+    def __init__(self, path: Path, db: sqlite3.Connection, memory: MemoryContents) -> None:
         """Initialise; use `create` or `open` instead."""
         self._path = path
         self._db = db
         self._memory = memory
 
     @classmethod
-    def create(cls, path: Path, robot: Robot, known: Memory | None = None) -> Self:
-        """Create a memory file with the contents `known`, replacing an existing file.
+    def create(cls, path: Path, robot: RobotIdentity, initial: MemoryContents | None = None) -> Self:
+        """Create a memory file with the contents `initial`, replacing an existing file.
 
         Raises:
             MemoryFileError: another process uses the existing file.
         """
-        write_memory(path, Memory(robot) if known is None else known)
+        write_memory(path, MemoryContents(robot) if initial is None else initial)
         return cls.open(path, robot)
 
     @classmethod
-    def open(cls, path: Path, robot: Robot) -> Self:
+    def open(cls, path: Path, robot: RobotIdentity) -> Self:
         """Open an existing memory file for writing.
 
         Raises:
@@ -71,23 +71,23 @@ class MemoryStore:
         """
         with contextlib.ExitStack() as undo:
             db = undo.enter_context(contextlib.closing(_connect(path)))
-            with _explained(path):
+            with _translated_errors(path):
                 db.execute("PRAGMA locking_mode = EXCLUSIVE")
                 db.execute("PRAGMA foreign_keys = ON")
                 db.execute("PRAGMA synchronous = EXTRA")
                 db.execute("BEGIN EXCLUSIVE")
-                memory = _read(db)
+                memory = _read_contents(db)
                 db.execute("COMMIT")  # in this mode, it keeps the lock
-                memory.robot.require_same(robot)
+                memory.robot.require_match(robot)
             undo.pop_all()
         return cls(path, db, memory)
 
     @property
-    def memory(self) -> Memory:
+    def contents(self) -> MemoryContents:
         """Memory contents of the file."""
         return self._memory
 
-    def remember_structure(
+    def store_structure(
         self, activity: NDArray[np.bool_], unmeasured: NDArray[np.int64] | None = None
     ) -> None:
         """Store an activity matrix (S, D) and the cells (n,) that were not measured."""
@@ -96,27 +96,27 @@ class MemoryStore:
         with self._transaction(memory):
             tables.put_activity(self._db, memory)
 
-    def remember_pose(self, name: str, pose: KeyPose) -> None:
+    def store_pose(self, name: str, pose: KeyPose) -> None:
         """Store a key pose, replacing one of that name."""
         memory = dataclasses.replace(self._memory, poses=self._memory.poses | {name: pose})
         with self._transaction(memory):
             tables.put_pose(self._db, memory.robot, name, memory.poses[name])
 
-    def remember_area(self, label: str, cells: NDArray[np.int64]) -> None:
+    def store_area(self, label: str, cells: NDArray[np.int64]) -> None:
         """Store a touch area of cells (n,), ascending, replacing one of that label."""
         memory = dataclasses.replace(self._memory, areas=self._memory.areas | {label: cells})
         with self._transaction(memory):
             tables.put_area(self._db, memory.robot, label, memory.areas[label])
 
-    def remember_parameters(self, parameters: Mapping[str, float]) -> None:
+    def store_parameters(self, parameters: Mapping[str, float]) -> None:
         """Store parameters, replacing those of the same names."""
         memory = dataclasses.replace(self._memory, parameters=self._memory.parameters | dict(parameters))
         with self._transaction(memory):
             tables.put_parameters(self._db, memory.parameters)
 
-    def replace(self, memory: Memory) -> None:
+    def replace_contents(self, memory: MemoryContents) -> None:
         """Replace all contents by `memory`, which must be of the same robot."""
-        memory.robot.require_same(self._memory.robot)
+        memory.robot.require_match(self._memory.robot)
         with self._transaction(memory):
             tables.put_content(self._db, memory)
 
@@ -133,13 +133,13 @@ class MemoryStore:
         self.close()
 
     @contextlib.contextmanager
-    def _transaction(self, memory: Memory) -> Iterator[None]:
+    def _transaction(self, memory: MemoryContents) -> Iterator[None]:
         """Commit the changes of the block with the digest of `memory`, or roll back on error."""
-        with _explained(self._path):
+        with _translated_errors(self._path):
             self._db.execute("BEGIN IMMEDIATE")
             try:
                 yield
-                tables.seal(self._db, memory)
+                tables.store_digest(self._db, memory)
                 self._db.execute("COMMIT")
             except BaseException:
                 if self._db.in_transaction:
@@ -148,18 +148,18 @@ class MemoryStore:
         self._memory = memory
 
 
-def read_memory(path: Path) -> Memory:
+def read_memory(path: Path) -> MemoryContents:
     """Read the memory contents of a file.
 
     Raises:
         MemoryFileError: as for `MemoryStore.open`.
     """
-    with contextlib.closing(_connect(path)) as db, _explained(path):
+    with contextlib.closing(_connect(path)) as db, _translated_errors(path):
         db.execute("BEGIN")
-        return _read(db)
+        return _read_contents(db)
 
 
-def write_memory(path: Path, memory: Memory) -> None:
+def write_memory(path: Path, memory: MemoryContents) -> None:
     """Write a memory file atomically: a kill leaves either the previous file or the new one.
 
     Raises:
@@ -172,12 +172,12 @@ def write_memory(path: Path, memory: Memory) -> None:
         tables.put_all(db, memory)
         content = db.serialize()
     file = path.resolve()
-    with _retired(file):
+    with _locked_for_replacement(file):
         write_bytes(file, content)
 
 
 @contextlib.contextmanager
-def _retired(path: Path) -> Iterator[None]:
+def _locked_for_replacement(path: Path) -> Iterator[None]:
     """Lock an existing database file while another replaces it.
 
     Its journal files are deleted, so that SQLite does not roll the new file back to the old state.
@@ -189,9 +189,9 @@ def _retired(path: Path) -> Iterator[None]:
         try:
             db.execute("BEGIN EXCLUSIVE")
         except (sqlite3.Error, UnicodeDecodeError) as error:  # not a database, so not open as one
-            if _name(error) == "SQLITE_BUSY":
-                raise MemoryFileError(f"{path}: {_REASONS['SQLITE_BUSY']}") from None
-        for suffix in _SIBLINGS:
+            if _error_code(error) == "SQLITE_BUSY":
+                raise MemoryFileError(f"{path}: {_ERROR_MESSAGES['SQLITE_BUSY']}") from None
+        for suffix in _JOURNAL_SUFFIXES:
             path.with_name(path.name + suffix).unlink(missing_ok=True)
         yield
 
@@ -200,11 +200,11 @@ def _connect(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise MemoryFileError(f"{path}: {'is no file' if path.exists() else 'there is no such file'}")
     uri = f"{path.resolve().as_uri()}?mode=rw"
-    with _explained(path):
-        return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_PATIENCE_S)
+    with _translated_errors(path):
+        return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_LOCK_TIMEOUT_S)
 
 
-def _read(db: sqlite3.Connection) -> Memory:
+def _read_contents(db: sqlite3.Connection) -> MemoryContents:
     """Read the memory contents of a database after all checks."""
     db.execute("PRAGMA trusted_schema = OFF")
     (application,) = db.execute("PRAGMA application_id").fetchone()
@@ -224,37 +224,37 @@ def _read(db: sqlite3.Connection) -> Memory:
         problems = db.execute("PRAGMA integrity_check (1)").fetchone()
         if problems != ("ok",):
             raise MemoryFileError(str(problems[0]))
-        if tables.statements(db) != _own_statements():
+        if tables.schema_statements(db) != _expected_schema():
             raise MemoryFileError("its tables are not those of this version")
-        return tables.read(db)
+        return tables.read_tables(db)
     except (MemoryFileError, ValueError, TypeError, OverflowError) as error:
         # rows that no version of this program would write
-        raise MemoryFileError(f"is damaged: {_line(error)}") from None
+        raise MemoryFileError(f"is damaged: {_one_line(error)}") from None
 
 
-def _own_statements() -> list[str]:
+def _expected_schema() -> list[str]:
     with contextlib.closing(sqlite3.connect(":memory:")) as db:
         db.executescript(tables.SCHEMA)
-        return tables.statements(db)
+        return tables.schema_statements(db)
 
 
 @contextlib.contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def _translated_errors(path: Path) -> Iterator[None]:
     """Convert SQLite errors to `MemoryFileError` with path and cause."""
     try:
         yield
     except MemoryFileError as error:
         raise MemoryFileError(f"{path}: {error}") from None
     except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's message may quote invalid text
-        reason = _REASONS.get(_name(error), f"is damaged or cannot be used: {_line(error)}")
+        reason = _ERROR_MESSAGES.get(_error_code(error), f"is damaged or cannot be used: {_one_line(error)}")
         raise MemoryFileError(f"{path}: {reason}") from None
 
 
-def _line(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     """Return an error message as one line of at most 200 characters; SQLite may quote whole tables."""
     return textwrap.shorten(str(error), 200, placeholder=" …")
 
 
-def _name(error: Exception) -> str:
+def _error_code(error: Exception) -> str:
     """Return the primary SQLite error code name, without its extension."""
     return "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])

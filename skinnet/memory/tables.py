@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import MemoryFileError
-from skinnet.memory.record import Floats, KeyPose, Memory, Robot
+from skinnet.memory.record import Floats, KeyPose, MemoryContents, RobotIdentity
 
 __all__ = [
     "SCHEMA",
@@ -21,9 +21,9 @@ __all__ = [
     "put_content",
     "put_parameters",
     "put_pose",
-    "read",
-    "seal",
-    "statements",
+    "read_tables",
+    "schema_statements",
+    "store_digest",
 ]
 
 SCHEMA = """
@@ -64,19 +64,19 @@ CREATE TABLE parameter (
 ) WITHOUT ROWID;
 CREATE TABLE seal (sha256 TEXT NOT NULL); -- of the whole content, see Memory.digest
 """
-_CONTENT = ("activity", "map", "pose_joint", "pose", "area_cell", "parameter")
+_CONTENT_TABLES = ("activity", "map", "pose_joint", "pose", "area_cell", "parameter")
 """Content tables, referencing tables before referenced ones."""
-_UNKNOWN = -1
+_UNMEASURED = -1
 """Unmeasured entry of the activity matrix; NULL in the file."""
 
 
-def statements(db: sqlite3.Connection) -> list[str]:
+def schema_statements(db: sqlite3.Connection) -> list[str]:
     """Return the SQL statements of the schema stored in the file."""
     rows = db.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL ORDER BY rowid")
     return [str(sql) for (sql,) in rows]
 
 
-def put_all(db: sqlite3.Connection, memory: Memory) -> None:
+def put_all(db: sqlite3.Connection, memory: MemoryContents) -> None:
     """Insert a memory into empty tables, with its digest."""
     robot = memory.robot
     db.execute("INSERT INTO robot VALUES (?)", (robot.name,))
@@ -84,12 +84,12 @@ def put_all(db: sqlite3.Connection, memory: Memory) -> None:
     sizes = ((number, *item) for number, item in enumerate(robot.patches.items()))
     db.executemany("INSERT INTO patch VALUES (?, ?, ?)", sizes)
     put_content(db, memory)
-    seal(db, memory)
+    store_digest(db, memory)
 
 
-def put_content(db: sqlite3.Connection, memory: Memory) -> None:
+def put_content(db: sqlite3.Connection, memory: MemoryContents) -> None:
     """Replace all contents except the robot."""
-    for table in _CONTENT:
+    for table in _CONTENT_TABLES:
         db.execute(f"DELETE FROM {table}")
     put_activity(db, memory)
     for name, pose in memory.poses.items():
@@ -99,17 +99,17 @@ def put_content(db: sqlite3.Connection, memory: Memory) -> None:
     put_parameters(db, memory.parameters)
 
 
-def put_activity(db: sqlite3.Connection, memory: Memory) -> None:
+def put_activity(db: sqlite3.Connection, memory: MemoryContents) -> None:
     """Replace the activity matrix."""
     db.execute("DELETE FROM activity")
     if memory.activity is not None:
         active = memory.activity.astype(np.int64)
-        active[memory.unmeasured] = _UNKNOWN
-        values = f"(?, ?, ?, NULLIF (?, {_UNKNOWN}))"
+        active[memory.unmeasured] = _UNMEASURED
+        values = f"(?, ?, ?, NULLIF (?, {_UNMEASURED}))"
         db.executemany(f"INSERT INTO activity VALUES {values}", _entries(memory.robot, active))
 
 
-def put_pose(db: sqlite3.Connection, robot: Robot, name: str, pose: KeyPose) -> None:
+def put_pose(db: sqlite3.Connection, robot: RobotIdentity, name: str, pose: KeyPose) -> None:
     """Insert a key pose, replacing one of that name."""
     db.execute("INSERT INTO pose (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
     db.execute("DELETE FROM pose_joint WHERE pose = ?", (name,))
@@ -121,7 +121,7 @@ def put_pose(db: sqlite3.Connection, robot: Robot, name: str, pose: KeyPose) -> 
         db.executemany("INSERT INTO map VALUES (?, ?, ?, ?, ?)", rows)
 
 
-def put_area(db: sqlite3.Connection, robot: Robot, label: str, cells: NDArray[np.int64]) -> None:
+def put_area(db: sqlite3.Connection, robot: RobotIdentity, label: str, cells: NDArray[np.int64]) -> None:
     """Insert a touch area of cells (n,), replacing one of that label."""
     db.execute("DELETE FROM area_cell WHERE area = ?", (label,))
     place = robot.cells()
@@ -134,26 +134,28 @@ def put_parameters(db: sqlite3.Connection, parameters: Mapping[str, float]) -> N
     db.executemany("INSERT OR REPLACE INTO parameter VALUES (?, ?)", parameters.items())
 
 
-def seal(db: sqlite3.Connection, memory: Memory) -> None:
+def store_digest(db: sqlite3.Connection, memory: MemoryContents) -> None:
     """Store the digest of the tables' contents; SQLite alone does not detect a changed number."""
     db.execute("DELETE FROM seal")
     db.execute("INSERT INTO seal VALUES (?)", (memory.digest(),))
 
 
-def read(db: sqlite3.Connection) -> Memory:
+def read_tables(db: sqlite3.Connection) -> MemoryContents:
     """Read the memory contents of the tables.
 
     Raises:
         MemoryFileError: the contents are inconsistent, or differ from the stored digest.
     """
-    (name,) = _one(db, "SELECT name FROM robot")
+    (name,) = _fetch_one(db, "SELECT name FROM robot")
     joints = tuple(str(joint) for (joint,) in db.execute("SELECT name FROM joint ORDER BY number"))
     sizes = db.execute("SELECT name, cells FROM patch ORDER BY number")
-    robot = Robot(str(name), joints, {str(patch): int(cells) for patch, cells in sizes})
-    active = _matrix(db, robot, f"IFNULL (active, {_UNKNOWN})", "activity")
-    measured = np.ones(robot.n_cells, dtype=np.bool_) if active is None else (active != _UNKNOWN).any(axis=1)
+    robot = RobotIdentity(str(name), joints, {str(patch): int(cells) for patch, cells in sizes})
+    active = _matrix(db, robot, f"IFNULL (active, {_UNMEASURED})", "activity")
+    measured = (
+        np.ones(robot.n_cells, dtype=np.bool_) if active is None else (active != _UNMEASURED).any(axis=1)
+    )
     names = [str(pose) for (pose,) in db.execute("SELECT name FROM pose ORDER BY number")]
-    memory = Memory(
+    memory = MemoryContents(
         robot=robot,
         activity=None if active is None else (active == 1.0),
         poses={pose: _pose(db, robot, pose) for pose in names},
@@ -161,13 +163,13 @@ def read(db: sqlite3.Connection) -> Memory:
         parameters=dict(db.execute("SELECT name, value FROM parameter ORDER BY name")),
         unmeasured=np.flatnonzero(~measured),
     )
-    (sealed,) = _one(db, "SELECT sha256 FROM seal")
+    (sealed,) = _fetch_one(db, "SELECT sha256 FROM seal")
     if sealed != memory.digest():
         raise MemoryFileError("what it holds is not what was sealed; it was changed by other means")
     return memory
 
 
-def _entries(robot: Robot, matrix: NDArray[Any]) -> list[tuple[str, int, str, Any]]:
+def _entries(robot: RobotIdentity, matrix: NDArray[Any]) -> list[tuple[str, int, str, Any]]:
     """Return patch, cell, joint and value of every entry of an (S, D) matrix."""
     return [
         (patch, cell, joint, value)
@@ -176,7 +178,7 @@ def _entries(robot: Robot, matrix: NDArray[Any]) -> list[tuple[str, int, str, An
     ]
 
 
-def _pose(db: sqlite3.Connection, robot: Robot, name: str) -> KeyPose:
+def _pose(db: sqlite3.Connection, robot: RobotIdentity, name: str) -> KeyPose:
     rows = db.execute(
         "SELECT position_rad FROM pose_joint JOIN joint ON name = joint WHERE pose = ? ORDER BY number",
         (name,),
@@ -186,13 +188,13 @@ def _pose(db: sqlite3.Connection, robot: Robot, name: str) -> KeyPose:
 
 
 def _matrix(
-    db: sqlite3.Connection, robot: Robot, column: str, table: str, which: str = "", *of: str
+    db: sqlite3.Connection, robot: RobotIdentity, column: str, table: str, where: str = "", *args: str
 ) -> Floats | None:
     """Read the matrix (S, D) of a column with one entry per cell and joint; None without entries."""
     rows = db.execute(
         f"SELECT {column} FROM {table} JOIN patch ON patch.name = patch JOIN joint ON joint.name = joint "
-        f"{which} ORDER BY patch.number, cell, joint.number",
-        of,
+        f"{where} ORDER BY patch.number, cell, joint.number",
+        args,
     )
     values = [value for (value,) in rows]
     if values and len(values) != robot.n_cells * len(robot.joints):
@@ -200,7 +202,7 @@ def _matrix(
     return np.array(values, dtype=np.float64).reshape(robot.shape) if values else None
 
 
-def _areas(db: sqlite3.Connection, robot: Robot) -> dict[str, NDArray[np.int64]]:
+def _areas(db: sqlite3.Connection, robot: RobotIdentity) -> dict[str, NDArray[np.int64]]:
     number = {place: index for index, place in enumerate(robot.cells())}
     cells: dict[str, list[int]] = {}
     for area, patch, cell in db.execute("SELECT area, patch, cell FROM area_cell ORDER BY area"):
@@ -210,7 +212,7 @@ def _areas(db: sqlite3.Connection, robot: Robot) -> dict[str, NDArray[np.int64]]
     return {area: np.array(sorted(of), dtype=np.int64) for area, of in cells.items()}
 
 
-def _one(db: sqlite3.Connection, query: str) -> Any:
+def _fetch_one(db: sqlite3.Connection, query: str) -> Any:
     row = db.execute(query).fetchone()
     if row is None:
         raise MemoryFileError(f"nothing answers to {query}")

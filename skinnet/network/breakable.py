@@ -12,14 +12,14 @@ from skinnet.deployment.faults import CellRule, FaultRule, GatewayLost, LinkRule
 from skinnet.deployment.schema import Deployment
 from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
-from skinnet.seeding import StreamName, key_of
+from skinnet.seeding import StreamName, stream_key
 
-__all__ = ["Breakable", "Inventory", "Place", "Placed", "chosen"]
+__all__ = ["FaultInventory", "FaultLocation", "FaultTarget", "PatchLayout", "select_targets"]
 
-_EXACT = re.compile(r"(?P<patch>[^/:]+)(/(?P<cell>\d+))?(:(?P<port>\d+))?")
+_TARGET = re.compile(r"(?P<patch>[^/:]+)(/(?P<cell>\d+))?(:(?P<port>\d+))?")
 
 
-class Placed(Protocol):
+class PatchLayout(Protocol):
     """Placed patch interface, implemented by `skinnet.skin.placement.PlacedPatch`."""
 
     @property
@@ -40,7 +40,7 @@ class Placed(Protocol):
 
 
 @dataclass(frozen=True)
-class Place:
+class FaultLocation:
     """Fault location; fields that do not apply are None.
 
     With `port`, or with `gateway` for a link fault, it is the directed link that leaves by that port of the
@@ -51,13 +51,13 @@ class Place:
     cell: int | None = None
     port: int | None = None
     gateway: int | None = None
-    host: str | None = None
+    process: str | None = None
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def target_names(self) -> tuple[str, ...]:
         """Target names that match this location, the widest first, its own last."""
-        if self.host is not None:
-            return (self.host,)
+        if self.process is not None:
+            return (self.process,)
         patch = str(self.patch)
         if self.cell is None:
             return (patch,) if self.gateway is None else (patch, f"{patch}:{self.gateway}")
@@ -66,34 +66,39 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Breakable:
+class FaultTarget:
     """Fault target: one location, or both directions of a wire, which fail together.
 
     Attributes:
         name: Name of its random stream.
-        places: Locations of the fault.
+        locations: Locations of the fault.
     """
 
     name: str
-    places: tuple[Place, ...]
+    locations: tuple[FaultLocation, ...]
 
 
-class Inventory:
+class FaultInventory:
     """Inventory of all fault targets of a deployment."""
 
-    def __init__(self, deployment: Deployment, placed: Sequence[Placed]) -> None:
-        self.hosts = tuple(deployment.host_patches())
+    def __init__(self, deployment: Deployment, placed: Sequence[PatchLayout]) -> None:
+        self.cell_processes = tuple(deployment.host_patches())
         self.n_cells = {patch.name: patch.n_cells for patch in placed}
         self.n_gateways = {patch.name: len(patch.interfaces) for patch in placed}
-        self.wires: list[tuple[Place, Place]] = []
+        self.wires: list[tuple[FaultLocation, FaultLocation]] = []
         """Full-duplex wires, as both of their ends."""
         for patch in placed:
             for cell, port, other, other_port in patch.wires.tolist():
-                self.wires.append((Place(patch.name, cell, port), Place(patch.name, other, other_port)))
+                self.wires.append(
+                    (FaultLocation(patch.name, cell, port), FaultLocation(patch.name, other, other_port))
+                )
             for gateway, (cell, port) in enumerate(patch.interfaces.tolist()):
-                self.wires.append((Place(patch.name, cell, port), Place(patch.name, gateway=gateway)))
+                self.wires.append(
+                    (FaultLocation(patch.name, cell, port), FaultLocation(patch.name, gateway=gateway))
+                )
         self.wires += [
-            (Place(*parse_port(bridge.a)), Place(*parse_port(bridge.b))) for bridge in deployment.bridges
+            (FaultLocation(*parse_port(bridge.a)), FaultLocation(*parse_port(bridge.b)))
+            for bridge in deployment.bridges
         ]
 
     def wired_ports(self, patch: str, cell: int) -> list[int]:
@@ -101,45 +106,49 @@ class Inventory:
         ends = (end for wire in self.wires for end in wire if (end.patch, end.cell) == (patch, cell))
         return sorted(end.port for end in ends if end.port is not None)
 
-    def matching(self, rule: FaultRule) -> list[Breakable]:
+    def matching_targets(self, rule: FaultRule) -> list[FaultTarget]:
         """Return the fault targets that match `rule`, in the order of the deployment."""
         matches = re.compile(translate(rule.target)).match
 
-        def meant(place: Place) -> bool:
-            return any(matches(name) for name in place.names)
+        def meant(place: FaultLocation) -> bool:
+            return any(matches(name) for name in place.target_names)
 
         if isinstance(rule, LinkRule):
-            return list(_links(self.wires, rule.direction, meant))
+            return list(_matching_links(self.wires, rule.direction, meant))
         if isinstance(rule, CellRule):
-            places = [Place(patch, cell) for patch, n in self.n_cells.items() for cell in range(n)]
+            places = [FaultLocation(patch, cell) for patch, n in self.n_cells.items() for cell in range(n)]
         elif isinstance(rule, GatewayLost):
-            places = [Place(patch, gateway=g) for patch, n in self.n_gateways.items() for g in range(n)]
+            places = [
+                FaultLocation(patch, gateway=g) for patch, n in self.n_gateways.items() for g in range(n)
+            ]
         else:
-            places = [Place(host=host) for host in self.hosts]
-        return [Breakable(place.names[-1], (place,)) for place in places if meant(place)]
+            places = [FaultLocation(process=host) for host in self.cell_processes]
+        return [FaultTarget(place.target_names[-1], (place,)) for place in places if meant(place)]
 
 
-def chosen(inventory: Inventory, rule: FaultRule, index: int, seed: int) -> list[Breakable]:
+def select_targets(inventory: FaultInventory, rule: FaultRule, index: int, seed: int) -> list[FaultTarget]:
     """Select the fault targets of rule number `index`, in the order of the deployment.
 
     Raises:
         DeploymentError: the target does not exist, or `pick` exceeds the number of matches.
     """
-    found = inventory.matching(rule)
+    found = inventory.matching_targets(rule)
     if not found:
-        raise DeploymentError(f"faults[{index}].target = {rule.target!r}: {_missing(inventory, rule)}")
+        raise DeploymentError(
+            f"faults[{index}].target = {rule.target!r}: {_no_match_reason(inventory, rule)}"
+        )
     if rule.pick is None:
         return found
     if rule.pick > len(found):
         raise DeploymentError(
-            f"faults[{index}].pick = {rule.pick}: only {len(found)} {_WORDS[_sort(rule)][0]} match "
-            f"target = {rule.target!r}"
+            f"faults[{index}].pick = {rule.pick}: "
+            f"only {len(found)} {_TARGET_KINDS[_target_kind(rule)][0]} match target = {rule.target!r}"
         )
     # one draw per name, so that an added cell does not reorder the others
     lots = sorted(
         found,
         key=lambda one: (
-            int(key_of(seed, StreamName.FAULT, index, StreamName.FAULT_PICK, one.name)),
+            int(stream_key(seed, StreamName.FAULT, index, StreamName.FAULT_PICK, one.name)),
             one.name,
         ),
     )
@@ -147,8 +156,8 @@ def chosen(inventory: Inventory, rule: FaultRule, index: int, seed: int) -> list
     return [one for one in found if one in picked]
 
 
-_LINK, _CELL, _GATEWAY, _HOST = range(4)
-_WORDS = (
+_LINK, _CELL, _GATEWAY, _PROCESS = range(4)
+_TARGET_KINDS = (
     ("links", "patch/cell:port, patch:gateway, patch/cell or patch"),
     ("cells", "patch/cell or patch"),
     ("gateways", "patch:gateway or patch"),
@@ -156,38 +165,38 @@ _WORDS = (
 )
 
 
-def _sort(rule: FaultRule) -> int:
+def _target_kind(rule: FaultRule) -> int:
     if isinstance(rule, LinkRule):
         return _LINK
     if isinstance(rule, CellRule):
         return _CELL
-    return _GATEWAY if isinstance(rule, GatewayLost) else _HOST
+    return _GATEWAY if isinstance(rule, GatewayLost) else _PROCESS
 
 
-def _links(
-    wires: list[tuple[Place, Place]], direction: str, meant: Callable[[Place], bool]
-) -> Iterator[Breakable]:
+def _matching_links(
+    wires: list[tuple[FaultLocation, FaultLocation]], direction: str, matches: Callable[[FaultLocation], bool]
+) -> Iterator[FaultTarget]:
     """Yield wires with a matching port, or their directed links out of or into such ports."""
     for a, b in wires:
         if direction == "both":
-            if meant(a) or meant(b):
-                yield Breakable(a.names[-1], (a, b))
+            if matches(a) or matches(b):
+                yield FaultTarget(a.target_names[-1], (a, b))
             continue
         for end, peer in ((a, b), (b, a)):
-            if meant(end):
+            if matches(end):
                 leaving = end if direction == "out" else peer
-                yield Breakable(leaving.names[-1], (leaving,))
+                yield FaultTarget(leaving.target_names[-1], (leaving,))
 
 
-def _missing(inventory: Inventory, rule: FaultRule) -> str:
+def _no_match_reason(inventory: FaultInventory, rule: FaultRule) -> str:
     """Explain why the target of `rule` matches nothing, and which targets exist."""
-    sort = _sort(rule)
-    things, form = _WORDS[sort]
+    sort = _target_kind(rule)
+    things, form = _TARGET_KINDS[sort]
     if "*" in rule.target:
         return f"matches none of the {things}; write {form}, with * for anything"
-    if sort == _HOST:
-        return f"unknown host; there are {', '.join(inventory.hosts)}"
-    match = _EXACT.fullmatch(rule.target)
+    if sort == _PROCESS:
+        return f"unknown host; there are {', '.join(inventory.cell_processes)}"
+    match = _TARGET.fullmatch(rule.target)
     assert match is not None, rule.target
     patch, cell, port = match["patch"], match["cell"], match["port"]
     if patch not in inventory.n_cells:

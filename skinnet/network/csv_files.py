@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from skinnet.compiled import compiled
 from skinnet.errors import DeploymentError
 
-__all__ = ["INT64", "Column", "Table", "blocks", "read_whole"]
+__all__ = ["INT64_RANGE", "ColumnSpec", "Table", "read_blocks", "read_table"]
 
-INT64 = (-(2**63), 2**63 - 1)
+INT64_RANGE = (-(2**63), 2**63 - 1)
 _BLOCK_BYTES = 2**23
 _MAX_HEADER_BYTES = 2**16
 _COMMA, _NEWLINE, _ZERO, _NINE, _MINUS = (ord(c) for c in ",\n09-")
@@ -24,29 +24,29 @@ _SPACES = (ord(" "), ord("\t"), ord("\r"))
 
 
 @dataclass(frozen=True)
-class Column:
+class ColumnSpec:
     """Column specification: name, range and default.
 
     Attributes:
         name: Name in the header.
-        least: Smallest allowed value.
-        greatest: Largest allowed value.
-        whole: True if only integers are allowed.
-        empty: Value of an empty field; None if a number is required.
-        required: True if the column is required; a missing optional column has the value `empty` throughout.
+        min_value: Smallest allowed value.
+        max_value: Largest allowed value.
+        is_integer: True if only integers are allowed.
+        default: Value of an empty field; None if a number is required.
+        required: True if the column is required; a missing optional column has `default` throughout.
     """
 
     name: str
-    least: int
-    greatest: int
-    whole: bool = True
-    empty: int | None = None
+    min_value: int
+    max_value: int
+    is_integer: bool = True
+    default: int | None = None
     required: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Table rows of a file; columns (n,) are int64, or float64 if not `whole`.
+    """Table rows of a file; columns (n,) are int64, or float64 if not `is_integer`.
 
     Attributes:
         file: File name for error messages.
@@ -61,27 +61,29 @@ class Table:
     def __len__(self) -> int:
         return self.line.size
 
-    def whole(self, name: str) -> NDArray[np.int64]:
+    def integers(self, name: str) -> NDArray[np.int64]:
         """Return an integer column (n,)."""
         return self.columns[name].astype(np.int64, copy=False)
 
-    def refuse(self, row: int, what: str) -> NoReturn:
+    def reject_row(self, row: int, reason: str) -> NoReturn:
         """Raise `DeploymentError` for a row, with file and line."""
-        raise DeploymentError(f"{self.file}:{self.line[row]}: {what}")
+        raise DeploymentError(f"{self.file}:{self.line[row]}: {reason}")
 
 
-def read_whole(path: Path, columns: tuple[Column, ...]) -> Table:
+def read_table(path: Path, columns: tuple[ColumnSpec, ...]) -> Table:
     """Read a whole file as one table.
 
     Raises:
         DeploymentError: The file is invalid; names file, line and error.
     """
-    tables = list(blocks(path, columns))
+    tables = list(read_blocks(path, columns))
     merged = {column.name: np.concatenate([t.columns[column.name] for t in tables]) for column in columns}
     return Table(path, merged, np.concatenate([t.line for t in tables]))
 
 
-def blocks(path: Path, columns: tuple[Column, ...], raw: IO[bytes] | None = None) -> Iterator[Table]:
+def read_blocks(
+    path: Path, columns: tuple[ColumnSpec, ...], file: IO[bytes] | None = None
+) -> Iterator[Table]:
     """Read a file in tables of some hundred thousand rows; yield at least one, which may be empty.
 
     Columns may be in any order. Blank lines are skipped.
@@ -89,25 +91,25 @@ def blocks(path: Path, columns: tuple[Column, ...], raw: IO[bytes] | None = None
     Args:
         path: File; its name ends in `.gz` if it is gzipped.
         columns: Column specifications.
-        raw: The opened file, if the caller wants to follow its position.
+        file: The opened file, if the caller wants to follow its position.
 
     Raises:
         DeploymentError: The file is invalid; names file, line and error.
     """
     try:
-        with raw or path.open("rb") as file, _unpacked(path, file) as content:
-            order = _header(path, content.readline(_MAX_HEADER_BYTES), columns)
+        with file or path.open("rb") as file, _decompressed(path, file) as content:
+            order = _parse_header(path, content.readline(_MAX_HEADER_BYTES), columns)
             line, rest = 2, b""
             while block := content.read(_BLOCK_BYTES):
                 body, newline, rest = (rest + block).rpartition(b"\n")
                 if newline:
-                    yield _table(path, body + newline, line, order, columns)
+                    yield _parse_block(path, body + newline, line, order, columns)
                     line += body.count(b"\n") + 1
                 elif len(rest) > _BLOCK_BYTES:
                     raise DeploymentError(
                         f"{path}:{line}: no end of this line; give lines of comma-separated numbers"
                     )
-            yield _table(path, rest, line, order, columns)
+            yield _parse_block(path, rest, line, order, columns)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise DeploymentError(
             f"{path}: not a whole gzip file ({error}); give one, or a plain file under a name without .gz"
@@ -118,11 +120,11 @@ def blocks(path: Path, columns: tuple[Column, ...], raw: IO[bytes] | None = None
         ) from error
 
 
-def _unpacked(path: Path, file: IO[bytes]) -> IO[bytes]:
+def _decompressed(path: Path, file: IO[bytes]) -> IO[bytes]:
     return gzip.GzipFile(fileobj=file) if path.suffix == ".gz" else file  # type: ignore[return-value]
 
 
-def _header(path: Path, raw: bytes, columns: tuple[Column, ...]) -> list[str]:
+def _parse_header(path: Path, raw: bytes, columns: tuple[ColumnSpec, ...]) -> list[str]:
     """Parse the header; return column names in file order."""
     allowed = ",".join(c.name for c in columns if c.required)
     optional = ",".join(c.name for c in columns if not c.required)
@@ -136,7 +138,7 @@ def _header(path: Path, raw: bytes, columns: tuple[Column, ...]) -> list[str]:
     known = {column.name for column in columns}
     for name in names:
         if name not in known:
-            raise DeploymentError(f"{path}:1: unknown column {_shown(name)}; {hint}")
+            raise DeploymentError(f"{path}:1: unknown column {_quoted(name)}; {hint}")
         if names.count(name) > 1:
             raise DeploymentError(f"{path}:1: column {name} is there twice; {hint}")
     for column in columns:
@@ -145,27 +147,29 @@ def _header(path: Path, raw: bytes, columns: tuple[Column, ...]) -> list[str]:
     return names
 
 
-def _table(path: Path, body: bytes, line: int, order: list[str], columns: tuple[Column, ...]) -> Table:
+def _parse_block(
+    path: Path, body: bytes, line: int, order: list[str], columns: tuple[ColumnSpec, ...]
+) -> Table:
     body = body.replace(b'"', b"")  # numbers need no quotes, but some programs write them
     n_lines = body.count(b"\n") + 1
     values = np.empty((n_lines, len(order)), dtype=np.int64)
     plain = np.ones((n_lines, len(order)), dtype=np.bool_)
     lines = np.empty(n_lines, dtype=np.int64)
-    n, wrong_line, n_fields = _scan(np.frombuffer(body, dtype=np.uint8), line, values, plain, lines)
+    n, wrong_line, n_fields = _scan_integers(np.frombuffer(body, dtype=np.uint8), line, values, plain, lines)
     table = Table(path, {}, lines[:n])
     for column in columns:
         if column.name not in order:
-            absent = np.full(n, column.empty)
-            table.columns[column.name] = absent if column.whole else absent.astype(np.float64)
+            absent = np.full(n, column.default)
+            table.columns[column.name] = absent if column.is_integer else absent.astype(np.float64)
             continue
         at = order.index(column.name)
-        numbers = values[:n, at].copy() if column.whole else values[:n, at].astype(np.float64)
+        numbers = values[:n, at].copy() if column.is_integer else values[:n, at].astype(np.float64)
         for row in np.flatnonzero(~plain[:n, at]).tolist():
-            numbers[row] = _number(table, row, column, body, int(values[row, at]))
-        outside = ~((numbers >= column.least) & (numbers <= column.greatest))
+            numbers[row] = _parse_field(table, row, column, body, int(values[row, at]))
+        outside = ~((numbers >= column.min_value) & (numbers <= column.max_value))
         if outside.any():
             row = int(np.argmax(outside))
-            table.refuse(row, f"{column.name} is {numbers[row]}; {_range(column)}")
+            table.reject_row(row, f"{column.name} is {numbers[row]}; {_allowed_range(column)}")
         table.columns[column.name] = numbers
     if wrong_line:
         raise DeploymentError(
@@ -175,34 +179,34 @@ def _table(path: Path, body: bytes, line: int, order: list[str], columns: tuple[
     return table
 
 
-def _number(table: Table, row: int, column: Column, body: bytes, start: int) -> int | float:
+def _parse_field(table: Table, row: int, column: ColumnSpec, body: bytes, start: int) -> int | float:
     """Parse a field that is not a plain integer of up to 18 digits, at byte offset `start`."""
     end = min(at for at in (body.find(b",", start), body.find(b"\n", start), len(body)) if at >= 0)
     text = body[start:end].decode("utf-8", errors="replace").strip()
-    if not text and column.empty is not None:
-        return column.empty
+    if not text and column.default is not None:
+        return column.default
     try:
         if "_" in text:  # a digit separator to Python only
             raise ValueError(text)
-        value = int(text) if column.whole else float(text)
+        value = int(text) if column.is_integer else float(text)
     except ValueError:
-        table.refuse(row, f"{column.name} is {_shown(text)}; {_range(column)}")
-    if column.whole and not column.least <= value <= column.greatest:
-        table.refuse(row, f"{column.name} is {_shown(text)}; {_range(column)}")
+        table.reject_row(row, f"{column.name} is {_quoted(text)}; {_allowed_range(column)}")
+    if column.is_integer and not column.min_value <= value <= column.max_value:
+        table.reject_row(row, f"{column.name} is {_quoted(text)}; {_allowed_range(column)}")
     return value
 
 
-def _range(column: Column) -> str:
-    kind = "whole numbers" if column.whole else "numbers"
-    return f"allowed are {kind} from {column.least} to {column.greatest}"
+def _allowed_range(column: ColumnSpec) -> str:
+    kind = "whole numbers" if column.is_integer else "numbers"
+    return f"allowed are {kind} from {column.min_value} to {column.max_value}"
 
 
-def _shown(text: str) -> str:
+def _quoted(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:40] + "…") if text else "empty"
 
 
 @compiled
-def _scan(
+def _scan_integers(
     data: NDArray[np.uint8],
     line: int,
     values: NDArray[np.int64],

@@ -12,18 +12,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import compiled, inlined
-from skinnet.network.records import FAR_NS, FREE, IN_FLIGHT, NONE, Outcome, Records, Scratch, State
+from skinnet.compiled import compiled, compiled_inline
+from skinnet.network.records import (
+    FREE,
+    IN_FLIGHT,
+    NEVER_NS,
+    NULL,
+    KernelScratch,
+    KernelState,
+    Outcome,
+    Records,
+)
 from skinnet.network.routes import NO_LINK
 from skinnet.seeding import hash64, uniform
 
-__all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "fail", "offer"]
+__all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "enqueue", "fail_link"]
 
 BUCKETS = 256
 MAX_SIZE_BYTES = 2**26
 """Greatest packet size [bytes]: size × 64 bits per byte × 10⁹ ns/s stays below 2⁶³."""
 
-_UNDERWAY = -1
+_IN_FLIGHT = -1
 _DELIVERED = int(Outcome.DELIVERED)
 _QUEUE_FULL = int(Outcome.QUEUE_FULL)
 _NO_ROUTE = int(Outcome.NO_ROUTE)
@@ -31,27 +40,27 @@ _TTL = int(Outcome.TTL)
 _LINK_FAILED = int(Outcome.LINK_FAILED)
 _LOSS = int(Outcome.LOSS)
 _CORRUPTED = int(Outcome.CORRUPTED)
-_BIT_ERRORS = 0x5DEECE66D
+_BIT_ERROR_SALT = 0x5DEECE66D
 _LOW_HALF = 0xFFFFFFFF
-_FEW = 48
+_INSERTION_SORT_MAX = 48
 
 
 @compiled
-def offer(
+def enqueue(
     t_ns: NDArray[np.int64],
     node: NDArray[np.int64],
     dest: NDArray[np.int64],
     size_bytes: NDArray[np.int64],
     packet_id: NDArray[np.int64],
     rank: NDArray[np.int64],
-    state: State,
+    state: KernelState,
 ) -> None:
     """Enqueue packets on the entries of their nodes, in order of time, equal times in order of offering.
 
     `rank` is the rank of the link for a link-local packet, else NONE. The caller has validated all values
     and provided enough free records.
     """
-    links, packets, heap = state.links, state.packets, state.heap
+    links, packets, heap = state.links, state.packets, state.pool
     for i in range(t_ns.size):
         p = heap[FREE]
         packet = packets[p]
@@ -61,7 +70,7 @@ def offer(
         packet.sent_ns = t_ns[i]
         packet.packet_id = packet_id[i]
         packet.size = size_bytes[i]
-        packet.dest = dest[i] if rank[i] == NONE else ~rank[i]
+        packet.dest = dest[i] if rank[i] == NULL else ~rank[i]
         packet.hops = 0
         home = state.nodes[node[i]]
         entry = links[home.entry]
@@ -71,12 +80,12 @@ def offer(
             entry.chain = component.waiting
             component.waiting = home.entry
         component.next_ns = min(component.next_ns, t_ns[i])
-        if entry.head == NONE:
-            packet.next = NONE
+        if entry.head == NULL:
+            packet.next = NULL
             entry.head = p
             entry.tail = p
         elif t_ns[i] >= packets[entry.tail].t_ns:
-            packet.next = NONE
+            packet.next = NULL
             packets[entry.tail].next = p
             entry.tail = p
         elif t_ns[i] < packets[entry.head].t_ns:
@@ -84,7 +93,7 @@ def offer(
             entry.head = p
         else:
             before = entry.head
-            if entry.cursor != NONE and packets[entry.cursor].t_ns <= t_ns[i]:
+            if entry.cursor != NULL and packets[entry.cursor].t_ns <= t_ns[i]:
                 before = entry.cursor
             while packets[packets[before].next].t_ns <= t_ns[i]:
                 before = packets[before].next
@@ -94,18 +103,18 @@ def offer(
 
 
 @compiled
-def fail(rank: int, t_ns: int, state: State, scratch: Scratch) -> None:
+def fail_link(rank: int, t_ns: int, state: KernelState, scratch: KernelScratch) -> None:
     """Fail a link at `t_ns` and drop every packet that has not fully arrived over it before."""
     link = state.links[rank]
     link.up = 0
     p = link.head
-    while p != NONE:
+    while p != NULL:
         following = state.packets[p].next
         link.dropped += 1
-        _end(p, t_ns, link.src, link.number, _LINK_FAILED, state, scratch)
+        _end_packet(p, t_ns, link.src, link.number, _LINK_FAILED, state, scratch)
         p = following
-    link.head = NONE
-    link.cursor = NONE
+    link.head = NULL
+    link.cursor = NULL
     link.unsent = 0
     link.committed_ns -= max(0, link.busy_ns - t_ns)
     link.busy_ns = min(link.busy_ns, t_ns)
@@ -113,12 +122,12 @@ def fail(rank: int, t_ns: int, state: State, scratch: Scratch) -> None:
 
 
 @compiled
-def advance(until_ns: int, hop_limit: int, state: State, scratch: Scratch) -> int:
+def advance(until_ns: int, hop_limit: int, state: KernelState, scratch: KernelScratch) -> int:
     """Handle every arrival before `until_ns`; return a lower bound of the next event time [ns].
 
     A packet ends with `TTL` at the node that would send it over more than `hop_limit` links.
     """
-    next_ns = FAR_NS
+    next_ns = NEVER_NS
     for c in range(state.components.size):
         component = state.components[c]
         while component.next_ns < until_ns:
@@ -127,9 +136,9 @@ def advance(until_ns: int, hop_limit: int, state: State, scratch: Scratch) -> in
     return next_ns
 
 
-@inlined
+@compiled_inline
 def _advance_window(
-    until_ns: int, hop_limit: int, component: Records, state: State, scratch: Scratch
+    until_ns: int, hop_limit: int, component: Records, state: KernelState, scratch: KernelScratch
 ) -> None:
     """Handle the arrivals of one component in the window of all buckets from its next event on."""
     links, packets, nodes = state.links, state.packets, state.nodes
@@ -138,13 +147,13 @@ def _advance_window(
     width_ns = 1 << component.bucket_shift
     end_ns = min(until_ns, start_ns + BUCKETS * width_ns)
     rank = component.waiting
-    component.waiting = NONE
-    component.next_ns = FAR_NS
+    component.waiting = NULL
+    component.next_ns = NEVER_NS
     scheduled = 0
-    while rank != NONE:
+    while rank != NULL:
         following = links[rank].chain
         first = links[rank].head
-        if first == NONE:  # the link failed while it waited
+        if first == NULL:  # the link failed while it waited
             links[rank].scheduled = 0
         else:
             scheduled += _schedule(rank, packets[first].t_ns, start_ns, end_ns, links, component, buckets)
@@ -154,26 +163,26 @@ def _advance_window(
     while scheduled > 0:
         bucket += 1
         rank = buckets[bucket]
-        if rank == NONE:
+        if rank == NULL:
             continue
-        buckets[bucket] = NONE
+        buckets[bucket] = NULL
         open_ns = start_ns + bucket * width_ns
         close_ns = min(open_ns + width_ns, end_ns)
         n = 0
-        while rank != NONE:
+        while rank != NULL:
             link = links[rank]
             following = link.chain
             p = link.head
-            while p != NONE and packets[p].t_ns < close_ns:
+            while p != NULL and packets[p].t_ns < close_ns:
                 keys[n] = (packets[p].t_ns - open_ns) << 32 | rank
                 n += 1
                 p = packets[p].next
             link.scheduled = 0
             scheduled -= 1
-            if p != NONE:
+            if p != NULL:
                 scheduled += _schedule(rank, packets[p].t_ns, start_ns, end_ns, links, component, buckets)
             rank = following
-        if n > _FEW:
+        if n > _INSERTION_SORT_MAX:
             _sort_many(keys, n)
         else:
             _sort_few(keys, n)
@@ -186,37 +195,37 @@ def _advance_window(
             node = link.dst
             outcome = _arrive(p, packet, link, nodes[node])
             concerned = link.number
-            if outcome == _UNDERWAY:
+            if outcome == _IN_FLIGHT:
                 if packet.hops >= hop_limit:
                     outcome = _TTL
                 else:
                     ahead = _next_link(packet.dest, node, nodes, state.routes)
-                    if ahead == NONE:
+                    if ahead == NULL:
                         outcome = _NO_ROUTE
                     else:
-                        outcome = _enter(p, t_ns, links[ahead], packets)
-                        if outcome != _UNDERWAY:
+                        outcome = _enqueue_on_link(p, t_ns, links[ahead], packets)
+                        if outcome != _IN_FLIGHT:
                             concerned = links[ahead].number
                         elif links[ahead].scheduled == 0:
                             scheduled += _schedule(
                                 ahead, packet.t_ns, start_ns, end_ns, links, component, buckets
                             )
-            if outcome != _UNDERWAY:
-                _end(p, t_ns, node, concerned, outcome, state, scratch)
+            if outcome != _IN_FLIGHT:
+                _end_packet(p, t_ns, node, concerned, outcome, state, scratch)
 
 
-@inlined
+@compiled_inline
 def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
-    """Dequeue the first packet of a link at its arrival; return its outcome, or `_UNDERWAY`."""
+    """Dequeue the first packet of a link at its arrival; return its outcome, or `_IN_FLIGHT`."""
     link.head = packet.next
     link.packets += 1
     link.bytes += packet.size
     if link.number == NO_LINK:
         if link.cursor == p:
-            link.cursor = NONE
+            link.cursor = NULL
         packet.key = hash64(node.key, node.entered)
         node.entered += np.uint64(1)
-        return _DELIVERED if packet.dest == link.dst else _UNDERWAY
+        return _DELIVERED if packet.dest == link.dst else _IN_FLIGHT
     if link.cursor == p:
         link.cursor = packet.next
         link.unsent -= 1
@@ -227,26 +236,26 @@ def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
         return _LOSS
     rate = link.bit_error_rate
     if rate > 0.0:
-        share = uniform(link.key ^ np.uint64(_BIT_ERRORS), packet.key + np.uint64(packet.hops))
+        share = uniform(link.key ^ np.uint64(_BIT_ERROR_SALT), packet.key + np.uint64(packet.hops))
         if share <= -math.expm1(8 * packet.size * math.log1p(-rate)):
             link.dropped += 1
             return _CORRUPTED
-    return _DELIVERED if packet.dest < 0 or packet.dest == link.dst else _UNDERWAY
+    return _DELIVERED if packet.dest < 0 or packet.dest == link.dst else _IN_FLIGHT
 
 
-@inlined
+@compiled_inline
 def _next_link(dest: int, node: int, nodes: Records, routes: NDArray[np.uint32]) -> int:
     if dest < 0:
         return ~dest
     start = nodes[dest].route_start
-    if start == NONE or nodes[dest].component != nodes[node].component:
-        return NONE
+    if start == NULL or nodes[dest].component != nodes[node].component:
+        return NULL
     return int(routes[start + nodes[node].local])
 
 
-@inlined
-def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
-    """Enqueue a packet on a link at `t_ns`; return the cause of its drop, or `_UNDERWAY`."""
+@compiled_inline
+def _enqueue_on_link(p: int, t_ns: int, link: Records, packets: Records) -> int:
+    """Enqueue a packet on a link at `t_ns`; return the cause of its drop, or `_IN_FLIGHT`."""
     if link.up == 0:
         link.dropped += 1
         return _LINK_FAILED
@@ -270,8 +279,8 @@ def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
     link.last_arrival_ns = max(arrival_ns, link.last_arrival_ns)
     packet.sent_ns = link.busy_ns
     packet.t_ns = link.last_arrival_ns
-    packet.next = NONE
-    if link.head == NONE:
+    packet.next = NULL
+    if link.head == NULL:
         link.head = p
     else:
         packets[link.tail].next = p
@@ -280,11 +289,13 @@ def _enter(p: int, t_ns: int, link: Records, packets: Records) -> int:
         link.cursor = p
     link.queue_high_water = max(link.queue_high_water, link.unsent)
     link.unsent += 1
-    return _UNDERWAY
+    return _IN_FLIGHT
 
 
-@inlined
-def _end(p: int, t_ns: int, node: int, link: int, outcome: int, state: State, scratch: Scratch) -> None:
+@compiled_inline
+def _end_packet(
+    p: int, t_ns: int, node: int, link: int, outcome: int, state: KernelState, scratch: KernelScratch
+) -> None:
     record = scratch.ended[scratch.n_ended[0]]
     scratch.n_ended[0] += 1
     record.t_ns = t_ns
@@ -292,13 +303,13 @@ def _end(p: int, t_ns: int, node: int, link: int, outcome: int, state: State, sc
     record.node = node
     record.link = link
     record.outcome = outcome
-    state.tally[outcome] += 1
-    state.packets[p].next = state.heap[FREE]
-    state.heap[FREE] = p
-    state.heap[IN_FLIGHT] -= 1
+    state.outcome_counts[outcome] += 1
+    state.packets[p].next = state.pool[FREE]
+    state.pool[FREE] = p
+    state.pool[IN_FLIGHT] -= 1
 
 
-@inlined
+@compiled_inline
 def _schedule(
     rank: int,
     t_ns: int,
@@ -328,7 +339,7 @@ def _sort_many(keys: NDArray[np.int64], n: int) -> None:
     keys[:n].sort()
 
 
-@inlined
+@compiled_inline
 def _sort_few(keys: NDArray[np.int64], n: int) -> None:
     """Sort the first n keys by insertion, the fastest method for few keys."""
     for i in range(1, n):

@@ -3,18 +3,18 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Latencies"]
+__all__ = ["LatencyHistogram"]
 
-_PER_OCTAVE = 128
+_BINS_PER_OCTAVE = 128
 _OCTAVES = 63
 
 
-class Latencies:
+class LatencyHistogram:
     """Latency histogram of 128 bins per octave: exact mean and extremes, percentiles to half a percent."""
 
     def __init__(self) -> None:
-        self._counts = np.zeros(_OCTAVES * _PER_OCTAVE + 2, dtype=np.int64)
-        self._sum_ns, self._least_ns, self._largest_ns = 0.0, 0, 0
+        self._counts = np.zeros(_OCTAVES * _BINS_PER_OCTAVE + 2, dtype=np.int64)
+        self._sum_ns, self._min_ns, self._max_ns = 0.0, 0, 0
 
     def add(self, latency_ns: NDArray[np.int64]) -> None:
         """Add latencies (n,) [ns]."""
@@ -22,13 +22,13 @@ class Latencies:
             return
         first = self._counts.sum() == 0
         least_ns = int(latency_ns.min())
-        self._least_ns = least_ns if first else min(self._least_ns, least_ns)
-        self._largest_ns = max(self._largest_ns, int(latency_ns.max()))
+        self._min_ns = least_ns if first else min(self._min_ns, least_ns)
+        self._max_ns = max(self._max_ns, int(latency_ns.max()))
         self._sum_ns += float(latency_ns.sum(dtype=np.float64))
-        bins = np.ceil(np.log2(np.maximum(latency_ns, 1)) * _PER_OCTAVE).astype(np.int64)
+        bins = np.ceil(np.log2(np.maximum(latency_ns, 1)) * _BINS_PER_OCTAVE).astype(np.int64)
         self._counts += np.bincount(bins, minlength=self._counts.size)
 
-    def figures(self) -> dict[str, float | None]:
+    def metrics(self) -> dict[str, float | None]:
         """Return the metrics in milliseconds by flat name; None without packets."""
         n = int(self._counts.sum())
         if n == 0:
@@ -36,14 +36,14 @@ class Latencies:
                 (f"latency.{name}_ms" for name in ("least", "mean", "p50", "p99", "largest")), None
             )
         return {
-            "latency.least_ms": self._least_ns / 1e6,
+            "latency.least_ms": self._min_ns / 1e6,
             "latency.mean_ms": self._sum_ns / n / 1e6,
             "latency.p50_ms": self._percentile_ns(0.50) / 1e6,
             "latency.p99_ms": self._percentile_ns(0.99) / 1e6,
-            "latency.largest_ms": self._largest_ns / 1e6,
+            "latency.largest_ms": self._max_ns / 1e6,
         }
 
-    def _percentile_ns(self, share: float) -> float:
+    def _percentile_ns(self, fraction: float) -> float:
         below = np.cumsum(self._counts)
-        edge_ns = 2.0 ** (int(np.searchsorted(below, share * below[-1])) / _PER_OCTAVE)
-        return float(np.clip(edge_ns, self._least_ns, self._largest_ns))
+        edge_ns = 2.0 ** (int(np.searchsorted(below, fraction * below[-1])) / _BINS_PER_OCTAVE)
+        return float(np.clip(edge_ns, self._min_ns, self._max_ns))

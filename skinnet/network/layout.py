@@ -7,30 +7,32 @@ from numpy.typing import NDArray
 
 from skinnet.network.records import (
     COMPONENT,
-    FAR_NS,
     FREE,
     IN_FLIGHT,
     LINK,
     MAX_BUCKET_SHIFT,
     N_ROUTES,
+    NEVER_NS,
     NODE,
-    NONE,
+    NULL,
     PACKET,
+    KernelState,
     Outcome,
-    State,
 )
 from skinnet.network.routes import NO_LINK
 from skinnet.network.topology import UNBOUNDED, Topology
-from skinnet.seeding import StreamName, hash64, key_of
+from skinnet.seeding import StreamName, hash64, stream_key
 
-__all__ = ["bucket_shifts", "lay_out", "with_room", "with_routes"]
+__all__ = ["bucket_shifts", "build_state", "with_capacity", "with_routes"]
 
 Ints: TypeAlias = NDArray[np.int64]
 
-_FIRST_CAPACITY = 1024
+_INITIAL_CAPACITY = 1024
 
 
-def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tuple[State, NDArray[np.int64]]:
+def build_state(
+    topology: Topology, seed: int, node_keys: NDArray[np.uint64]
+) -> tuple[KernelState, NDArray[np.int64]]:
     """Build the state of an idle network; return it and the rank of every link, (n_links,)."""
     n_nodes = topology.n_nodes
     at_node = np.concatenate((np.arange(n_nodes), topology.dst))
@@ -40,9 +42,9 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
     entry, rank_of_link = rank[:n_nodes], rank[n_nodes:]
 
     nodes = np.zeros(n_nodes, dtype=NODE)
-    root = key_of(seed, StreamName.NETWORK)
+    root = stream_key(seed, StreamName.NETWORK)
     nodes["key"] = [hash64(root, key) for key in node_keys]
-    nodes["route_start"] = NONE
+    nodes["route_start"] = NULL
     nodes["local"][topology.members] = (
         np.arange(n_nodes) - topology.member_start[topology.component[topology.members]]
     )
@@ -51,7 +53,7 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
 
     links = np.zeros(order.size, dtype=LINK)
     for name in ("head", "tail", "cursor", "chain"):
-        links[name] = NONE
+        links[name] = NULL
     links["queue_packets"] = UNBOUNDED
     links["number"] = NO_LINK
     links["up"] = 1
@@ -77,16 +79,16 @@ def lay_out(topology: Topology, seed: int, node_keys: NDArray[np.uint64]) -> tup
     ]
 
     components = np.zeros(topology.member_start.size - 1, dtype=COMPONENT)
-    components["next_ns"] = FAR_NS
-    components["waiting"] = NONE
-    state = State(
+    components["next_ns"] = NEVER_NS
+    components["waiting"] = NULL
+    state = KernelState(
         links,
         np.empty(0, dtype=PACKET),
         nodes,
         components,
         routes=np.empty(0, dtype=np.uint32),
-        tally=np.zeros(len(Outcome), dtype=np.int64),
-        heap=np.array([NONE, 0, 0], dtype=np.int64),
+        outcome_counts=np.zeros(len(Outcome), dtype=np.int64),
+        pool=np.array([NULL, 0, 0], dtype=np.int64),
     )
     return state, rank_of_link.astype(np.int64)
 
@@ -104,31 +106,31 @@ def bucket_shifts(topology: Topology, size_bytes: int) -> NDArray[np.int64]:
     return np.asarray(np.maximum(np.frexp(least_ns)[1] - 3, 0), dtype=np.int64)
 
 
-def with_room(state: State, n: int) -> State:
+def with_capacity(state: KernelState, n: int) -> KernelState:
     """Return the state with room for `n` more packets; capacity at least doubles when it grows."""
     size = state.packets.size
-    needed = int(state.heap[IN_FLIGHT]) + n
+    needed = int(state.pool[IN_FLIGHT]) + n
     if needed <= size:
         return state
-    packets = np.zeros(max(_FIRST_CAPACITY, 2 * size, needed), dtype=PACKET)
+    packets = np.zeros(max(_INITIAL_CAPACITY, 2 * size, needed), dtype=PACKET)
     packets[:size] = state.packets
     packets["next"][size:] = np.arange(size + 1, packets.size + 1)
-    packets["next"][-1] = state.heap[FREE]
-    state.heap[FREE] = size
+    packets["next"][-1] = state.pool[FREE]
+    state.pool[FREE] = size
     return state._replace(packets=packets)
 
 
-def with_routes(state: State, topology: Topology, node: Ints, dest: Ints, rank: Ints) -> State:
+def with_routes(state: KernelState, topology: Topology, node: Ints, dest: Ints, rank: Ints) -> KernelState:
     """Return the state with these route entries; a destination gets its column with its first route."""
     start = state.nodes["route_start"]
-    fresh = np.unique(dest[start[dest] == NONE])
+    fresh = np.unique(dest[start[dest] == NULL])
     sizes = np.diff(topology.member_start)[topology.component[fresh]]
-    ends = int(state.heap[N_ROUTES]) + np.cumsum(sizes)
+    ends = int(state.pool[N_ROUTES]) + np.cumsum(sizes)
     start[fresh] = ends - sizes
     routes = state.routes
     if fresh.size:
-        state.heap[N_ROUTES] = ends[-1]
-    if (missing := int(state.heap[N_ROUTES]) - routes.size) > 0:
-        routes = np.concatenate((routes, np.full(max(missing, routes.size), NONE, dtype=np.uint32)))
+        state.pool[N_ROUTES] = ends[-1]
+    if (missing := int(state.pool[N_ROUTES]) - routes.size) > 0:
+        routes = np.concatenate((routes, np.full(max(missing, routes.size), NULL, dtype=np.uint32)))
     routes[start[dest] + state.nodes["local"][node]] = rank
     return state._replace(routes=routes)

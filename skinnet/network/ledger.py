@@ -3,42 +3,42 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Ledger", "Seen"]
+__all__ = ["IdSet", "PacketSlots"]
 
 
-class Ledger:
+class PacketSlots:
     """Packet slots of packets in flight; a slot is reused once its packet has ended."""
 
     def __init__(self) -> None:
         self._id = self._t_ns = self._free = np.empty(0, dtype=np.int64)
 
-    def enter(self, ids: NDArray[np.int64], t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def allocate(self, packet_ids: NDArray[np.int64], t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Allocate slots (n,) for packets with these ids (n,) and entry times (n,) [ns]."""
-        if (missing := ids.size - self._free.size) > 0:
+        if (missing := packet_ids.size - self._free.size) > 0:
             size = self._id.size
             more = max(missing, size)
             self._id, self._t_ns = (
                 np.append(a, np.empty(more, dtype=np.int64)) for a in (self._id, self._t_ns)
             )
             self._free = np.append(self._free, np.arange(size, size + more))
-        numbers, self._free = self._free[: ids.size], self._free[ids.size :]
-        self._id[numbers], self._t_ns[numbers] = ids, t_ns
+        numbers, self._free = self._free[: packet_ids.size], self._free[packet_ids.size :]
+        self._id[numbers], self._t_ns[numbers] = packet_ids, t_ns
         return numbers
 
-    def leave(self, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def release(self, slots: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Free the slots of packets that have ended; return their ids and entry times [ns], each (n,)."""
-        self._free = np.append(numbers, self._free)
-        return self._id[numbers], self._t_ns[numbers]
+        self._free = np.append(slots, self._free)
+        return self._id[slots], self._t_ns[slots]
 
 
-class Seen:
+class IdSet:
     """Set of ids as intervals of consecutive integers; ids without gaps need constant memory."""
 
     def __init__(self) -> None:
         self._start = self._stop = np.empty(0, dtype=np.int64)
 
     @property
-    def n_runs(self) -> int:
+    def n_intervals(self) -> int:
         """Number of intervals."""
         return self._start.size
 

@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skinnet.network import kernel
-from skinnet.network.changes import Change, Fail, Impair, Repair, Snapshot
-from skinnet.network.layout import bucket_shifts, lay_out, with_room, with_routes
-from skinnet.network.offers import require, survey
-from skinnet.network.records import ENDED, FAR_NS, IN_FLIGHT, NONE, Outcome, Records, Scratch
-from skinnet.network.results import Counters, Finished, LinkCounters
+from skinnet.network.changes import LinkFailure, LinkImpairment, LinkRepair, NetworkSnapshot, ScheduledEvent
+from skinnet.network.layout import bucket_shifts, build_state, with_capacity, with_routes
+from skinnet.network.offers import require_range, survey_packets
+from skinnet.network.records import ENDED, IN_FLIGHT, NEVER_NS, NULL, KernelScratch, Outcome, Records
+from skinnet.network.results import EndedPackets, LinkCounters, PacketCounters
 from skinnet.network.routes import NO_LINK, Routes
 from skinnet.network.topology import Topology
 
-__all__ = ["Counters", "Finished", "LinkCounters", "Network", "Snapshot"]
+__all__ = ["EndedPackets", "LinkCounters", "NetworkSnapshot", "PacketCounters", "PacketNetwork"]
 
 
-class Network:
+class PacketNetwork:
     """Store-and-forward network of serial links with queues, routes, loss, jitter, bit errors and failures.
 
     A packet enqueued on a link at `a` is fully sent at
@@ -49,17 +49,17 @@ class Network:
         keys = np.arange(topology.n_nodes, dtype=np.uint64) if node_keys is None else node_keys
         if keys.shape != (topology.n_nodes,) or keys.dtype != np.uint64:
             raise ValueError(f"node_keys is {keys.dtype} {keys.shape}; give one uint64 for each of the nodes")
-        arrays, self._rank = lay_out(topology, seed, keys)
+        arrays, self._rank = build_state(topology, seed, keys)
         self.topology = topology
         self._hop_limit = hop_limit
-        self._scratch = Scratch(
-            buckets=np.full(kernel.BUCKETS, NONE, dtype=np.uint32),
+        self._scratch = KernelScratch(
+            buckets=np.full(kernel.BUCKETS, NULL, dtype=np.uint32),
             keys=np.empty(0, dtype=np.int64),
             ended=np.empty(0, dtype=ENDED),
             n_ended=np.zeros(1, dtype=np.int64),
         )
-        self._nothing = _columns(self._scratch.ended, np.empty(0, dtype=np.int64))
-        self._state = Snapshot(arrays)
+        self._no_packets = _columns(self._scratch.ended, np.empty(0, dtype=np.int64))
+        self._state = NetworkSnapshot(arrays)
 
     @property
     def now_ns(self) -> int:
@@ -67,18 +67,18 @@ class Network:
         return self._state.now_ns
 
     @property
-    def next_ns(self) -> int:
+    def next_event_ns(self) -> int:
         """Lower bound of the next event time, unless more is offered or scheduled [ns]."""
-        changes = self._state.changes
-        return min(self._state.next_ns, changes[0][0]) if changes else self._state.next_ns
+        changes = self._state.scheduled_events
+        return min(self._state.next_event_ns, changes[0][0]) if changes else self._state.next_event_ns
 
     @property
-    def counters(self) -> Counters:
+    def counters(self) -> PacketCounters:
         """Packet counters up to now."""
         state = self._state
-        ended = {outcome: int(state.arrays.tally[outcome]) for outcome in Outcome}
+        ended = {outcome: int(state.arrays.outcome_counts[outcome]) for outcome in Outcome}
         delivered = ended.pop(Outcome.DELIVERED)
-        return Counters(state.offered, delivered, ended, int(state.arrays.heap[IN_FLIGHT]))
+        return PacketCounters(state.offered, delivered, ended, int(state.arrays.pool[IN_FLIGHT]))
 
     @property
     def link_counters(self) -> LinkCounters:
@@ -90,7 +90,7 @@ class Network:
         return LinkCounters(links["packets"], links["bytes"], busy_ns, high_water, links["dropped"])
 
     @property
-    def n_bytes(self) -> int:
+    def memory_bytes(self) -> int:
         """Memory of the state and scratch arrays, without the topology [bytes]."""
         return sum(array.nbytes for array in (*self._state.arrays, *self._scratch))
 
@@ -99,7 +99,7 @@ class Network:
         """Link status (n_links,): True where the link is up."""
         return np.asarray(self._state.arrays.links["up"][self._rank], dtype=np.bool_)
 
-    def offer(
+    def enqueue(
         self,
         t_ns: ArrayLike,
         node: ArrayLike,
@@ -127,7 +127,7 @@ class Network:
             for column in (t_ns, node, dest, size_bytes, packet_id)
         )
         n = t_ns.size
-        rank = np.full(n, NONE, dtype=np.int64)
+        rank = np.full(n, NULL, dtype=np.int64)
         link = np.full(n, NO_LINK) if link is None else np.ascontiguousarray(link, dtype=np.int64)
         if any(column.shape != (n,) for column in (node, dest, size_bytes, packet_id, link)):
             raise ValueError("the columns of offered packets differ in length")
@@ -135,14 +135,16 @@ class Network:
             return
         local = link != NO_LINK
         last_node = self.topology.n_nodes - 1
-        sound, sorted_, any_local, least = survey(t_ns, node, dest, size_bytes, link, state.now_ns, last_node)
+        sound, sorted_, any_local, least = survey_packets(
+            t_ns, node, dest, size_bytes, link, state.now_ns, last_node
+        )
         if not sound:
-            require("t_ns", t_ns, state.now_ns, FAR_NS - 1)
-            require("node", node, 0, last_node)
-            require("dest", np.where(local, 0, dest), 0, last_node)
-            require("size_bytes", size_bytes, 1, kernel.MAX_SIZE_BYTES)
+            require_range("t_ns", t_ns, state.now_ns, NEVER_NS - 1)
+            require_range("node", node, 0, last_node)
+            require_range("dest", np.where(local, 0, dest), 0, last_node)
+            require_range("size_bytes", size_bytes, 1, kernel.MAX_SIZE_BYTES)
         if any_local:
-            require("link", link, NO_LINK, self.topology.n_links - 1)
+            require_range("link", link, NO_LINK, self.topology.n_links - 1)
             if (self.topology.src[link[local]] != node[local]).any():
                 raise ValueError("a packet is offered to a link that does not leave its node")
             rank[local] = self._rank[link[local]]
@@ -151,15 +153,15 @@ class Network:
             t_ns, node, dest, size_bytes, packet_id, rank = (
                 column[order] for column in (t_ns, node, dest, size_bytes, packet_id, rank)
             )
-        if least < state.least_size_bytes:
-            state.least_size_bytes = least
+        if least < state.min_size_bytes:
+            state.min_size_bytes = least
             state.arrays.components["bucket_shift"] = bucket_shifts(self.topology, least)
-        state.arrays = with_room(state.arrays, n)
-        kernel.offer(t_ns, node, dest, size_bytes, packet_id, rank, state.arrays)
+        state.arrays = with_capacity(state.arrays, n)
+        kernel.enqueue(t_ns, node, dest, size_bytes, packet_id, rank, state.arrays)
         state.offered += n
-        state.next_ns = min(state.next_ns, int(t_ns[0]))
+        state.next_event_ns = min(state.next_event_ns, int(t_ns[0]))
 
-    def advance(self, until_ns: int) -> Finished:
+    def advance(self, until_ns: int) -> EndedPackets:
         """Advance to `until_ns`; return the packets that ended before.
 
         Raises:
@@ -168,16 +170,16 @@ class Network:
         state = self._state
         if until_ns < state.now_ns:
             raise ValueError(f"until_ns is {until_ns}; the network is already at {state.now_ns}")
-        if self.next_ns >= until_ns:
+        if self.next_event_ns >= until_ns:
             state.now_ns = until_ns
-            return self._nothing
-        if (in_flight := int(state.arrays.heap[IN_FLIGHT])) > self._scratch.keys.size:
+            return self._no_packets
+        if (in_flight := int(state.arrays.pool[IN_FLIGHT])) > self._scratch.keys.size:
             self._scratch = self._scratch._replace(
                 keys=np.empty(2 * in_flight, dtype=np.int64), ended=np.empty(2 * in_flight, dtype=ENDED)
             )
         self._scratch.n_ended[0] = 0
-        while state.changes and state.changes[0][0] < until_ns:
-            t_ns, _, change = heapq.heappop(state.changes)
+        while state.scheduled_events and state.scheduled_events[0][0] < until_ns:
+            t_ns, _, change = heapq.heappop(state.scheduled_events)
             self._run(t_ns)
             self._apply(t_ns, change)
         self._run(until_ns)
@@ -186,11 +188,11 @@ class Network:
 
     def fail_link(self, t_ns: int, link: int) -> None:
         """Schedule a link failure at `t_ns`: packets not fully arrived, and later ones, are dropped."""
-        self._schedule(t_ns, Fail(self._rank_of(link)))
+        self._schedule_event(t_ns, LinkFailure(self._rank_of(link)))
 
     def repair_link(self, t_ns: int, link: int) -> None:
         """Schedule a link repair at `t_ns`; the link is then empty."""
-        self._schedule(t_ns, Repair(self._rank_of(link)))
+        self._schedule_event(t_ns, LinkRepair(self._rank_of(link)))
 
     def impair_link(
         self,
@@ -214,7 +216,7 @@ class Network:
             "bit_error_rate": bit_error_rate,
         }
         values = {name: value for name, value in given.items() if value is not None}
-        self._schedule(t_ns, Impair(self._rank_of(link), values))
+        self._schedule_event(t_ns, LinkImpairment(self._rank_of(link), values))
 
     def set_routes(self, t_ns: int, routes: Routes) -> None:
         """Schedule new route table entries at `t_ns`; queued packets stay in their queue.
@@ -228,19 +230,21 @@ class Network:
         leads = routes.link != NO_LINK
         if (self.topology.src[routes.link[leads]] != node[leads]).any():
             raise ValueError("a route uses a link that does not leave its node")
-        rank = np.full(node.size, NONE, dtype=np.int64)
+        rank = np.full(node.size, NULL, dtype=np.int64)
         rank[leads] = self._rank[routes.link[leads]]
         change = Routes(node.copy(), dest.copy(), rank)
-        if t_ns == self.now_ns and not (self._state.changes and self._state.changes[0][0] <= t_ns):
+        if t_ns == self.now_ns and not (
+            self._state.scheduled_events and self._state.scheduled_events[0][0] <= t_ns
+        ):
             self._apply(t_ns, change)  # no earlier event: apply at once
         else:
-            self._schedule(t_ns, change)
+            self._schedule_event(t_ns, change)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> NetworkSnapshot:
         """Return a copy of the time-varying state."""
         return copy.deepcopy(self._state)
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: NetworkSnapshot) -> None:
         """Restore the state of `snapshot`, taken from a network of the same topology."""
         self._state = copy.deepcopy(snapshot)
 
@@ -249,34 +253,34 @@ class Network:
             raise ValueError(f"link is {link}; allowed are 0 to {self.topology.n_links - 1}")
         return int(self._rank[link])
 
-    def _schedule(self, t_ns: int, change: Change) -> None:
+    def _schedule_event(self, t_ns: int, event: ScheduledEvent) -> None:
         state = self._state
         if t_ns < state.now_ns:
             raise ValueError(f"t_ns is {t_ns}; the network is already at {state.now_ns}")
-        heapq.heappush(state.changes, (t_ns, state.n_changes, change))
-        state.n_changes += 1
+        heapq.heappush(state.scheduled_events, (t_ns, state.n_scheduled, event))
+        state.n_scheduled += 1
 
     def _run(self, until_ns: int) -> None:
         state = self._state
-        if state.next_ns < until_ns:
-            state.next_ns = kernel.advance(until_ns, self._hop_limit, state.arrays, self._scratch)
+        if state.next_event_ns < until_ns:
+            state.next_event_ns = kernel.advance(until_ns, self._hop_limit, state.arrays, self._scratch)
         state.now_ns = until_ns
 
-    def _apply(self, t_ns: int, change: Change) -> None:
+    def _apply(self, t_ns: int, event: ScheduledEvent) -> None:
         state = self._state
         links = state.arrays.links
-        match change:
-            case Fail(rank):
-                kernel.fail(rank, t_ns, state.arrays, self._scratch)
-            case Repair(rank):
+        match event:
+            case LinkFailure(rank):
+                kernel.fail_link(rank, t_ns, state.arrays, self._scratch)
+            case LinkRepair(rank):
                 links["up"][rank] = 1
-            case Impair(rank, values):
+            case LinkImpairment(rank, values):
                 for name, value in values.items():
                     links[name][rank] = value
             case Routes(node, dest, rank):
                 state.arrays = with_routes(state.arrays, self.topology, node, dest, rank)
 
 
-def _columns(ended: Records, order: NDArray[np.int64]) -> Finished:
+def _columns(ended: Records, order: NDArray[np.int64]) -> EndedPackets:
     """Return the columns of `ENDED` records in this order; column-wise, faster than whole records."""
-    return Finished(*(ended[name][order].astype(np.int64) for name in Finished._fields))
+    return EndedPackets(*(ended[name][order].astype(np.int64) for name in EndedPackets._fields))

@@ -5,14 +5,14 @@ from numpy.typing import NDArray
 
 from skinnet.compiled import compiled
 from skinnet.network import kernel
-from skinnet.network.records import FAR_NS
+from skinnet.network.records import NEVER_NS
 from skinnet.network.routes import NO_LINK
 
-__all__ = ["require", "survey"]
+__all__ = ["require_range", "survey_packets"]
 
 
 @compiled
-def survey(
+def survey_packets(
     t_ns: NDArray[np.int64],
     node: NDArray[np.int64],
     dest: NDArray[np.int64],
@@ -27,14 +27,14 @@ def survey(
     for i in range(t_ns.size):
         local = link[i] != NO_LINK
         any_local |= local
-        sound &= now_ns <= t_ns[i] < FAR_NS and 0 <= node[i] <= last_node
+        sound &= now_ns <= t_ns[i] < NEVER_NS and 0 <= node[i] <= last_node
         sound &= (local or 0 <= dest[i] <= last_node) and 1 <= size_bytes[i] <= kernel.MAX_SIZE_BYTES
         in_order &= i == 0 or t_ns[i - 1] <= t_ns[i]
         least = min(least, size_bytes[i])
     return sound, in_order, any_local, least
 
 
-def require(name: str, values: NDArray[np.int64], lowest: int, highest: int) -> None:
+def require_range(name: str, values: NDArray[np.int64], lowest: int, highest: int) -> None:
     """Raise ValueError if a value of the column `name` lies outside its range."""
     if values.min() < lowest or values.max() > highest:
         raise ValueError(

@@ -37,12 +37,12 @@ class PowerState(NamedTuple):
     feed_current_a: NDArray[np.float64]
 
 
-class _Factored(NamedTuple):
+class _Factorisation(NamedTuple):
     """Factorised conductance matrix and connected components, which depend on the wires only."""
 
-    piece: NDArray[np.int64]
+    component: NDArray[np.int64]
     powered: NDArray[np.bool_]
-    free: NDArray[np.int64]
+    unknowns: NDArray[np.int64]
     factors: SuperLU | None
 
 
@@ -77,27 +77,27 @@ class PowerGrid:
         self._spec = spec
         self._n_feeds = np.bincount(self._feeds, minlength=n_cells)
         self._key = b""
-        self._factored: _Factored | None = None
+        self._factored: _Factorisation | None = None
 
-    def solve(self, cell_on: ArrayLike | None = None, wire_ok: ArrayLike | None = None) -> PowerState:
+    def solve(self, cell_on: ArrayLike | None = None, wire_intact: ArrayLike | None = None) -> PowerState:
         """Solve for the power state in which every running cell has at least the minimum voltage.
 
         Args:
             cell_on: (n,) cells that are switched on; all by default.
-            wire_ok: (m,) wires that are intact; all by default.
+            wire_intact: (m,) wires that are intact; all by default.
 
         Raises:
             ValueError: A mask has the wrong shape.
         """
         on = self._mask("cell_on", cell_on, self._n)
-        ok = self._mask("wire_ok", wire_ok, len(self._a))
-        factored = self._factor(ok)
+        ok = self._mask("wire_ok", wire_intact, len(self._a))
+        factored = self._cached_factors(ok)
         running = on & factored.powered
-        drop_v = self._drops(running, factored)
+        drop_v = self._voltage_drops(running, factored)
         limit_v = self._spec.supply_v - self._spec.minimum_v
         while (low := running & (drop_v > limit_v + _RESOLUTION_V)).any():
-            running[_worst(drop_v, low, factored.piece)] = False
-            drop_v = self._drops(running, factored)
+            running[_lowest_voltage_cells(drop_v, low, factored.component)] = False
+            drop_v = self._voltage_drops(running, factored)
         voltage_v = np.where(factored.powered, self._spec.supply_v - drop_v, 0.0)
         current_a = np.where(ok, (voltage_v[self._a] - voltage_v[self._b]) / self._spec.link_ohm, 0.0)
         return PowerState(
@@ -110,14 +110,14 @@ class PowerGrid:
             raise ValueError(f"{name} has shape {mask.shape}; give ({n},)")
         return mask
 
-    def _factor(self, ok: NDArray[np.bool_]) -> _Factored:
+    def _cached_factors(self, ok: NDArray[np.bool_]) -> _Factorisation:
         """Return the cached factors unless the wires have changed."""
         key = ok.tobytes()
         if self._factored is None or key != self._key:
-            self._key, self._factored = key, self._factor_anew(ok)
+            self._key, self._factored = key, self._factorise(ok)
         return self._factored
 
-    def _factor_anew(self, ok: NDArray[np.bool_]) -> _Factored:
+    def _factorise(self, ok: NDArray[np.bool_]) -> _Factorisation:
         n, a, b = self._n, self._a[ok], self._b[ok]
         siemens = np.full(len(a), 1.0 / self._spec.link_ohm)
         piece = connected_components(coo_array((siemens, (a, b)), shape=(n, n)), directed=False)[1]
@@ -126,7 +126,7 @@ class PowerGrid:
         ideal = fed & (self._spec.feed_ohm == 0.0)  # such a cell is at the supply voltage
         free = np.flatnonzero(powered & ~ideal)
         if not len(free):
-            return _Factored(piece.astype(np.int64), powered, free, None)
+            return _Factorisation(piece.astype(np.int64), powered, free, None)
         cells = np.arange(n)
         to_supply = self._n_feeds / self._spec.feed_ohm if self._spec.feed_ohm else np.zeros(n)
         laplacian = coo_array(
@@ -143,16 +143,18 @@ class PowerGrid:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        return _Factored(piece.astype(np.int64), powered, free, factors)
+        return _Factorisation(piece.astype(np.int64), powered, free, factors)
 
-    def _drops(self, running: NDArray[np.bool_], factored: _Factored) -> NDArray[np.float64]:
+    def _voltage_drops(self, running: NDArray[np.bool_], factored: _Factorisation) -> NDArray[np.float64]:
         """Return the voltage drop (n,) of every cell below the supply [V]; zero without load."""
         drop_v = np.zeros(self._n)
         if factored.factors is not None:
-            drop_v[factored.free] = factored.factors.solve(self._drawn_a(running)[factored.free])
+            drop_v[factored.unknowns] = factored.factors.solve(
+                self._load_currents(running)[factored.unknowns]
+            )
         return drop_v
 
-    def _drawn_a(self, running: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _load_currents(self, running: NDArray[np.bool_]) -> NDArray[np.float64]:
         return np.where(running, self._spec.current_ma * 1e-3, 0.0)
 
     def _feed_currents(
@@ -161,17 +163,17 @@ class PowerGrid:
         if self._spec.feed_ohm:
             through_a: NDArray[np.float64] = drop_v[self._feeds] / self._spec.feed_ohm
             return through_a
-        out_a = self._drawn_a(running)
+        out_a = self._load_currents(running)
         np.add.at(out_a, self._a, current_a)
         np.add.at(out_a, self._b, -current_a)
         shared_a: NDArray[np.float64] = out_a[self._feeds] / self._n_feeds[self._feeds]
         return shared_a
 
 
-def _worst(
-    drop_v: NDArray[np.float64], low: NDArray[np.bool_], piece: NDArray[np.int64]
+def _lowest_voltage_cells(
+    drop_v: NDArray[np.float64], low: NDArray[np.bool_], component: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return the cell of lowest voltage in every component with cells in `low`, the first of equals."""
     cells = np.flatnonzero(low)
-    order = cells[np.lexsort((cells, -np.round(drop_v[cells] / _RESOLUTION_V), piece[cells]))]
-    return order[np.unique(piece[order], return_index=True)[1]]
+    order = cells[np.lexsort((cells, -np.round(drop_v[cells] / _RESOLUTION_V), component[cells]))]
+    return order[np.unique(component[order], return_index=True)[1]]

@@ -15,29 +15,29 @@ from numpy.typing import NDArray
 __all__ = [
     "COMPONENT",
     "ENDED",
-    "FAR_NS",
     "FREE",
     "IN_FLIGHT",
     "LINK",
     "MAX_BUCKET_SHIFT",
+    "NEVER_NS",
     "NODE",
-    "NONE",
+    "NULL",
     "N_ROUTES",
     "PACKET",
+    "KernelScratch",
+    "KernelState",
     "Outcome",
     "Records",
-    "Scratch",
-    "State",
 ]
 
 # Fields of a record are attributes to Numba only; mypy does not know them.
 Records: TypeAlias = Any
 
 FREE, IN_FLIGHT, N_ROUTES = 0, 1, 2
-"""Indices into `State.heap`."""
-NONE = 2**32 - 1
+"""Indices into `KernelState.pool`."""
+NULL = 2**32 - 1
 """Null index: no link, packet or route. Indices are unsigned, which avoids a sign check on access."""
-FAR_NS = 2**62
+NEVER_NS = 2**62
 """Time after every event [ns]: no event."""
 MAX_BUCKET_SHIFT = 30
 """Greatest log2 of the bucket width [ns]; times within a bucket fit the upper half of a 64-bit sort key."""
@@ -130,7 +130,7 @@ ENDED = np.dtype(
 )
 
 
-class State(NamedTuple):
+class KernelState(NamedTuple):
     """State arrays of a network, which change with time.
 
     Attributes:
@@ -139,8 +139,8 @@ class State(NamedTuple):
         nodes: `NODE` records.
         components: `COMPONENT` records.
         routes: Rank of the next link, per destination, over the nodes of its component.
-        tally: Number of ended packets per outcome.
-        heap: First free packet record (`FREE`), number of packets in flight (`IN_FLIGHT`), number of used
+        outcome_counts: Number of ended packets per outcome.
+        pool: First free packet record (`FREE`), number of packets in flight (`IN_FLIGHT`), number of used
             `routes` (`N_ROUTES`).
     """
 
@@ -149,11 +149,11 @@ class State(NamedTuple):
     nodes: Records
     components: Records
     routes: NDArray[np.uint32]
-    tally: NDArray[np.int64]
-    heap: NDArray[np.int64]
+    outcome_counts: NDArray[np.int64]
+    pool: NDArray[np.int64]
 
 
-class Scratch(NamedTuple):
+class KernelScratch(NamedTuple):
     """Scratch arrays that the kernel needs only while it runs.
 
     Attributes:

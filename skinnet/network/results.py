@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from skinnet.network.records import Outcome
 
-__all__ = ["Counters", "Finished", "LinkCounters"]
+__all__ = ["EndedPackets", "LinkCounters", "PacketCounters"]
 
 
-class Finished(NamedTuple):
+class EndedPackets(NamedTuple):
     """Ended packets, sorted by time, node, and order of handling at the node; each (n,).
 
     Attributes:
@@ -32,7 +32,7 @@ class Finished(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Counters:
+class PacketCounters:
     """Packet counters; offered = delivered + sum of dropped + in_flight at all times.
 
     A packet counts as offered and in flight from the call that offers it.

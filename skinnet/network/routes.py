@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from skinnet.compiled import compiled
 from skinnet.network.topology import Topology
 
-__all__ = ["NO_LINK", "Routes", "fewest_hops"]
+__all__ = ["NO_LINK", "Routes", "min_hop_routes"]
 
 NO_LINK = -1
 """No link: in a route, no path; in a packet record, injected at the node."""
@@ -26,7 +26,7 @@ class Routes:
     link: NDArray[np.int64]
 
 
-def fewest_hops(topology: Topology, dests: ArrayLike, *, dead_links: ArrayLike = ()) -> Routes:
+def min_hop_routes(topology: Topology, dests: ArrayLike, *, dead_links: ArrayLike = ()) -> Routes:
     """Compute routes of fewest hops to each of `dests`, from every other node of its component.
 
     Among several links on shortest paths, a node takes the one of its lowest port.
@@ -47,7 +47,7 @@ def fewest_hops(topology: Topology, dests: ArrayLike, *, dead_links: ArrayLike =
     in_start = np.concatenate(([0], np.cumsum(np.bincount(topology.dst, minlength=topology.n_nodes))))
     sizes = np.diff(topology.member_start)[topology.component[wanted]] - 1
     node, dest, link = (np.empty(int(sizes.sum()), dtype=np.int64) for _ in range(3))
-    _search(
+    _breadth_first_search(
         wanted,
         topology.component,
         topology.members,
@@ -65,7 +65,7 @@ def fewest_hops(topology: Topology, dests: ArrayLike, *, dead_links: ArrayLike =
 
 
 @compiled
-def _search(
+def _breadth_first_search(
     dests: NDArray[np.int64],
     component: NDArray[np.int64],
     members: NDArray[np.int64],

@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["ALLOWED", "PROBABILITIES", "UNBOUNDED", "Topology"]
+__all__ = ["COLUMN_RANGES", "PROBABILITIES", "UNBOUNDED", "Topology"]
 
 UNBOUNDED = -1
 """Unbounded queue: value of `queue_packets` without a limit."""
 
 PROBABILITIES = ("loss_probability", "bit_error_rate")
 
-ALLOWED = {
+COLUMN_RANGES = {
     "src_port": (0, 2**30),
     "dst_port": (0, 2**30),
     "bits_per_s": (1, 2**60),
@@ -88,7 +88,9 @@ class Topology:
         n_links = np.asarray(src).size
         object.__setattr__(self, "n_nodes", int(n_nodes))
         for name, values in (("src", src), ("dst", dst)):
-            object.__setattr__(self, name, _column(name, values, n_links, (0, n_nodes - 1)).astype(np.int64))
+            object.__setattr__(
+                self, name, _validated_column(name, values, n_links, (0, n_nodes - 1)).astype(np.int64)
+            )
         for name, values in (
             ("src_port", src_port),
             ("dst_port", dst_port),
@@ -100,7 +102,7 @@ class Topology:
             ("jitter_ns", jitter_ns),
             ("bit_error_rate", bit_error_rate),
         ):
-            column = _column(name, values, n_links, ALLOWED[name])
+            column = _validated_column(name, values, n_links, COLUMN_RANGES[name])
             kind = np.float64 if name in PROBABILITIES else np.int64
             object.__setattr__(self, name, column.astype(kind))
         _require_unique_ports("leave", self.src, self.src_port)
@@ -173,7 +175,9 @@ class Topology:
         return np.concatenate(([0], np.cumsum(np.bincount(self.component)))).astype(np.int64)
 
 
-def _column(name: str, values: ArrayLike, n_links: int, allowed: tuple[int, int]) -> NDArray[np.generic]:
+def _validated_column(
+    name: str, values: ArrayLike, n_links: int, allowed: tuple[int, int]
+) -> NDArray[np.generic]:
     lowest, highest = allowed
     column = np.asarray(values)
     if column.ndim > 1 or (column.ndim == 1 and column.size != n_links):

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
-from skinnet.plan.budget import Budget, draw_up
-from skinnet.plan.search import Group, Limits, Search, breaches, fewest
+from skinnet.plan.budget import LinkBudget, compute_budget
+from skinnet.plan.search import Limits, PatchGroup, SearchResult, breaches, search_fewest_gateways
 from skinnet.plan.traffic import Traffic, traffic_of
-from skinnet.skin.placement import bridges_of, place_all
-from skinnet.skin.whole import WholeSkin, join
+from skinnet.skin.placement import place_patches, resolve_bridges
+from skinnet.skin.whole import WholeSkin, join_patches
 
-__all__ = ["Plan", "make"]
+__all__ = ["Plan", "make_plan"]
 
 
 @dataclass(frozen=True)
@@ -36,45 +36,47 @@ class Plan:
     feeds: NDArray[np.int64]
     traffic: Traffic
     limits: Limits
-    budget: Budget
-    groups: tuple[Group, ...]
-    searches: tuple[Search, ...]
+    budget: LinkBudget
+    groups: tuple[PatchGroup, ...]
+    searches: tuple[SearchResult, ...]
 
     @property
     def breaches(self) -> dict[str, float]:
         """Limits that the deployment breaches as it is, with the worst value of each."""
         return breaches(self.budget, self.limits)
 
-    def link(self, cell: int) -> str:
+    def link_name(self, cell: int) -> str:
         """Name of a cell's uplink, as "patch/cell:port → patch/cell" or "… → gateway"."""
         parent = int(self.budget.forest.parent[cell])
-        start = f"{self.skin.name_of(cell)}:{self.budget.forest.port[cell]}"
-        return f"{start} → {self.skin.name_of(parent) if parent >= 0 else 'gateway'}"
+        start = f"{self.skin.cell_name(cell)}:{self.budget.forest.port[cell]}"
+        return f"{start} → {self.skin.cell_name(parent) if parent >= 0 else 'gateway'}"
 
-    def places(self, index: int) -> list[str]:
+    def gateway_places(self, index: int) -> list[str]:
         """Gateway places that the search found for a group, as "patch/cell:port"."""
         cells, found = self.groups[index].cells, self.searches[index].gateways
-        return [f"{self.skin.name_of(int(cells[cell]))}:{port}" for cell, port in found.tolist()]
+        return [f"{self.skin.cell_name(int(cells[cell]))}:{port}" for cell, port in found.tolist()]
 
 
-def make(deployment: Deployment) -> Plan:
+def make_plan(deployment: Deployment) -> Plan:
     """Plan the gateways and link budget of a checked deployment.
 
     Raises:
         DeploymentError: cells, bridges or feeds do not fit together.
     """
-    placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
-    skin = join(placed, bridges_of(deployment.bridges, placed))
+    placed = place_patches(deployment.patches, deployment.cells, deployment.bridges)
+    skin = join_patches(placed, resolve_bridges(deployment.bridges, placed))
     power = deployment.power
-    feeds = np.empty(0, dtype=np.int64) if power is None else skin.feeds(power.feeds)
+    feeds = np.empty(0, dtype=np.int64) if power is None else skin.feed_cells(power.feeds)
     traffic = traffic_of(deployment)
     limits = _limits(deployment)
-    budget = draw_up(
+    budget = compute_budget(
         skin.n_cells, skin.wires, skin.gateways, feeds, traffic, deployment.network, deployment.power
     )
     own_feeds = power is not None and bool(power.feeds)
-    groups = tuple(_group(skin, number, feeds if own_feeds else None) for number in _numbers(skin))
-    searches = tuple(fewest(group, limits, traffic, deployment.network, power) for group in groups)
+    groups = tuple(_group(skin, number, feeds if own_feeds else None) for number in _group_numbers(skin))
+    searches = tuple(
+        search_fewest_gateways(group, limits, traffic, deployment.network, power) for group in groups
+    )
     return Plan(deployment, skin, feeds, traffic, limits, budget, groups, searches)
 
 
@@ -88,17 +90,17 @@ def _limits(deployment: Deployment) -> Limits:
     )
 
 
-def _numbers(skin: WholeSkin) -> list[int]:
+def _group_numbers(skin: WholeSkin) -> list[int]:
     """Group numbers in the order of their first patches."""
-    return list(dict.fromkeys(skin.group_of_patch.tolist()))
+    return list(dict.fromkeys(skin.component_of_patch.tolist()))
 
 
-def _group(skin: WholeSkin, number: int, feeds: NDArray[np.int64] | None) -> Group:
-    inside = skin.group_of_patch[skin.patch_of_cell] == number
+def _group(skin: WholeSkin, number: int, feeds: NDArray[np.int64] | None) -> PatchGroup:
+    inside = skin.component_of_patch[skin.patch_of_cell] == number
     cells = np.flatnonzero(inside)
     new = np.cumsum(inside) - 1
     wires = skin.wires[inside[skin.wires[:, 0]]].copy()
     gateways = skin.gateways[inside[skin.gateways[:, 0]]].copy()
     wires[:, [0, 2]] = new[wires[:, [0, 2]]]
     gateways[:, 0] = new[gateways[:, 0]]
-    return Group(cells, wires, gateways, None if feeds is None else new[feeds[inside[feeds]]])
+    return PatchGroup(cells, wires, gateways, None if feeds is None else new[feeds[inside[feeds]]])

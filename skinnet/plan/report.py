@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from skinnet.plan.forest import NOWHERE
+from skinnet.plan.forest import UNREACHED
 from skinnet.plan.plan import Plan
-from skinnet.plan.words import problems
+from skinnet.plan.words import diagnose
 
-__all__ = ["report"]
+__all__ = ["plan_report"]
 
 
-def report(plan: Plan) -> dict[str, Any]:
+def plan_report(plan: Plan) -> dict[str, Any]:
     """JSON-ready report of `plan`; unbounded values are None."""
     return {
         "deployment": plan.deployment.name,
@@ -22,8 +22,8 @@ def report(plan: Plan) -> dict[str, Any]:
             "utilisation": plan.limits.utilisation,
             "voltage_v": plan.limits.voltage_v if plan.deployment.power is not None else None,
         },
-        "problems": problems(plan),
-        "figures": _figures(plan),
+        "problems": diagnose(plan),
+        "figures": _metrics(plan),
         "patches": [_patch(plan, index) for index in range(len(plan.skin.patches))],
         "gateways": [_gateway(plan, index) for index in range(len(plan.skin.gateways))],
         "fewest": [_fewest(plan, index) for index in range(len(plan.groups))],
@@ -37,7 +37,7 @@ def _finite(value: float, scale: float = 1.0) -> float | None:
 
 def _load(plan: Plan) -> dict[str, Any]:
     traffic, spec = plan.traffic, plan.deployment.plan
-    load: dict[str, Any] = {"encoding": traffic.encoding, "why": traffic.why}
+    load: dict[str, Any] = {"encoding": traffic.encoding, "why": traffic.reason}
     if traffic.encoding != "clock":
         load |= {
             "stimulated": spec.stimulated,
@@ -48,7 +48,7 @@ def _load(plan: Plan) -> dict[str, Any]:
     return load
 
 
-def _figures(plan: Plan) -> dict[str, Any]:
+def _metrics(plan: Plan) -> dict[str, Any]:
     budget, skin = plan.budget, plan.skin
     impossible = any(search.breaches for search in plan.searches)
     figures = {
@@ -56,14 +56,14 @@ def _figures(plan: Plan) -> dict[str, Any]:
         "plan.patches": len(skin.patches),
         "plan.gateways": len(skin.gateways),
         "plan.fewest_gateways": None if impossible else sum(len(s.gateways) for s in plan.searches),
-        "plan.packets_per_s": plan.traffic.per_s * skin.n_cells,
+        "plan.packets_per_s": plan.traffic.packets_per_s * skin.n_cells,
         "plan.dropped_per_s": float(budget.dropped_per_s.sum()),
         "plan.utilisation": float(budget.utilisation.max()),
         "plan.depth": int(budget.forest.depth.max()),
-        "plan.latency_ms.worst": _finite(budget.worst_ns.max(), 1e-6),
-        "plan.latency_ms.expected": _finite(budget.expected_ns.mean(), 1e-6),
-        "plan.backlog_packets": _finite(budget.backlog.max()),
-        "plan.unreached_cells": int((budget.forest.parent == NOWHERE).sum()),
+        "plan.latency_ms.worst": _finite(budget.worst_latency_ns.max(), 1e-6),
+        "plan.latency_ms.expected": _finite(budget.mean_latency_ns.mean(), 1e-6),
+        "plan.backlog_packets": _finite(budget.worst_backlog_packets.max()),
+        "plan.unreached_cells": int((budget.forest.parent == UNREACHED).sum()),
     }
     if budget.power is not None and plan.deployment.power is not None:
         figures |= {
@@ -84,17 +84,17 @@ def _patch(plan: Plan, index: int) -> dict[str, Any]:
         "gateways": len(plan.skin.patches[index].interfaces),
         "depth": int(budget.forest.depth[cells].max()),
         "utilisation": float(budget.utilisation[busiest]),
-        "busiest_link": plan.link(busiest),
+        "busiest_link": plan.link_name(busiest),
         "latency_ms": {
-            "worst": _finite(budget.worst_ns[cells].max(), 1e-6),
-            "expected": _finite(budget.expected_ns[cells].mean(), 1e-6),
+            "worst": _finite(budget.worst_latency_ns[cells].max(), 1e-6),
+            "expected": _finite(budget.mean_latency_ns[cells].mean(), 1e-6),
         },
-        "backlog_packets": _finite(budget.backlog[cells].max()),
+        "backlog_packets": _finite(budget.worst_backlog_packets[cells].max()),
     }
     if budget.power is not None:
         lowest = int(cells[budget.power.voltage_v[cells].argmin()])
         entry["lowest_v"] = float(budget.power.voltage_v[lowest])
-        entry["lowest_cell"] = plan.skin.name_of(lowest)
+        entry["lowest_cell"] = plan.skin.cell_name(lowest)
         entry["browned_out"] = int(budget.power.browned_out[cells].sum())
     return entry
 
@@ -103,10 +103,10 @@ def _gateway(plan: Plan, index: int) -> dict[str, Any]:
     cell, port = plan.skin.gateways[index].tolist()
     mine = plan.budget.forest.gateway == index
     return {
-        "at": f"{plan.skin.name_of(cell)}:{port}",
+        "at": f"{plan.skin.cell_name(cell)}:{port}",
         "cells": int(mine.sum()),
         "utilisation": float(plan.budget.utilisation[cell]) if mine.any() else 0.0,
-        "packets_per_s": plan.traffic.per_s * int(mine.sum()),
+        "packets_per_s": plan.traffic.packets_per_s * int(mine.sum()),
     }
 
 
@@ -118,8 +118,8 @@ def _fewest(plan: Plan, index: int) -> dict[str, Any]:
         "now": len(group.gateways),
         "possible": not search.breaches,
         "gateways": len(search.gateways),
-        "at_least": search.at_least,
-        "at": plan.places(index),
+        "at_least": search.lower_bound,
+        "at": plan.gateway_places(index),
         "not_kept": search.breaches,
     }
 
@@ -127,13 +127,13 @@ def _fewest(plan: Plan, index: int) -> dict[str, Any]:
 def _link(plan: Plan, cell: int) -> dict[str, Any]:
     budget = plan.budget
     return {
-        "link": plan.link(cell),
-        "cells": int(budget.forest.below[cell]),
+        "link": plan.link_name(cell),
+        "cells": int(budget.forest.subtree_size[cell]),
         "depth": int(budget.forest.depth[cell]),
         "utilisation": float(budget.utilisation[cell]),
-        "worst_ms": _finite(budget.worst_ns[cell], 1e-6),
-        "expected_ms": _finite(budget.expected_ns[cell], 1e-6),
-        "backlog_packets": _finite(budget.backlog[cell]),
+        "worst_ms": _finite(budget.worst_latency_ns[cell], 1e-6),
+        "expected_ms": _finite(budget.mean_latency_ns[cell], 1e-6),
+        "backlog_packets": _finite(budget.worst_backlog_packets[cell]),
         "dropped_per_s": float(budget.dropped_per_s[cell]),
         "voltage_v": None if budget.power is None else float(budget.power.voltage_v[cell]),
     }

@@ -11,11 +11,11 @@ from scipy.sparse.csgraph import connected_components
 
 from skinnet.deployment.power import PowerSpec
 from skinnet.deployment.schema import NetworkSpec
-from skinnet.plan.budget import Budget, draw_up
+from skinnet.plan.budget import LinkBudget, compute_budget
 from skinnet.plan.traffic import Traffic
-from skinnet.skin.gateways import free_ports, spread_over
+from skinnet.skin.gateways import choose_gateway_ports, free_ports
 
-__all__ = ["Group", "Limits", "Search", "breaches", "fewest"]
+__all__ = ["Limits", "PatchGroup", "SearchResult", "breaches", "search_fewest_gateways"]
 
 
 class Limits(NamedTuple):
@@ -32,7 +32,7 @@ class Limits(NamedTuple):
     voltage_v: float
 
 
-class Group(NamedTuple):
+class PatchGroup(NamedTuple):
     """Group of patches joined by bridges.
 
     Attributes:
@@ -49,26 +49,26 @@ class Group(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchResult:
     """Result of a gateway search.
 
     Attributes:
         gateways: (k, 2) rows of (cell, port) of the group; as many as possible if no number suffices.
-        at_least: Lower bound on the number of gateways that can carry the load, at any places.
+        lower_bound: Lower bound on the number of gateways that can carry the load, at any places.
         breaches: Limits that even these gateways breach, with the value reached; empty if all are kept.
         budget: Link budget with these gateways.
     """
 
     gateways: NDArray[np.int64]
-    at_least: int
+    lower_bound: int
     breaches: dict[str, float]
-    budget: Budget
+    budget: LinkBudget
 
 
-def breaches(budget: Budget, limits: Limits) -> dict[str, float]:
+def breaches(budget: LinkBudget, limits: Limits) -> dict[str, float]:
     """Limits that `budget` breaches, each with its worst value."""
     found = {}
-    worst_ns, load = float(budget.worst_ns.max()), float(budget.utilisation.max())
+    worst_ns, load = float(budget.worst_latency_ns.max()), float(budget.utilisation.max())
     if worst_ns > limits.latency_ns:
         found["latency_ms"] = worst_ns * 1e-6
     if load > limits.utilisation + 1e-9:
@@ -80,9 +80,9 @@ def breaches(budget: Budget, limits: Limits) -> dict[str, float]:
     return found
 
 
-def fewest(
-    group: Group, limits: Limits, traffic: Traffic, network: NetworkSpec, power: PowerSpec | None
-) -> Search:
+def search_fewest_gateways(
+    group: PatchGroup, limits: Limits, traffic: Traffic, network: NetworkSpec, power: PowerSpec | None
+) -> SearchResult:
     """Search for the fewest gateways of `group` that breach none of `limits`, at evenly spread places.
 
     Tries one number after the other, from the lower bound to all cells at the edge; places are heuristic.
@@ -90,18 +90,20 @@ def fewest(
     n_cells = len(group.cells)
     ports = free_ports(n_cells, group.wires)
     most = len(np.unique(ports[:, 0]))
-    at_least = min(max(_at_least(n_cells, limits, traffic), _pieces(n_cells, group.wires)), most)
+    at_least = min(
+        max(_load_lower_bound(n_cells, limits, traffic), _connected_components(n_cells, group.wires)), most
+    )
 
-    def judge(gateways: NDArray[np.int64]) -> Search:
+    def judge(gateways: NDArray[np.int64]) -> SearchResult:
         feeds = gateways[:, 0] if group.feeds is None else group.feeds
-        budget = draw_up(n_cells, group.wires, gateways, feeds, traffic, network, power)
-        return Search(gateways, at_least, breaches(budget, limits), budget)
+        budget = compute_budget(n_cells, group.wires, gateways, feeds, traffic, network, power)
+        return SearchResult(gateways, at_least, breaches(budget, limits), budget)
 
-    best = judge(spread_over(n_cells, group.wires, ports, most))
+    best = judge(choose_gateway_ports(n_cells, group.wires, ports, most))
     if best.breaches:
         return best
     for k in range(at_least, most):
-        tries = [spread_over(n_cells, group.wires, ports, k)]
+        tries = [choose_gateway_ports(n_cells, group.wires, ports, k)]
         if k == len(group.gateways):
             tries.append(group.gateways)  # the deployment's places may be better
         for gateways in tries:
@@ -110,15 +112,15 @@ def fewest(
     return best
 
 
-def _pieces(n_cells: int, wires: NDArray[np.int64]) -> int:
+def _connected_components(n_cells: int, wires: NDArray[np.int64]) -> int:
     ones = np.ones(len(wires), dtype=np.int8)
     graph = coo_array((ones, (wires[:, 0], wires[:, 2])), shape=(n_cells, n_cells))
     return int(connected_components(graph, directed=False)[0])
 
 
-def _at_least(n_cells: int, limits: Limits, traffic: Traffic) -> int:
+def _load_lower_bound(n_cells: int, limits: Limits, traffic: Traffic) -> int:
     """Lower bound on gateways: with fewer, some link exceeds its limit for any assignment of cells."""
     per_gateway = n_cells
-    while per_gateway > 1 and traffic.load_of(per_gateway) > limits.utilisation + 1e-9:
+    while per_gateway > 1 and traffic.utilisation_of(per_gateway) > limits.utilisation + 1e-9:
         per_gateway -= 1
     return math.ceil(n_cells / per_gateway)

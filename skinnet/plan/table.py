@@ -14,13 +14,13 @@ def print_plan(console: Console, report: dict[str, Any]) -> None:
         console.print(f"! {problem}", style="bold red", highlight=False)
     if not report["problems"]:
         console.print("keeps all limits", style="bold green", highlight=False)
-    console.print(_load(report), highlight=False)
-    console.print(_patches(report))
-    for places, names in _changes(report).items():
+    console.print(_load_lines(report), highlight=False)
+    console.print(_patch_table(report))
+    for places, names in _changed_places(report).items():
         console.print(f"{', '.join(names)}: gateways at {places}", highlight=False)
 
 
-def _changes(report: dict[str, Any]) -> dict[str, list[str]]:
+def _changed_places(report: dict[str, Any]) -> dict[str, list[str]]:
     """Gateway places of patches whose gateway count should change; patches with equal places together."""
     found: dict[str, list[str]] = {}
     for entry in report["fewest"]:
@@ -33,7 +33,7 @@ def _changes(report: dict[str, Any]) -> dict[str, list[str]]:
     return found
 
 
-def _load(report: dict[str, Any]) -> str:
+def _load_lines(report: dict[str, Any]) -> str:
     load, limits, figures = report["load"], report["limits"], report["figures"]
     parts = [f"load: {load['encoding']} ({load['why']})"]
     if "stimulated" in load:
@@ -51,7 +51,7 @@ def _load(report: dict[str, Any]) -> str:
     return "; ".join(parts) + f"\nlimits: {', '.join(asked)}"
 
 
-def _patches(report: dict[str, Any]) -> Table:
+def _patch_table(report: dict[str, Any]) -> Table:
     powered = "plan.lowest_v" in report["figures"]
     table = Table(title=f"{report['deployment']}: link budget", title_justify="left")
     table.add_column("patch", no_wrap=True)
@@ -81,8 +81,8 @@ def _patches(report: dict[str, Any]) -> Table:
             fewest[patch["name"]],
             str(patch["depth"]),
             f"{patch['utilisation']:.1%}",
-            _shown(patch["latency_ms"]["worst"]),
-            _shown(patch["latency_ms"]["expected"]),
+            _format_ms(patch["latency_ms"]["worst"]),
+            _format_ms(patch["latency_ms"]["expected"]),
             "∞" if patch["backlog_packets"] is None else f"{patch['backlog_packets']:.0f}",
             *voltage,
             patch["busiest_link"].replace(f"{patch['name']}/", ""),
@@ -98,8 +98,8 @@ def _patches(report: dict[str, Any]) -> Table:
         "–" if total is None else str(total),
         str(figures["plan.depth"]),
         f"{figures['plan.utilisation']:.1%}",
-        _shown(figures["plan.latency_ms.worst"]),
-        _shown(figures["plan.latency_ms.expected"]),
+        _format_ms(figures["plan.latency_ms.worst"]),
+        _format_ms(figures["plan.latency_ms.expected"]),
         "∞" if figures["plan.backlog_packets"] is None else f"{figures['plan.backlog_packets']:.0f}",
         *([f"{figures['plan.lowest_v']:.2f}     "] if powered else []),
         f"{figures['plan.power_w']:.1f} W" if powered else "",
@@ -117,5 +117,5 @@ def _fewest_by_patch(report: dict[str, Any]) -> dict[str, str]:
     return shown
 
 
-def _shown(value_ms: float | None) -> str:
+def _format_ms(value_ms: float | None) -> str:
     return "∞" if value_ms is None else f"{value_ms:.2f}"

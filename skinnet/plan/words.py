@@ -4,7 +4,7 @@ import numpy as np
 
 from skinnet.plan.plan import Plan
 
-__all__ = ["problems"]
+__all__ = ["diagnose"]
 
 _LIMITS = {
     "latency_ms": ("worst-case latency", "ms"),
@@ -13,9 +13,15 @@ _LIMITS = {
 }
 
 
-def problems(plan: Plan) -> list[str]:
+def diagnose(plan: Plan) -> list[str]:
     """Diagnostics of a plan, one line for each problem; empty if there is none."""
-    return [*_overload(plan), *_full_queues(plan), *_brown_out(plan), *_limits(plan), *_impossible(plan)]
+    return [
+        *_overload(plan),
+        *_full_queues(plan),
+        *_brown_out(plan),
+        *_limits(plan),
+        *_infeasible_limits(plan),
+    ]
 
 
 def _overload(plan: Plan) -> list[str]:
@@ -27,19 +33,19 @@ def _overload(plan: Plan) -> list[str]:
     patches = len(np.unique(plan.skin.patch_of_cell[over]))
     return [
         f"it will drop packets: {len(over)} links of {patches} patches get more than they can send; worst is "
-        f"{plan.link(worst)} with {load:.2f} of what it carries ({1 - 1 / load:.0%} lost there)"
+        f"{plan.link_name(worst)} with {load:.2f} of what it carries ({1 - 1 / load:.0%} lost there)"
     ]
 
 
 def _full_queues(plan: Plan) -> list[str]:
     room = plan.deployment.network.queue_packets
-    backlog = np.where(plan.budget.utilisation > 1.0 + 1e-9, 0.0, plan.budget.backlog)
+    backlog = np.where(plan.budget.utilisation > 1.0 + 1e-9, 0.0, plan.budget.worst_backlog_packets)
     if room < 0 or backlog.max() <= room:
         return []
     worst = int(backlog.argmax())
     return [
         f"it may drop packets if cells sample at the wrong moments: up to {backlog[worst]:.0f} would wait at "
-        f"{plan.link(worst)}, and a queue holds {room}"
+        f"{plan.link_name(worst)}, and a queue holds {room}"
     ]
 
 
@@ -49,7 +55,7 @@ def _brown_out(plan: Plan) -> list[str]:
         return []
     gone = np.flatnonzero(power.browned_out)
     dark = int((power.voltage_v[gone] == 0.0).sum())
-    names = ", ".join(plan.skin.name_of(int(cell)) for cell in gone[:3])
+    names = ", ".join(plan.skin.cell_name(int(cell)) for cell in gone[:3])
     return [
         f"{len(gone)} cells brown out ({names}{', …' if len(gone) > 3 else ''}"
         f"{f'; {dark} of them have no wire to a feed' if dark else ''})"
@@ -60,22 +66,23 @@ def _limits(plan: Plan) -> list[str]:
     found = plan.breaches
     if plan.limits.utilisation >= 1.0:
         found.pop("utilisation", None)  # reported by _overload
-    asked = _asked(plan)
+    asked = _requested_limits(plan)
     return [
-        f"{_LIMITS[key][0]} is {_shown(key, value)}; {_shown(key, asked[key])} are asked for"
+        f"{_LIMITS[key][0]} is {_format_limit(key, value)}; {_format_limit(key, asked[key])} are asked for"
         for key, value in found.items()
         if not (key == "voltage_v" and value >= asked[key])
     ]
 
 
-def _impossible(plan: Plan) -> list[str]:
+def _infeasible_limits(plan: Plan) -> list[str]:
     """Limits that no number of gateways keeps; patches with equal messages share a line."""
-    asked = _asked(plan)
+    asked = _requested_limits(plan)
     names: dict[str, list[str]] = {}
     for group, search in zip(plan.groups, plan.searches, strict=True):
         if search.breaches:
             limits = " and ".join(
-                f"{_LIMITS[key][0]} (at best {_shown(key, value)}, asked {_shown(key, asked[key])})"
+                f"{_LIMITS[key][0]} "
+                f"(at best {_format_limit(key, value)}, asked {_format_limit(key, asked[key])})"
                 for key, value in search.breaches.items()
             )
             count = len(search.gateways)
@@ -85,7 +92,7 @@ def _impossible(plan: Plan) -> list[str]:
     return [f"{', '.join(patches)}: {line}" for line, patches in names.items()]
 
 
-def _asked(plan: Plan) -> dict[str, float]:
+def _requested_limits(plan: Plan) -> dict[str, float]:
     limits = plan.limits
     return {
         "latency_ms": limits.latency_ns * 1e-6,
@@ -94,5 +101,5 @@ def _asked(plan: Plan) -> dict[str, float]:
     }
 
 
-def _shown(key: str, value: float) -> str:
+def _format_limit(key: str, value: float) -> str:
     return f"{value:.3g} {_LIMITS[key][1]}".strip() if key != "voltage_v" else f"{value:.2f} V"

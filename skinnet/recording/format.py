@@ -14,31 +14,31 @@ from skinnet.channels import CHANNELS, Channel, Keys
 from skinnet.messages import Message
 
 __all__ = [
-    "ABOUT",
-    "DEPLOYMENT",
-    "ENCODING",
-    "FORMAT",
-    "MEMORY",
+    "DEPLOYMENT_ATTACHMENT",
+    "FILE_NAME",
+    "FORMAT_VERSION",
+    "MEMORY_PREFIX",
+    "MESSAGE_ENCODING",
+    "METADATA_NAME",
     "PROFILE",
-    "RECORDED",
     "SCHEMA_ENCODING",
-    "expression",
+    "json_schema",
+    "key_expression",
     "recorded_channels",
     "schema_name",
-    "schema_of",
 ]
 
-FORMAT = 1
+FORMAT_VERSION = 1
 """Format version; a reader accepts versions up to its own."""
 PROFILE = "skinnet"
-RECORDED = "run.mcap"
+FILE_NAME = "run.mcap"
 """Recording's file name in the run folder."""
-ENCODING, SCHEMA_ENCODING = "msgpack", "jsonschema"
-ABOUT = "skinnet"
+MESSAGE_ENCODING, SCHEMA_ENCODING = "msgpack", "jsonschema"
+METADATA_NAME = "skinnet"
 """Metadata record's name; it holds format, version of skinnet, robot, deployment, seed, pace, base folder."""
-DEPLOYMENT = "deployment.json"
+DEPLOYMENT_ATTACHMENT = "deployment.json"
 """Attachment with the whole deployment."""
-MEMORY = "memory/"
+MEMORY_PREFIX = "memory/"
 """Attachment name prefix of the long-term memory file that the controller started with."""
 
 
@@ -47,7 +47,7 @@ def recorded_channels() -> tuple[Channel, ...]:
     return tuple(row for row in CHANNELS if row.recorded)
 
 
-def expression(keys: Keys, row: Channel) -> str:
+def key_expression(keys: Keys, row: Channel) -> str:
     """Key expression that matches all messages of a channel."""
     return keys.of(row.name, *["*"] * row.pattern.count("<"))
 
@@ -58,7 +58,7 @@ def schema_name(kind: type[Message]) -> str:
 
 
 @cache
-def schema_of(kind: type[Message]) -> bytes:
+def json_schema(kind: type[Message]) -> bytes:
     """JSON Schema of a message type; its base64 strings are MessagePack `bin` values on the wire."""
     schema = msgspec.json.schema(kind)
     definitions: dict[str, Any] = schema.pop("$defs")

@@ -9,30 +9,30 @@ from pathlib import Path
 
 from foxglove import messages as fox
 
-from skinnet.body.links import WORLD, Links
-from skinnet.body.shapes import Figure
+from skinnet.body.links import WORLD_FRAME, LinkKinematics
+from skinnet.body.shapes import VisualModel
 from skinnet.clock import NS_PER_MS, NS_PER_S
 from skinnet.deployment import Deployment
 from skinnet.messages import Answer, ControllerState, Joints, Topology, decode
-from skinnet.record_messages import Fault, World
-from skinnet.recording.painted import PaintedSkin
-from skinnet.recording.solids import scene
-from skinnet.recording.writer import Writer
+from skinnet.record_messages import FaultEvent, FreeBodyPoses
+from skinnet.recording.painted import SkinScene
+from skinnet.recording.solids import body_scene
+from skinnet.recording.writer import RecordingWriter
 
-__all__ = ["LOG", "ROBOT", "SCENE", "TOPICS", "TRANSFORMS", "Conversion"]
+__all__ = ["BODY_TOPIC", "LOG_TOPIC", "MESSAGE_TYPES", "SKIN_TOPIC", "TRANSFORMS_TOPIC", "FoxgloveConverter"]
 
-TRANSFORMS, ROBOT, SCENE, LOG = "/tf", "/robot", "/scene", "/log"
-TOPICS = {
-    TRANSFORMS: fox.FrameTransforms,
-    ROBOT: fox.SceneUpdate,
-    SCENE: fox.SceneUpdate,
-    LOG: fox.Log,
+TRANSFORMS_TOPIC, BODY_TOPIC, SKIN_TOPIC, LOG_TOPIC = "/tf", "/robot", "/scene", "/log"
+MESSAGE_TYPES = {
+    TRANSFORMS_TOPIC: fox.FrameTransforms,
+    BODY_TOPIC: fox.SceneUpdate,
+    SKIN_TOPIC: fox.SceneUpdate,
+    LOG_TOPIC: fox.Log,
 }
 """Message type of each Foxglove topic."""
-_EVERY_NS = 40 * NS_PER_MS
+_PERIOD_NS = 40 * NS_PER_MS
 
 
-class Conversion:
+class FoxgloveConverter:
     """Incremental conversion of recorded messages to Foxglove messages.
 
     Args:
@@ -41,67 +41,71 @@ class Conversion:
         writer: Recording to which the Foxglove messages are added.
     """
 
-    def __init__(self, deployment: Deployment, base: Path, writer: Writer) -> None:
+    def __init__(self, deployment: Deployment, base: Path, writer: RecordingWriter) -> None:
         self._writer = writer
-        self._numbers: dict[str, int] = {}
-        self._links = Links(deployment, base)
-        self._skin = PaintedSkin(deployment)
-        figure = Figure(deployment, base)
-        self._robot = scene(figure.shapes, {link: name for name, link in figure.free.items()})
+        self._channel_ids: dict[str, int] = {}
+        self._links = LinkKinematics(deployment, base)
+        self._skin_scene = SkinScene(deployment)
+        figure = VisualModel(deployment, base)
+        self._body_scene = body_scene(figure.shapes, {link: name for name, link in figure.free_links.items()})
         self._stage = ""
         self._next_ns = 0
-        self._joints: bytes | None = None
-        self._world: bytes | None = None
+        self._joints_payload: bytes | None = None
+        self._free_bodies_payload: bytes | None = None
 
-    def begin(self) -> None:
+    def declare_topics(self) -> None:
         """Declare the Foxglove topics in the recording."""
-        for topic, kind in TOPICS.items():
-            self._numbers[topic] = self._writer.topic(topic, "protobuf", _schema(kind))
+        for topic, kind in MESSAGE_TYPES.items():
+            self._channel_ids[topic] = self._writer.add_channel(topic, "protobuf", _schema(kind))
 
-    def see(self, channel: str, key: str, t_ns: int, payload: bytes) -> None:
+    def convert(self, channel: str, key: str, t_ns: int, payload: bytes) -> None:
         """Convert one recorded message; messages come in the order of the recording."""
         if t_ns >= self._next_ns:
-            self.go_to(t_ns)
+            self.write_until(t_ns)
         match channel:
             case "joints":
-                self._joints = payload
+                self._joints_payload = payload
             case "world":
-                self._world = payload
+                self._free_bodies_payload = payload
             case "events" | "bundle" | "stream" | "regions":
-                self._skin.feel(channel, key, payload)
+                self._skin_scene.add(channel, key, payload)
             case "state" | "answer" | "fault" | "topology":
-                self._tell(channel, t_ns, payload)
+                self._write_log(channel, t_ns, payload)
 
-    def go_to(self, t_ns: int) -> None:
+    def write_until(self, t_ns: int) -> None:
         """Write transforms and scenes that are due before `t_ns`."""
-        while self._next_ns < t_ns and self._joints is not None:
-            self._show(self._next_ns, self._joints)
-            self._next_ns += _EVERY_NS
+        while self._next_ns < t_ns and self._joints_payload is not None:
+            self._write_scene(self._next_ns, self._joints_payload)
+            self._next_ns += _PERIOD_NS
 
-    def _show(self, t_ns: int, joints: bytes) -> None:
+    def _write_scene(self, t_ns: int, joints: bytes) -> None:
         """Write frame transforms and the skin scene at `t_ns`."""
         stamp = fox.Timestamp(sec=t_ns // NS_PER_S, nsec=t_ns % NS_PER_S)
         if t_ns == 0:
-            self._write(ROBOT, t_ns, self._robot)
+            self._write(BODY_TOPIC, t_ns, self._body_scene)
         frames = []
         poses = self._links.poses(decode(joints, Joints).position_rad)
         offsets, turns = poses.offset_m.tolist(), poses.quaternion.tolist()
         for i, name in enumerate(self._links.names):
-            parent = self._links.parent[i]
+            parent = self._links.parent_index[i]
             frames.append(
                 _transform(
-                    stamp, WORLD if parent < 0 else self._links.names[parent], name, offsets[i], turns[i]
+                    stamp,
+                    WORLD_FRAME if parent < 0 else self._links.names[parent],
+                    name,
+                    offsets[i],
+                    turns[i],
                 )
             )
-        if self._world is not None:
-            for name, pose in decode(self._world, World).poses.items():
-                frames.append(_transform(stamp, WORLD, name, pose[:3], pose[3:]))
-        self._write(TRANSFORMS, t_ns, fox.FrameTransforms(transforms=frames).encode())
-        painted = self._skin.paint()
+        if self._free_bodies_payload is not None:
+            for name, pose in decode(self._free_bodies_payload, FreeBodyPoses).poses.items():
+                frames.append(_transform(stamp, WORLD_FRAME, name, pose[:3], pose[3:]))
+        self._write(TRANSFORMS_TOPIC, t_ns, fox.FrameTransforms(transforms=frames).encode())
+        painted = self._skin_scene.encode_if_changed()
         if painted is not None:
-            self._write(SCENE, t_ns, painted)
+            self._write(SKIN_TOPIC, t_ns, painted)
 
-    def _tell(self, channel: str, t_ns: int, payload: bytes) -> None:
+    def _write_log(self, channel: str, t_ns: int, payload: bytes) -> None:
         """Write a log line for a message that merits one."""
         level, text = fox.LogLevel.Info, ""
         match channel:
@@ -120,16 +124,16 @@ class Conversion:
                 text += f"{reached} of {len(topology.network_id)} cells"
                 level = fox.LogLevel.Info if reached == len(topology.network_id) else fox.LogLevel.Warning
             case "fault":
-                fault = decode(payload, Fault)
+                fault = decode(payload, FaultEvent)
                 level = fox.LogLevel.Warning
                 text = f"{fault.kind} of {fault.target} {'begins' if fault.begins else 'ends'}"
         if text:
             stamp = fox.Timestamp(sec=t_ns // NS_PER_S, nsec=t_ns % NS_PER_S)
             line = fox.Log(timestamp=stamp, level=level, message=text, name=channel)
-            self._write(LOG, t_ns, line.encode())
+            self._write(LOG_TOPIC, t_ns, line.encode())
 
     def _write(self, topic: str, t_ns: int, payload: bytes) -> None:
-        self._writer.add_to(self._numbers[topic], t_ns, payload)
+        self._writer.add_to_channel(self._channel_ids[topic], t_ns, payload)
 
 
 def _schema(
@@ -140,12 +144,12 @@ def _schema(
 
 
 def _transform(
-    stamp: fox.Timestamp, parent: str, child: str, at_m: list[float], turn: list[float]
+    stamp: fox.Timestamp, parent: str, child: str, position_m: list[float], quaternion: list[float]
 ) -> fox.FrameTransform:
     return fox.FrameTransform(
         timestamp=stamp,
         parent_frame_id=parent,
         child_frame_id=child,
-        translation=fox.Vector3(x=at_m[0], y=at_m[1], z=at_m[2]),
-        rotation=fox.Quaternion(w=turn[0], x=turn[1], y=turn[2], z=turn[3]),
+        translation=fox.Vector3(x=position_m[0], y=position_m[1], z=position_m[2]),
+        rotation=fox.Quaternion(w=quaternion[0], x=quaternion[1], y=quaternion[2], z=quaternion[3]),
     )

@@ -15,34 +15,36 @@ from typing import Any
 
 import msgspec
 
-from skinnet.channels import OUTSIDE, Keys, Role
+from skinnet.channels import EXTERNAL, Keys, Role
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARDS
+from skinnet.deployment.schema import BOARD_PROCESS
 from skinnet.errors import ProtocolError
 from skinnet.loop import Put
 from skinnet.messages import FOREVER_NS, encode
-from skinnet.network.faults import timeline
-from skinnet.part import Part
-from skinnet.record_messages import Fault
-from skinnet.recording.format import RECORDED, expression, recorded_channels
-from skinnet.recording.foxglove import Conversion
-from skinnet.recording.writer import Writer
-from skinnet.skin.placement import place_all
+from skinnet.network.faults import fault_schedule
+from skinnet.part import ProcessResult
+from skinnet.record_messages import FaultEvent
+from skinnet.recording.format import FILE_NAME, key_expression, recorded_channels
+from skinnet.recording.foxglove import FoxgloveConverter
+from skinnet.recording.writer import RecordingWriter
+from skinnet.skin.placement import place_patches
 from skinnet.upstream import Upstream
 
-__all__ = ["RecorderNode", "build"]
+__all__ = ["RecorderProcess", "build"]
 
-_CLOSING = ("joints", "stream", "frame", "regions", "command", "fault")
-_FRAMES = 5
+_PERIOD_END_CHANNELS = ("joints", "stream", "frame", "regions", "command", "fault")
+_HYPERPERIODS_PER_WRITE = 5
 """Hyperperiods (`frame_ns`) per write; several of them need fewer wake-ups than one."""
-_OPEN = [row.name for row in recorded_channels() if row.name not in (*_CLOSING, "topology")]
-_ORDER = ("topology", *_OPEN, *_CLOSING)
+_OTHER_CHANNELS = [
+    row.name for row in recorded_channels() if row.name not in (*_PERIOD_END_CHANNELS, "topology")
+]
+_CHANNEL_ORDER = ("topology", *_OTHER_CHANNELS, *_PERIOD_END_CHANNELS)
 """Channel order at equal time and source; channels that end a period come last."""
-_RANK = {name: i for i, name in enumerate(_ORDER)}
-_SENDERS = {"world": "body", "state": "controller", "machine": "controller"}
+_CHANNEL_RANK = {name: i for i, name in enumerate(_CHANNEL_ORDER)}
+_SENDER_OF = {"world": "body", "state": "controller", "machine": "controller"}
 
 
-class _Head(msgspec.Struct):
+class _MessageHeader(msgspec.Struct):
     """Message fields that the recorder needs; all others are skipped in decoding."""
 
     t_ns: int = 0
@@ -52,40 +54,42 @@ class _Head(msgspec.Struct):
     end_ns: int | None = None
 
 
-class _Columns(msgspec.Struct):
+class _EventColumns(msgspec.Struct):
     """Column of an event message that gives the number of its events."""
 
     cell: list[int]
 
 
-_YIELD_EVERY = 20
+_MESSAGES_PER_YIELD = 20
 """Messages after which the recorder yields the core to waiting processes."""
-_yield_core = getattr(os, "sched_yield", lambda: None)
-_Held = tuple[int, int, int, int, str, bytes]
+_sched_yield = getattr(os, "sched_yield", lambda: None)
+_PendingMessage = tuple[int, int, int, int, str, bytes]
 """Pending message as (time [ns], source rank, channel rank, arrival number, key, payload).
 
 The sort order of these tuples is the order of the file.
 """
 
 
-class RecorderNode:
+class RecorderProcess:
     """Recorder as a logical process; others wait only for its start and for room in its queue."""
 
     role = Role.RECORDER.value
-    paced = False
+    follows_wall_clock = False
 
-    def __init__(self, deployment: Deployment, name: str, writer: Writer, conversion: Conversion) -> None:
+    def __init__(
+        self, deployment: Deployment, name: str, writer: RecordingWriter, conversion: FoxgloveConverter
+    ) -> None:
         self.name = name
         keys = Keys(deployment.robot)
         self.subscriptions = tuple(
-            expression(keys, row) for row in recorded_channels() if row.sender is not Role.RECORDER
+            key_expression(keys, row) for row in recorded_channels() if row.sender is not Role.RECORDER
         )
         hosts = deployment.host_patches()
-        self._body = Upstream("body", "body", covered_ns=-1)
+        self._body = Upstream("body", "body", watermark_ns=-1)
         self._controller = Upstream("controller", "controller")
         self._skin = {patch: Upstream(patch, host) for host, patches in hosts.items() for patch in patches}
         if deployment.sheets:
-            self._skin[BOARDS] = Upstream(BOARDS, BOARDS)
+            self._skin[BOARD_PROCESS] = Upstream(BOARD_PROCESS, BOARD_PROCESS)
         self.upstreams: Mapping[str, Upstream] = {
             "body": self._body,
             "controller": self._controller,
@@ -95,48 +99,48 @@ class RecorderNode:
         self.senders = frozenset(others)
         self.peers: frozenset[str] = frozenset({name, *others})
         # it tolerates every loss: a process that does not ends the run, and the file shows how far it came
-        self.tolerated = frozenset(others)
+        self.tolerated_losses = frozenset(others)
         self.counters: Counter[str] = Counter()
         patches = [patch.name for patch in deployment.patches]
-        sources = [OUTSIDE, "body", *patches, BOARDS, *deployment.host_patches(), "controller", name]
+        sources = [EXTERNAL, "body", *patches, BOARD_PROCESS, *deployment.host_patches(), "controller", name]
         self._rank = {source: i for i, source in enumerate(sources)}
-        self._writer, self._conversion = writer, conversion
-        self._window_ns = _FRAMES * deployment.frame_ns
+        self._writer, self._converter = writer, conversion
+        self._span_ns = _HYPERPERIODS_PER_WRITE * deployment.frame_ns
         self._joints_ns, self._control_ns = deployment.body.joints_ns, deployment.controller.period_ns
         self._t_ns, self._end_ns = 0, deployment.max_ns
         self._finished = False
-        self._whole = False
+        self._file_consistent = False
         self._keys = keys
-        self._keys_of: dict[tuple[str, tuple[str, ...]], str] = {}
-        self._held: list[_Held] = []
-        self._arrivals = self._handled = 0
+        self._key_cache: dict[tuple[str, tuple[str, ...]], str] = {}
+        self._pending: list[_PendingMessage] = []
+        self._n_arrivals = self._n_handled = 0
         self._events: dict[str, list[tuple[str, str, bytes]]] = {name: [] for name in self._skin}
         self._requests: dict[int, tuple[str, bytes]] = {}
-        self._decode = msgspec.msgpack.Decoder(_Head).decode
-        self._columns = msgspec.msgpack.Decoder(_Columns).decode
-        for fault in _faults(deployment):
-            self._hold(fault.t_ns, name, "fault", keys.of("fault"), encode(fault))
+        self._decode_header = msgspec.msgpack.Decoder(_MessageHeader).decode
+        self._decode_columns = msgspec.msgpack.Decoder(_EventColumns).decode
+        for fault in _fault_events(deployment):
+            self._enqueue(fault.t_ns, name, "fault", keys.of("fault"), encode(fault))
 
     def start(self, put: Put) -> None:
         """Create the file; at this point no other process waits for this one."""
-        self._writer.begin()
-        self._conversion.begin()
-        self._whole = True
+        self._writer.open()
+        self._converter.declare_topics()
+        self._file_consistent = True
 
     def needs(self) -> dict[str, int] | None:
         """Watermarks required of all upstreams for the next write."""
         if self._finished:
             return None
-        until_ns = self._until_ns()
+        until_ns = self._span_end_ns()
         last = until_ns == self._end_ns
         return dict.fromkeys(self.upstreams, until_ns) | {"body": until_ns + last}
 
     def due_ns(self) -> int:
         """End of the next span to be written [ns]."""
-        return self._until_ns()
+        return self._span_end_ns()
 
-    def _until_ns(self) -> int:
-        return min(self._t_ns + self._window_ns, self._end_ns)
+    def _span_end_ns(self) -> int:
+        return min(self._t_ns + self._span_ns, self._end_ns)
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
         """Accept a message of any recorded channel.
@@ -144,139 +148,139 @@ class RecorderNode:
         Raises:
             ProtocolError: it cannot be decoded, or its source is not in this run.
         """
-        self._give_way()
+        self._yield_core()
         key = self._key(channel, fields)
         if channel in ("events", "bundle"):
             self._accept_events(channel, fields[0], key, payload)
             return
         try:
-            head = self._decode(payload)
+            head = self._decode_header(payload)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ProtocolError(f"no message: {error}") from error
         match channel:
             case "frame" | "stream" | "regions":
-                self._close(channel, fields[0], key, payload, head)
+                self._end_period(channel, fields[0], key, payload, head)
             case "topology":
-                self._source(fields[0]).arrive()
+                self._skin_upstream(fields[0]).count_arrivals()
                 self._events[fields[0]].append((channel, key, payload))
             case "joints":
-                self._hold(head.t_ns, "body", channel, key, payload)
-                self._body.close(head.t_ns + self._joints_ns)
+                self._enqueue(head.t_ns, "body", channel, key, payload)
+                self._body.end_period(head.t_ns + self._joints_ns)
             case "command":
-                self._hold(head.t_ns, "controller", channel, key, payload)
+                self._enqueue(head.t_ns, "controller", channel, key, payload)
                 over = head.end_ns is not None
                 if head.end_ns is not None:
                     self._end_ns = min(self._end_ns, head.end_ns)
-                self._controller.close(FOREVER_NS if over else head.t_ns + self._control_ns)
+                self._controller.end_period(FOREVER_NS if over else head.t_ns + self._control_ns)
             case "config":
                 # a configuration of an external client takes effect on arrival
-                source_name = "controller" if head.t_ns else OUTSIDE
-                self._hold(head.t_ns or self._t_ns, source_name, channel, key, payload)
+                source_name = "controller" if head.t_ns else EXTERNAL
+                self._enqueue(head.t_ns or self._t_ns, source_name, channel, key, payload)
             case "request":
                 self._requests[head.id] = (key, payload)
             case "answer":
                 asked = self._requests.pop(head.id, None)
                 if asked is not None:
-                    self._hold(head.t_ns, OUTSIDE, "request", *asked)
-                self._hold(head.t_ns, "controller", channel, key, payload)
+                    self._enqueue(head.t_ns, EXTERNAL, "request", *asked)
+                self._enqueue(head.t_ns, "controller", channel, key, payload)
             case "counters":
-                self._hold(head.t_ns, fields[0], channel, key, payload)
+                self._enqueue(head.t_ns, fields[0], channel, key, payload)
             case _:
-                self._hold(head.t_ns, _SENDERS[channel], channel, key, payload)
+                self._enqueue(head.t_ns, _SENDER_OF[channel], channel, key, payload)
 
     def _accept_events(self, channel: str, patch: str, key: str, payload: bytes) -> None:
         """Keep events until the period end of their patch, which gives them their time; so for topologies."""
-        source = self._source(patch)
+        source = self._skin_upstream(patch)
         try:
-            count = len(self._columns(payload).cell)
+            count = len(self._decode_columns(payload).cell)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ProtocolError(f"no events: {error}") from error
         self._events[patch].append((channel, key, payload))
-        source.arrive(count)
+        source.count_arrivals(count)
 
-    def _close(self, channel: str, source: str, key: str, payload: bytes, head: _Head) -> None:
-        upstream = self._source(source)
+    def _end_period(self, channel: str, source: str, key: str, payload: bytes, head: _MessageHeader) -> None:
+        upstream = self._skin_upstream(source)
         for event in self._events[source]:
-            self._hold(head.t_ns, source, *event)
+            self._enqueue(head.t_ns, source, *event)
         self._events[source].clear()
-        self._hold(head.t_ns, source, channel, key, payload)
-        upstream.close(head.covered_ns, head.events)
+        self._enqueue(head.t_ns, source, channel, key, payload)
+        upstream.end_period(head.covered_ns, head.events)
 
-    def _source(self, name: str) -> Upstream:
+    def _skin_upstream(self, name: str) -> Upstream:
         upstream = self._skin.get(name)
         if upstream is None:
             raise ProtocolError(f"skin of {name}, which is not in this run")
         return upstream
 
     def _key(self, channel: str, fields: tuple[str, ...]) -> str:
-        key = self._keys_of.get((channel, fields))
+        key = self._key_cache.get((channel, fields))
         if key is None:
-            key = self._keys_of[channel, fields] = self._keys.of(channel, *fields)
+            key = self._key_cache[channel, fields] = self._keys.of(channel, *fields)
         return key
 
-    def _hold(self, t_ns: int, source: str, channel: str, key: str, payload: bytes) -> None:
+    def _enqueue(self, t_ns: int, source: str, channel: str, key: str, payload: bytes) -> None:
         rank = self._rank.get(source)
         if rank is None:
             raise ProtocolError(f"{channel} of {source}, which is not in this run")
-        self._arrivals += 1
-        self._held.append((t_ns, rank, _RANK[channel], self._arrivals, key, payload))
+        self._n_arrivals += 1
+        self._pending.append((t_ns, rank, _CHANNEL_RANK[channel], self._n_arrivals, key, payload))
 
-    def lose(self, upstream: Upstream) -> None:
+    def on_upstream_lost(self, upstream: Upstream) -> None:
         """Continue to record the other processes."""
 
     def step(self, put: Put) -> None:
         """Write the messages of the next span."""
-        until_ns = self._until_ns()
+        until_ns = self._span_end_ns()
         self._finished = until_ns == self._end_ns
         if self._finished:
-            self.end()
+            self.close()
         else:
-            self._held.sort()
-            self._write(bisect_left(self._held, (until_ns,)), until_ns)
+            self._pending.sort()
+            self._write(bisect_left(self._pending, (until_ns,)), until_ns)
 
     def _write(self, count: int, until_ns: int) -> None:
         """Write the first `count` pending messages, and the Foxglove messages due before `until_ns`."""
-        self._whole = False
-        for t_ns, _, channel, _, key, payload in self._held[:count]:
-            self._give_way()
-            self._conversion.see(_ORDER[channel], key, t_ns, payload)
+        self._file_consistent = False
+        for t_ns, _, channel, _, key, payload in self._pending[:count]:
+            self._yield_core()
+            self._converter.convert(_CHANNEL_ORDER[channel], key, t_ns, payload)
             self._writer.add(key, t_ns, payload)
-        del self._held[:count]
-        self._conversion.go_to(until_ns)
-        self._writer.settle()
+        del self._pending[:count]
+        self._converter.write_until(until_ns)
+        self._writer.flush_if_due()
         self._t_ns = until_ns
-        self._whole = True
+        self._file_consistent = True
 
-    def end(self) -> None:
+    def close(self) -> None:
         """Finish the file with its summary, once; leave a file whose write was interrupted without one."""
-        if self._whole:
-            end_ns = min(self._end_ns, max(self._body.covered_ns, self._t_ns))
-            self._rest(end_ns)
-            self._write(len(self._held), end_ns)
-            self._whole = False
-            self._writer.finish()
+        if self._file_consistent:
+            end_ns = min(self._end_ns, max(self._body.watermark_ns, self._t_ns))
+            self._enqueue_unfinished(end_ns)
+            self._write(len(self._pending), end_ns)
+            self._file_consistent = False
+            self._writer.close()
 
-    def _give_way(self) -> None:
-        """Yield the core every `_YIELD_EVERY` messages, to processes on which the whole run waits."""
-        self._handled += 1
-        if self._handled % _YIELD_EVERY == 0:
-            _yield_core()
+    def _yield_core(self) -> None:
+        """Yield the core every `_MESSAGES_PER_YIELD` messages, to processes on which the whole run waits."""
+        self._n_handled += 1
+        if self._n_handled % _MESSAGES_PER_YIELD == 0:
+            _sched_yield()
 
-    def _rest(self, t_ns: int) -> None:
+    def _enqueue_unfinished(self, t_ns: int) -> None:
         """Add events without period end and requests without answer; drop messages later than `t_ns`."""
-        self._held = [held for held in self._held if held[0] <= t_ns]
+        self._pending = [held for held in self._pending if held[0] <= t_ns]
         for name, events in self._events.items():
             for event in events:
-                self._hold(self._skin[name].covered_ns, name, *event)
+                self._enqueue(self._skin[name].watermark_ns, name, *event)
         for request in self._requests.values():
-            self._hold(t_ns, OUTSIDE, "request", *request)
-        self._held.sort()
+            self._enqueue(t_ns, EXTERNAL, "request", *request)
+        self._pending.sort()
 
-    def news(self) -> tuple[()]:
+    def best_effort_messages(self) -> tuple[()]:
         """Publish nothing."""
         return ()
 
-    def result(self) -> Part:
+    def result(self) -> ProcessResult:
         """Message count of each recorded channel, and file size [bytes]."""
         facts: dict[str, Any] = {
             "logs": {},
@@ -284,20 +288,22 @@ class RecorderNode:
             "messages": {row.name: self._writer.counts[row.name] for row in recorded_channels()},
             "bytes": self._writer.n_bytes,
         }
-        return Part(self.name, self.role, facts)
+        return ProcessResult(self.name, self.role, facts)
 
 
-def _faults(deployment: Deployment) -> Iterator[Fault]:
+def _fault_events(deployment: Deployment) -> Iterator[FaultEvent]:
     """Fault events of a run: begin and end of every scheduled fault."""
-    placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
-    for span in timeline(deployment, placed):
+    placed = place_patches(deployment.patches, deployment.cells, deployment.bridges)
+    for span in fault_schedule(deployment, placed):
         for t_ns, begins in ((span.t_ns, True), (span.until_ns, False)):
             if t_ns <= deployment.max_ns:
-                yield Fault(t_ns=t_ns, rule=span.index, kind=span.kind, target=span.target, begins=begins)
+                yield FaultEvent(
+                    t_ns=t_ns, rule=span.index, kind=span.kind, target=span.target, begins=begins
+                )
 
 
-def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> RecorderNode:
+def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> RecorderProcess:
     """Build the recorder process, which writes into the run folder `out`."""
     assert out is not None, "a recorder without a run folder"
-    writer = Writer(out / RECORDED, deployment, base)
-    return RecorderNode(deployment, name, writer, Conversion(deployment, base, writer))
+    writer = RecordingWriter(out / FILE_NAME, deployment, base)
+    return RecorderProcess(deployment, name, writer, FoxgloveConverter(deployment, base, writer))

@@ -15,21 +15,28 @@ from mcap.records import Attachment, Channel, Chunk, Metadata
 
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment
-from skinnet.deployment.load import build
+from skinnet.deployment.load import from_document
 from skinnet.errors import ProtocolError, RecordingError
-from skinnet.recording.format import ABOUT, DEPLOYMENT, FORMAT, MEMORY
-from skinnet.recording.mcap_file import MAGIC, MESSAGE_HEAD
+from skinnet.recording.format import DEPLOYMENT_ATTACHMENT, FORMAT_VERSION, MEMORY_PREFIX, METADATA_NAME
+from skinnet.recording.mcap_file import MAGIC, MESSAGE_HEADER
 
-__all__ = ["Recorded", "Recording"]
+__all__ = ["RecordedMessage", "Recording"]
 
-_HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQ")
+_RECORD_HEADER = struct.Struct("<BQ")
+_CHUNK_HEADER = struct.Struct("<QQQ")
 """Chunk header: first and last time [ns], uncompressed size [bytes]."""
-_TOP = (Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END, Opcode.FOOTER)
-_UNREADABLE = (struct.error, zstandard.ZstdError, ValueError, EOFError)
+_TOP_LEVEL_OPCODES = (
+    Opcode.CHANNEL,
+    Opcode.CHUNK,
+    Opcode.ATTACHMENT,
+    Opcode.METADATA,
+    Opcode.DATA_END,
+    Opcode.FOOTER,
+)
+_DECODE_ERRORS = (struct.error, zstandard.ZstdError, ValueError, EOFError)
 
 
-class Recorded(NamedTuple):
+class RecordedMessage(NamedTuple):
     """Recorded message.
 
     Attributes:
@@ -47,7 +54,7 @@ class Recorded(NamedTuple):
     payload: bytes
 
 
-class _Place(NamedTuple):
+class _ChunkLocation(NamedTuple):
     """Chunk location in the file [bytes], and its first and last time [ns]."""
 
     offset: int
@@ -61,9 +68,9 @@ class Recording:
 
     Attributes:
         path: Path of the file.
-        about: Format, version of skinnet, robot, deployment, seed, pace and base folder.
+        metadata: Format, version of skinnet, robot, deployment, seed, pace and base folder.
         complete: Whether the file has its footer; if not, it ends with its last whole chunk.
-        raw: Resolved deployment of the run, with every default.
+        deployment_dict: Resolved deployment of the run, with every default.
         end_ns: Time of the last message [ns]; 0 if there is none.
     """
 
@@ -74,30 +81,30 @@ class Recording:
             RecordingError: there is no such file, or this program cannot read it.
         """
         self.path = path
-        self.about: dict[str, str] = {}
+        self.metadata: dict[str, str] = {}
         self.complete = False
-        self.raw: dict[str, Any] = {}
-        self._chunks: list[_Place] = []
+        self.deployment_dict: dict[str, Any] = {}
+        self._chunks: list[_ChunkLocation] = []
         self._topics: dict[int, str] = {}
         self._memory: tuple[str, bytes] | None = None
         try:
-            self._survey()
+            self._scan()
         except OSError as error:
             raise RecordingError(f"{path}: {(error.strerror or str(error)).lower()}") from error
-        except _UNREADABLE as error:
+        except _DECODE_ERRORS as error:
             raise RecordingError(f"{path}: damaged: {error}") from error
-        self._require_known()
+        self._check_format()
         self.end_ns = max((place.last_ns for place in self._chunks), default=0)
 
     @property
     def robot(self) -> str:
         """Robot's name."""
-        return self.about["robot"]
+        return self.metadata["robot"]
 
     @property
     def base(self) -> Path:
         """Base folder of relative paths in the deployment, on the computer that recorded."""
-        return Path(self.about["base"])
+        return Path(self.metadata["base"])
 
     @property
     def memory(self) -> tuple[str, bytes] | None:
@@ -110,24 +117,24 @@ class Recording:
         Raises:
             DeploymentError: this program has other deployment keys than the one that recorded.
         """
-        return build(self.raw, str(self.path))
+        return from_document(self.deployment_dict, str(self.path))
 
-    def messages(self, from_ns: int = 0, until_ns: int | None = None) -> Iterator[Recorded]:
+    def messages(self, from_ns: int = 0, until_ns: int | None = None) -> Iterator[RecordedMessage]:
         """Recorded messages with `from_ns` ≤ t ≤ `until_ns`, in the order of the file.
 
         Raises:
             RecordingError: a chunk is damaged.
         """
         keys = Keys(self.robot)
-        for t_ns, topic, payload in self.every(from_ns, until_ns):
+        for t_ns, topic, payload in self.all_messages(from_ns, until_ns):
             if topic.startswith(keys.prefix):
                 try:
                     row, fields = keys.parse(topic)
                 except ProtocolError:
                     continue  # a channel unknown to this program
-                yield Recorded(t_ns, topic, row.name, fields, payload)
+                yield RecordedMessage(t_ns, topic, row.name, fields, payload)
 
-    def every(self, from_ns: int = 0, until_ns: int | None = None) -> Iterator[tuple[int, str, bytes]]:
+    def all_messages(self, from_ns: int = 0, until_ns: int | None = None) -> Iterator[tuple[int, str, bytes]]:
         """All MCAP messages, Foxglove's included, as (time [ns], topic, payload); else as `messages`."""
         last_ns = self.end_ns if until_ns is None else until_ns
         with self.path.open("rb") as file:
@@ -136,60 +143,60 @@ class Recording:
                     continue  # the summary has its channels
                 file.seek(place.offset)
                 try:
-                    content = _unpacked(file.read(place.length))
-                    found = list(self._of_chunk(content))
-                except _UNREADABLE as error:
+                    content = _decompress(file.read(place.length))
+                    found = list(self._messages_of_chunk(content))
+                except _DECODE_ERRORS as error:
                     raise RecordingError(f"{self.path}: damaged at byte {place.offset}: {error}") from error
                 yield from (message for message in found if from_ns <= message[0] <= last_ns)
 
-    def _of_chunk(self, content: bytes) -> Iterator[tuple[int, str, bytes]]:
-        at, topics, unpack = 0, self._topics, MESSAGE_HEAD.unpack_from
+    def _messages_of_chunk(self, content: bytes) -> Iterator[tuple[int, str, bytes]]:
+        at, topics, unpack = 0, self._topics, MESSAGE_HEADER.unpack_from
         while at < len(content):
-            opcode, length = _HEAD.unpack_from(content, at)
-            end = at + _HEAD.size + length
+            opcode, length = _RECORD_HEADER.unpack_from(content, at)
+            end = at + _RECORD_HEADER.size + length
             if opcode == Opcode.MESSAGE:
                 _, _, channel, _, t_ns, _ = unpack(content, at)
-                yield t_ns, topics[channel], content[at + MESSAGE_HEAD.size : end]
+                yield t_ns, topics[channel], content[at + MESSAGE_HEADER.size : end]
             elif opcode == Opcode.CHANNEL:
-                self._add_channel(content[at + _HEAD.size : end])
+                self._add_channel(content[at + _RECORD_HEADER.size : end])
             at = end
 
-    def _survey(self) -> None:
+    def _scan(self) -> None:
         """Scan the record headers of the file; stop at the first truncated record."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise RecordingError(f"{self.path}: no recording: it is not an MCAP file")
             at = len(MAGIC)
-            while at + _HEAD.size <= size:
+            while at + _RECORD_HEADER.size <= size:
                 file.seek(at)
-                opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-                begin, at = at + _HEAD.size, at + _HEAD.size + length
+                opcode, length = _RECORD_HEADER.unpack(file.read(_RECORD_HEADER.size))
+                begin, at = at + _RECORD_HEADER.size, at + _RECORD_HEADER.size + length
                 if at > size:
                     return
                 if opcode == Opcode.CHUNK:
-                    first_ns, last_ns, _ = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
-                    self._chunks.append(_Place(begin, length, first_ns, last_ns))
-                elif opcode in _TOP:
-                    self._take(opcode, file.read(length))
+                    first_ns, last_ns, _ = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
+                    self._chunks.append(_ChunkLocation(begin, length, first_ns, last_ns))
+                elif opcode in _TOP_LEVEL_OPCODES:
+                    self._read_record(opcode, file.read(length))
                 if self.complete:
                     return
 
-    def _take(self, opcode: int, content: bytes) -> None:
+    def _read_record(self, opcode: int, content: bytes) -> None:
         stream = ReadDataStream(BytesIO(content))
         match opcode:
             case Opcode.CHANNEL:
                 self._add_channel(content)
             case Opcode.METADATA:
                 record = Metadata.read(stream)
-                if record.name == ABOUT:
-                    self.about = dict(record.metadata)
+                if record.name == METADATA_NAME:
+                    self.metadata = dict(record.metadata)
             case Opcode.ATTACHMENT:
                 attachment = Attachment.read(stream)
-                if attachment.name == DEPLOYMENT:
-                    self.raw = msgspec.json.decode(attachment.data)
-                elif attachment.name.startswith(MEMORY):
-                    self._memory = attachment.name.removeprefix(MEMORY), attachment.data
+                if attachment.name == DEPLOYMENT_ATTACHMENT:
+                    self.deployment_dict = msgspec.json.decode(attachment.data)
+                elif attachment.name.startswith(MEMORY_PREFIX):
+                    self._memory = attachment.name.removeprefix(MEMORY_PREFIX), attachment.data
             case Opcode.FOOTER:
                 self.complete = True
 
@@ -197,23 +204,24 @@ class Recording:
         channel = Channel.read(ReadDataStream(BytesIO(content)))
         self._topics[channel.id] = channel.topic
 
-    def _require_known(self) -> None:
-        if not self.about:
+    def _check_format(self) -> None:
+        if not self.metadata:
             cut = "" if self.complete else ", or one that ends before it begins"
             raise RecordingError(
                 f"{self.path}: no recording of skinnet: an MCAP file of another program{cut}"
             )
-        version = self.about.get("format", "")
-        if not version.isdecimal() or int(version) > FORMAT:
+        version = self.metadata.get("format", "")
+        if not version.isdecimal() or int(version) > FORMAT_VERSION:
             raise RecordingError(
-                f"{self.path}: a recording of format {version}, by skinnet {self.about.get('skinnet', '?')}; "
-                f"this program reads up to {FORMAT}: update it"
+                f"{self.path}: a recording of format {version}, "
+                f"by skinnet {self.metadata.get('skinnet', '?')}; "
+                f"this program reads up to {FORMAT_VERSION}: update it"
             )
-        if not self.raw:
+        if not self.deployment_dict:
             raise RecordingError(f"{self.path}: it ends before it says what was run: nothing to see")
 
 
-def _unpacked(content: bytes) -> bytes:
+def _decompress(content: bytes) -> bytes:
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
     if chunk.compression != "zstd":
         raise ValueError(f"compression {chunk.compression!r}")

@@ -15,18 +15,18 @@ import msgspec
 
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError, RecordingError
-from skinnet.loop import Node
+from skinnet.loop import LogicalProcess
 from skinnet.messages import Command, decode
 from skinnet.recording.reader import Recording
-from skinnet.transport.base import matches
-from skinnet.worker import build_node
+from skinnet.transport.base import key_matches
+from skinnet.worker import build_process
 
-__all__ = ["Difference", "Verdict", "replay_into", "require_same_robot", "with_memory"]
+__all__ = ["CommandDifference", "ReplayResult", "replay_into", "require_same_robot", "with_memory"]
 
 _CONTROLLER = "controller"
 
 
-class Difference(NamedTuple):
+class CommandDifference(NamedTuple):
     """First difference between a recorded and a replayed command.
 
     Attributes:
@@ -44,7 +44,7 @@ class Difference(NamedTuple):
     replayed: str
 
 
-class Verdict(NamedTuple):
+class ReplayResult(NamedTuple):
     """Replay result.
 
     Attributes:
@@ -56,7 +56,7 @@ class Verdict(NamedTuple):
 
     ticks: int
     t_ns: int
-    difference: Difference | None
+    difference: CommandDifference | None
     note: str = ""
 
 
@@ -69,7 +69,7 @@ def require_same_robot(recorded: Deployment, deployment: Deployment) -> None:
     for what, one, other in (
         ("robot", recorded.robot, deployment.robot),
         ("joints", recorded.body.joints, deployment.body.joints),
-        ("patches", _sizes(recorded), _sizes(deployment)),
+        ("patches", _patch_sizes(recorded), _patch_sizes(deployment)),
         ("sheets", [s.name for s in recorded.sheets], [s.name for s in deployment.sheets]),
         ("control period", recorded.controller.period_ns, deployment.controller.period_ns),
     ):
@@ -77,7 +77,7 @@ def require_same_robot(recorded: Deployment, deployment: Deployment) -> None:
             raise RecordingError(f"the recording and the deployment differ in {what}: {one} and {other}")
 
 
-def _sizes(deployment: Deployment) -> dict[str, int]:
+def _patch_sizes(deployment: Deployment) -> dict[str, int]:
     return {patch.name: patch.n_cells for patch in deployment.patches}
 
 
@@ -95,7 +95,7 @@ def with_memory(recording: Recording, deployment: Deployment) -> Iterator[Deploy
         yield msgspec.structs.replace(deployment, memory=memory)
 
 
-def replay_into(recording: Recording, deployment: Deployment, base: Path) -> Verdict:
+def replay_into(recording: Recording, deployment: Deployment, base: Path) -> ReplayResult:
     """Replay a recording into the controller of `deployment`.
 
     Args:
@@ -107,74 +107,78 @@ def replay_into(recording: Recording, deployment: Deployment, base: Path) -> Ver
         RecordingError: the recording is damaged.
         DeploymentError: the controller cannot be built.
     """
-    node = build_node(_CONTROLLER, deployment, _CONTROLLER, base, None)
-    return _Rehearsal(node).go(recording)
+    node = build_process(_CONTROLLER, deployment, _CONTROLLER, base, None)
+    return _ReplayDriver(node).run(recording)
 
 
-class _Rehearsal:
+class _ReplayDriver:
     """Replay driver that feeds recorded messages to a logical process."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: LogicalProcess) -> None:
         self._node = node
-        self._wanted: dict[str, bool] = {}
+        self._subscribed: dict[str, bool] = {}
         self._commands: deque[bytes] = deque()
-        self._over = False
-        node.start(self._put)
+        self._finished = False
+        node.start(self._collect_command)
 
-    def go(self, recording: Recording) -> Verdict:
+    def run(self, recording: Recording) -> ReplayResult:
         ticks = t_ns = 0
         for message in recording.messages():
             if message.channel == "command":
                 recorded = decode(message.payload, Command)
-                if not self._commands and self._over:
-                    ended = Difference(message.t_ns, recorded.stage, "program", "goes on", "has ended")
-                    return Verdict(ticks + 1, t_ns, ended)
+                if not self._commands and self._finished:
+                    ended = CommandDifference(message.t_ns, recorded.stage, "program", "goes on", "has ended")
+                    return ReplayResult(ticks + 1, t_ns, ended)
                 if not self._commands:
-                    return Verdict(ticks, t_ns, None, self._why_silent())
+                    return ReplayResult(ticks, t_ns, None, self._missing_input())
                 t_ns, ticks = message.t_ns, ticks + 1
                 replayed = self._commands.popleft()
                 if replayed != message.payload:
-                    return Verdict(ticks, t_ns, _first(recorded, decode(replayed, Command), recording))
-            elif self._is_wanted(message.key):
+                    return ReplayResult(
+                        ticks, t_ns, _first_difference(recorded, decode(replayed, Command), recording)
+                    )
+            elif self._is_subscribed(message.key):
                 with contextlib.suppress(ProtocolError):  # as in the run, which counted and dropped it
                     self._node.accept(message.channel, message.fields, message.payload)
-                self._tick()
-        return Verdict(ticks, t_ns, None, "" if recording.complete else "the recording is cut there")
+                self._step()
+        return ReplayResult(ticks, t_ns, None, "" if recording.complete else "the recording is cut there")
 
-    def _tick(self) -> None:
+    def _step(self) -> None:
         """Step the process as long as its inputs are complete."""
         node = self._node
         while (needs := node.needs()) is not None:
-            if any(node.upstreams[name].covered_ns < t_ns for name, t_ns in needs.items()):
+            if any(node.upstreams[name].watermark_ns < t_ns for name, t_ns in needs.items()):
                 return
-            node.step(self._put)
-            for _ in node.news():
+            node.step(self._collect_command)
+            for _ in node.best_effort_messages():
                 pass  # there are no observers
-        self._over = True
+        self._finished = True
 
-    def _why_silent(self) -> str:
+    def _missing_input(self) -> str:
         needs = self._node.needs() or {}
-        silent = [name for name, t_ns in needs.items() if self._node.upstreams[name].covered_ns < t_ns]
+        silent = [name for name, t_ns in needs.items() if self._node.upstreams[name].watermark_ns < t_ns]
         return f"the recording has no more of {', '.join(silent)}: it was lost in the run"
 
-    def _put(self, key: str, payload: bytes) -> None:
+    def _collect_command(self, key: str, payload: bytes) -> None:
         if key.endswith("/body/command"):
             self._commands.append(payload)
 
-    def _is_wanted(self, key: str) -> bool:
-        wanted = self._wanted.get(key)
+    def _is_subscribed(self, key: str) -> bool:
+        wanted = self._subscribed.get(key)
         if wanted is None:
-            wanted = self._wanted[key] = any(matches(known, key) for known in self._node.subscriptions)
+            wanted = self._subscribed[key] = any(
+                key_matches(known, key) for known in self._node.subscriptions
+            )
         return wanted
 
 
-def _first(recorded: Command, replayed: Command, recording: Recording) -> Difference:
+def _first_difference(recorded: Command, replayed: Command, recording: Recording) -> CommandDifference:
     """First difference of two unequal commands."""
 
-    def difference(what: str, one: object, other: object) -> Difference:
-        return Difference(recorded.t_ns, recorded.stage, what, repr(one), repr(other))
+    def difference(what: str, one: object, other: object) -> CommandDifference:
+        return CommandDifference(recorded.t_ns, recorded.stage, what, repr(one), repr(other))
 
-    joints = recording.raw["body"]["joints"]
+    joints = recording.deployment_dict["body"]["joints"]
     pairs = zip(joints, recorded.velocity_rad_s, replayed.velocity_rad_s, strict=True)
     for joint, one, other in pairs:
         if one != other:

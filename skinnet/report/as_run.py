@@ -17,7 +17,7 @@ from skinnet.deployment import Deployment
 __all__ = ["Line", "Section", "sections"]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_WIDE = 96
+_MAX_COLUMNS = 96
 _REQUIRED = object()
 
 
@@ -51,11 +51,13 @@ def sections(deployment: Deployment) -> list[Section]:
     for field in fields(deployment):
         value, default = getattr(deployment, field.name), _default(field)
         if isinstance(value, Struct):
-            tables.append(_section(f"[{field.name}]", _table(field.name, value, default)))
+            tables.append(_section(f"[{field.name}]", _table_lines(field.name, value, default)))
         elif isinstance(value, tuple) and value and isinstance(value[0], Struct):
-            lists.append(Section(field.name, f"{len(value)} set", tuple(_pair(field.name, value, default))))
+            lists.append(
+                Section(field.name, f"{len(value)} set", tuple(_key_lines(field.name, value, default)))
+            )
         else:
-            head += _pair(field.name, value, default)
+            head += _key_lines(field.name, value, default)
     return [_section("general", head), *lists, *tables]
 
 
@@ -71,7 +73,7 @@ def _default(field: FieldInfo) -> Any:
     return field.default_factory() if field.default_factory is not NODEFAULT else _REQUIRED
 
 
-def _table(path: str, table: Struct, default: Any) -> Iterator[Line]:
+def _table_lines(path: str, table: Struct, default: Any) -> Iterator[Line]:
     """Lines of a table with all its keys, nested tables last."""
     yield Line(f"[{path}]", not isinstance(default, Struct))
     within = []
@@ -82,25 +84,25 @@ def _table(path: str, table: Struct, default: Any) -> Iterator[Line]:
         if isinstance(value, Struct) or (isinstance(value, dict) and value):
             within.append((field.name, value, usual))
         else:
-            yield from _pair(field.name, value, usual)
+            yield from _key_lines(field.name, value, usual)
     for name, value, usual in within:
         yield Line("")
         if isinstance(value, Struct):
-            yield from _table(f"{path}.{name}", value, usual)
+            yield from _table_lines(f"{path}.{name}", value, usual)
         else:
             yield Line(f"[{path}.{name}]", value != usual)
             for key, item in value.items():
-                yield from _pair(key, item, _REQUIRED)
+                yield from _key_lines(key, item, _REQUIRED)
 
 
-def _pair(name: str, value: Any, default: Any) -> list[Line]:
+def _key_lines(name: str, value: Any, default: Any) -> list[Line]:
     """Lines of a key and its value; a list too long for one line spans several."""
     differs = default is _REQUIRED or value != default
     if value is None:
         return [Line(f"# {_key(name)}: none", differs)]
-    written = _written(value)
+    written = _to_builtins(value)
     text = f"{_key(name)} = {_toml(written)}"
-    if isinstance(written, list) and len(text) > _WIDE:
+    if isinstance(written, list) and len(text) > _MAX_COLUMNS:
         rows = [f"  {row}," for row in _rows(written)]
         return [Line(row, differs) for row in (f"{_key(name)} = [", *rows, "]")]
     told = differs and default is not _REQUIRED and default not in (None, (), {}, "")
@@ -113,14 +115,14 @@ def _rows(values: list[Any]) -> list[str]:
     rows = [texts[0]]
     for value, text in zip(values[1:], texts[1:], strict=True):
         joined = f"{rows[-1]}, {text}"
-        if isinstance(value, dict) or len(joined) > _WIDE:
+        if isinstance(value, dict) or len(joined) > _MAX_COLUMNS:
             rows.append(text)
         else:
             rows[-1] = joined
     return rows
 
 
-def _written(value: Any) -> Any:
+def _to_builtins(value: Any) -> Any:
     """Builtin form of a value; tables have only keys that differ from their defaults."""
     match value:
         case Struct():
@@ -129,12 +131,12 @@ def _written(value: Any) -> Any:
             for field in fields(value):
                 item = getattr(value, field.name)
                 if item is not None and item != _default(field):
-                    own[field.encode_name] = _written(item)
+                    own[field.encode_name] = _to_builtins(item)
             return own
         case tuple() | list():
-            return [_written(item) for item in value]
+            return [_to_builtins(item) for item in value]
         case dict():
-            return {key: _written(item) for key, item in value.items()}
+            return {key: _to_builtins(item) for key, item in value.items()}
         case _:
             return to_builtins(value)
 
@@ -146,7 +148,7 @@ def _toml(value: Any) -> str:
         case int() | float():
             return repr(value)
         case str():
-            return _text(value)
+            return _toml_string(value)
         case dict() if not value:
             return "{}"
         case dict():
@@ -157,10 +159,10 @@ def _toml(value: Any) -> str:
 
 
 def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else _text(name)
+    return name if _BARE.fullmatch(name) else _toml_string(name)
 
 
-def _text(value: str) -> str:
+def _toml_string(value: str) -> str:
     """TOML basic string; characters that TOML forbids are escaped by code point."""
     escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
     written = (escapes.get(c, c if c.isprintable() or c == " " else f"\\U{ord(c):08x}") for c in value)

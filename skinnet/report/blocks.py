@@ -6,23 +6,33 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from skinnet.report.as_run import Line, sections
-from skinnet.report.claims import Compared, Verdict
-from skinnet.report.collect import Made
-from skinnet.report.groups import Group, Row
+from skinnet.report.claims import ClaimComparison, Verdict
+from skinnet.report.collect import RunFiles
+from skinnet.report.groups import MetricGroup, QuantityRow
 from skinnet.report.markup import Html, join, tag
 from skinnet.report.papers import SOURCES
 from skinnet.report.pictures import Picture
-from skinnet.report.units import shown
+from skinnet.report.units import format_value
 
-__all__ = ["cards", "comparison", "deployment", "figure", "flat", "gallery", "kept", "pairs", "section"]
+__all__ = [
+    "comparison_table",
+    "deployment_listing",
+    "flatten",
+    "gallery",
+    "metric_cards",
+    "pairs_table",
+    "picture_block",
+    "section",
+    "verdict_badge",
+]
 
 _BADGES = {
     Verdict.WITHIN: ("good", "✓ within"),
     Verdict.OUTSIDE: ("bad", "✗ outside"),
-    Verdict.BESIDE: ("plain", "no expectation"),
+    Verdict.NO_EXPECTATION: ("plain", "no expectation"),
     Verdict.UNMEASURED: ("plain", "not measured"),
 }
-_APART = re.compile(r"(?<=\d) (?=[\d%]|[A-Za-z]{1,2}\b|rad/s)")
+_SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=[\d%]|[A-Za-z]{1,2}\b|rad/s)")
 _COLUMNS = {"": "value", "p50": "median", "p99": "99 %", "p999": "99.9 %"}
 
 
@@ -31,7 +41,7 @@ def section(key: str, title: str, *children: Html | None) -> Html:
     return tag("section", tag("h2", title), *children, id=key, aria_label=title)
 
 
-def figure(picture: Picture, key: str, back: str) -> Html:
+def picture_block(picture: Picture, key: str, back: str) -> Html:
     """Embedded picture with caption; a click shows it in full size, another leads to `back`."""
     data = base64.b64encode(picture.data).decode("ascii")
     image = tag(
@@ -56,25 +66,25 @@ def _file(picture: Picture) -> Html:
 
 def gallery(pictures: Iterable[Picture], damaged: Sequence[str], prefix: str, back: str) -> Html:
     """Gallery of pictures side by side, with the names of unreadable files."""
-    shown_ones = [figure(picture, f"{prefix}-{i}", back) for i, picture in enumerate(pictures)]
+    shown_ones = [picture_block(picture, f"{prefix}-{i}", back) for i, picture in enumerate(pictures)]
     lost = tag("p", f"No readable pictures: {', '.join(damaged)}.", class_="soft") if damaged else None
     if not shown_ones:
         return join(lost) if lost else tag("p", "No pictures were drawn.", class_="soft")
     return join(tag("div", *shown_ones, class_="gallery"), lost)
 
 
-def comparison(rows: Iterable[tuple[Compared, str, Html]]) -> Html:
+def comparison_table(comparisons: Iterable[tuple[ClaimComparison, str, Html]]) -> Html:
     """Table of published and measured values, from rows of claim, measured values as text, and verdict."""
     body, used = [], []
-    for compared, here, verdict in rows:
+    for compared, here, verdict in comparisons:
         claim = compared.claim
         note = tag("span", claim.note, class_="note") if claim.note else None
-        place = f"[{claim.source}] {claim.place}".strip()
+        place = f"[{claim.source}] {claim.location}".strip()
         body.append(
             tag(
                 "tr",
-                tag("th", claim.what, note, scope="row"),
-                tag("td", _together(claim.says), data_label="the paper"),
+                tag("th", claim.subject, note, scope="row"),
+                tag("td", _join_units(claim.published), data_label="the paper"),
                 tag("td", here, class_="here", data_label="this run"),
                 tag("td", compared.expected, data_label="expected"),
                 tag("td", verdict, data_label="verdict"),
@@ -88,34 +98,34 @@ def comparison(rows: Iterable[tuple[Compared, str, Html]]) -> Html:
     return join(tag("div", table, class_="card block"), tag("ul", *sources, class_="sources"))
 
 
-def _together(text: str) -> str:
+def _join_units(text: str) -> str:
     """Replace spaces between numbers and units by no-break spaces."""
-    return _APART.sub("\u00a0", text)
+    return _SPACE_BEFORE_UNIT.sub("\u00a0", text)
 
 
-def kept(compared: Compared) -> Html:
+def verdict_badge(comparison: ClaimComparison) -> Html:
     """Verdict badge of one run."""
-    kind, text = _BADGES[compared.verdict]
+    kind, text = _BADGES[comparison.verdict]
     return tag("span", text, class_=f"badge {kind}")
 
 
-def cards(groups: Iterable[Group]) -> Html:
+def metric_cards(groups: Iterable[MetricGroup]) -> Html:
     """Metric cards, one for each group."""
-    return tag("div", *map(_card, groups), class_="cards")
+    return tag("div", *map(_metric_card, groups), class_="cards")
 
 
-def _card(group: Group) -> Html:
+def _metric_card(group: MetricGroup) -> Html:
     key = tag("code", f"{group.key}.…") if group.key else None
-    parts = [_values(group.values) if group.values else None]
+    parts = [_value_table(group.values) if group.values else None]
     if group.statistics:
         columns = group.columns
         heads = ("", *(_COLUMNS.get(name, name) for name in columns), "")
-        rows = [_statistics(row, columns) for row in group.statistics]
+        rows = [_statistics_row(row, columns) for row in group.statistics]
         parts.append(tag("div", tag("table", _head(heads, "number"), tag("tbody", *rows)), class_="scroll"))
     return tag("div", tag("h3", group.title, " ", key), *parts, class_="card")
 
 
-def _values(rows: Sequence[Row]) -> Html:
+def _value_table(rows: Sequence[QuantityRow]) -> Html:
     body = [
         tag(
             "tr",
@@ -129,7 +139,7 @@ def _values(rows: Sequence[Row]) -> Html:
     return tag("table", tag("tbody", *body))
 
 
-def _statistics(row: Row, columns: Sequence[str]) -> Html:
+def _statistics_row(row: QuantityRow, columns: Sequence[str]) -> Html:
     return tag(
         "tr",
         tag("th", row.label, scope="row"),
@@ -144,33 +154,33 @@ def _head(names: Iterable[str], kind: str | None = None) -> Html:
     return tag("thead", tag("tr", *cells))
 
 
-def pairs(rows: Iterable[tuple[str, Any]]) -> Html:
+def pairs_table(rows: Iterable[tuple[str, Any]]) -> Html:
     """Two-column table of names and values."""
-    body = (tag("tr", tag("th", name, scope="row"), tag("td", shown(value))) for name, value in rows)
+    body = (tag("tr", tag("th", name, scope="row"), tag("td", format_value(value))) for name, value in rows)
     return tag("div", tag("table", tag("tbody", *body)), class_="card block scroll")
 
 
-def flat(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
+def flatten(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
     """Flatten nested tables into pairs of dotted name and value."""
     if isinstance(value, dict) and value:
         for key, item in value.items():
-            yield from flat(item, f"{name}.{key}".lstrip("."))
+            yield from flatten(item, f"{name}.{key}".lstrip("."))
     elif isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
         for index, item in enumerate(value):
-            yield from flat(item, f"{name}[{index}]")
+            yield from flatten(item, f"{name}[{index}]")
     else:
         yield name, value
 
 
-def deployment(made: Made) -> Html:
+def deployment_listing(files: RunFiles) -> Html:
     """TOML listing of the deployment as it was run, one collapsible block for each table."""
-    if made.deployment is None:
-        if not made.keys:
+    if files.deployment is None:
+        if not files.deployment_keys:
             return tag("p", "There is no deployment.json beside the summary.", class_="soft")
         why = "It is of another version of skinnet, so that its defaults are not known."
-        return join(tag("p", why, class_="soft"), pairs(flat(made.keys)))
+        return join(tag("p", why, class_="soft"), pairs_table(flatten(files.deployment_keys)))
     folds = []
-    for part in sections(made.deployment):
+    for part in sections(files.deployment):
         summary = tag("summary", tag("code", part.title), tag("span", part.note, class_="count"))
         text = tag("pre", *map(_line, part.lines), class_="toml", tabindex=0)
         folds.append(tag("details", summary, tag("div", text, class_="inside flush")))

@@ -11,24 +11,24 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
-from skinnet.report.units import Quantity, quantity, shown
+from skinnet.report.units import Quantity, format_value, parse_quantity
 
 __all__ = [
-    "Against",
-    "Below",
     "Between",
     "Claim",
-    "Compared",
+    "ClaimComparison",
+    "ElementwiseInequality",
     "Equals",
     "Expectation",
-    "Near",
+    "LessThanMetrics",
+    "RelativeTolerance",
     "Verdict",
-    "judge",
+    "evaluate_claim",
     "setting",
-    "together",
+    "summarise_seeds",
 ]
 
-Figures = dict[str, Any]
+Metrics = dict[str, Any]
 _NO_BREAK = "\u00a0"
 
 
@@ -37,14 +37,14 @@ class Verdict(Enum):
 
     WITHIN = "within"
     OUTSIDE = "outside"
-    BESIDE = "no expectation"
+    NO_EXPECTATION = "no expectation"
     UNMEASURED = "not measured"
 
 
 class Expectation(Protocol):
     """Expectation as a rule over metrics."""
 
-    def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
+    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
         """Test the metrics `names` against the rule; None if another metric that it needs is missing."""
 
     def text(self, unit: str, scale: float) -> str:
@@ -57,13 +57,13 @@ class Equals:
 
     value: bool | int | str
 
-    def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
+    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
         """Test the rule; see `Expectation.holds`."""
-        return all(figures[name] == self.value for name in names)
+        return all(metrics[name] == self.value for name in names)
 
     def text(self, unit: str, scale: float) -> str:
         """Rule in words; see `Expectation.text`."""
-        return _with(shown(self.value, scale), "" if isinstance(self.value, bool | str) else unit)
+        return _with_unit(format_value(self.value, scale), "" if isinstance(self.value, bool | str) else unit)
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class Between:
     low: float | None = None
     high: float | None = None
 
-    def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
+    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
         """Test the rule; see `Expectation.holds`."""
-        values: list[float] = [figures[name] for name in names]
+        values: list[float] = [metrics[name] for name in names]
         above = self.low is None or min(values) >= self.low
         return above and (self.high is None or max(values) <= self.high)
 
@@ -83,67 +83,67 @@ class Between:
         """Rule in words; see `Expectation.text`."""
         if self.low is None or self.high is None:
             word, end = ("at most", self.high) if self.low is None else ("at least", self.low)
-            return f"{word} {_with(shown(end, scale), unit)}"
-        return f"{shown(self.low, scale)} to {_with(shown(self.high, scale), unit)}"
+            return f"{word} {_with_unit(format_value(end, scale), unit)}"
+        return f"{format_value(self.low, scale)} to {_with_unit(format_value(self.high, scale), unit)}"
 
 
 @dataclass(frozen=True)
-class Below:
-    """Order: every metric is less than each of `others`, named `called` in the text."""
+class LessThanMetrics:
+    """Order: every metric is less than each of `others`, named `reference_name` in the text."""
 
     others: tuple[str, ...]
-    called: str
+    reference_name: str
 
-    def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
+    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
         """Test the rule; see `Expectation.holds`."""
-        if any(name not in figures for name in self.others):
+        if any(name not in metrics for name in self.others):
             return None
-        return bool(max(figures[name] for name in names) < min(figures[name] for name in self.others))
+        return bool(max(metrics[name] for name in names) < min(metrics[name] for name in self.others))
 
     def text(self, unit: str, scale: float) -> str:
         """Rule in words; see `Expectation.text`."""
-        return f"less than {self.called}"
+        return f"less than {self.reference_name}"
 
 
 @dataclass(frozen=True)
-class Against:
-    """Order against values: every metric is more (or less) than its entry of `values`, named `called`."""
+class ElementwiseInequality:
+    """Order against values: every metric is more (or less) than in `values`, named `reference_name`."""
 
     values: tuple[float, ...]
-    more: bool
-    called: str
+    greater: bool
+    reference_name: str
 
-    def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
+    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
         """Test the rule; see `Expectation.holds`."""
-        pairs = zip((figures[name] for name in names), self.values, strict=True)
-        return all((here > value) if self.more else (here < value) for here, value in pairs)
+        pairs = zip((metrics[name] for name in names), self.values, strict=True)
+        return all((here > value) if self.greater else (here < value) for here, value in pairs)
 
     def text(self, unit: str, scale: float) -> str:
         """Rule in words; see `Expectation.text`."""
-        values = ", ".join(shown(value, scale) for value in self.values)
-        return f"{'more' if self.more else 'less'} than {self.called}: {_with(values, unit)}"
+        values = ", ".join(format_value(value, scale) for value in self.values)
+        return f"{'more' if self.greater else 'less'} than {self.reference_name}: {_with_unit(values, unit)}"
 
 
 @dataclass(frozen=True)
-class Near:
-    """Relative tolerance: every metric is within `share` of its counterpart in `others`, named `called`."""
+class RelativeTolerance:
+    """Relative tolerance: every metric is within `tolerance` of that in `others`, named `reference_name`."""
 
     others: tuple[str, ...]
-    share: float
-    called: str
+    tolerance: float
+    reference_name: str
 
-    def holds(self, names: tuple[str, ...], figures: Figures) -> bool | None:
+    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
         """Test the rule; see `Expectation.holds`."""
-        if any(name not in figures for name in self.others):
+        if any(name not in metrics for name in self.others):
             return None
         return all(
-            abs(figures[name] - figures[other]) <= self.share * abs(figures[other])
+            abs(metrics[name] - metrics[other]) <= self.tolerance * abs(metrics[other])
             for name, other in zip(names, self.others, strict=True)
         )
 
     def text(self, unit: str, scale: float) -> str:
         """Rule in words; see `Expectation.text`."""
-        return f"within {100 * self.share:g} % of {self.called}"
+        return f"within {100 * self.tolerance:g} % of {self.reference_name}"
 
 
 @dataclass(frozen=True)
@@ -151,28 +151,28 @@ class Claim:
     """Claim of a source, and the metrics of a run to compare with it.
 
     Attributes:
-        what: Subject of the claim.
-        says: Published value, in the source's words or numbers.
+        subject: Subject of the claim.
+        published: Published value, in the source's words or numbers.
         source: Key of the source, as in `papers.SOURCES`.
-        place: Section, table or figure of the source.
-        figures: Names of the metrics to compare.
+        location: Section, table or figure of the source.
+        metrics: Names of the metrics to compare.
         expected: Rule that the metrics must keep; None where nothing can be expected.
         note: Reason for the expectation, where needed.
-        when: Settings of the deployment (dotted key, allowed values) to which the claim applies.
+        conditions: Settings of the deployment (dotted key, allowed values) to which the claim applies.
     """
 
-    what: str
-    says: str
+    subject: str
+    published: str
     source: str
-    place: str
-    figures: tuple[str, ...]
+    location: str
+    metrics: tuple[str, ...]
     expected: Expectation | None = None
     note: str = ""
-    when: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    conditions: tuple[tuple[str, tuple[Any, ...]], ...] = ()
 
 
 @dataclass(frozen=True)
-class Compared:
+class ClaimComparison:
     """Claim compared with the metrics of a run."""
 
     claim: Claim
@@ -181,42 +181,42 @@ class Compared:
     verdict: Verdict
 
     @property
-    def here(self) -> str:
+    def measured_text(self) -> str:
         """Measured values as text."""
-        meant = _meant(self.claim)
+        meant = _quantity_of(self.claim)
         if any(value is None for value in self.values):
             return "–"
-        text = ", ".join(shown(value, meant.scale) for value in self.values)
-        return _with(text, meant.unit if _are_numbers(self.values) else "")
+        text = ", ".join(format_value(value, meant.scale) for value in self.values)
+        return _with_unit(text, meant.unit if _are_numbers(self.values) else "")
 
 
-def judge(claim: Claim, figures: Figures, deployment: dict[str, Any]) -> Compared | None:
+def evaluate_claim(claim: Claim, metrics: Metrics, deployment: dict[str, Any]) -> ClaimComparison | None:
     """Compare `claim` with the metrics of a run of `deployment`; None if it does not apply to that."""
-    if any(setting(deployment, key) not in allowed for key, allowed in claim.when):
+    if any(setting(deployment, key) not in allowed for key, allowed in claim.conditions):
         return None
-    meant = _meant(claim)
+    meant = _quantity_of(claim)
     expected = "–" if claim.expected is None else claim.expected.text(meant.unit, meant.scale)
-    values = tuple(figures.get(name) for name in claim.figures)
+    values = tuple(metrics.get(name) for name in claim.metrics)
     if any(value is None for value in values):
-        return Compared(claim, values, expected, Verdict.UNMEASURED)
+        return ClaimComparison(claim, values, expected, Verdict.UNMEASURED)
     if claim.expected is None:
-        return Compared(claim, values, expected, Verdict.BESIDE)
+        return ClaimComparison(claim, values, expected, Verdict.NO_EXPECTATION)
     try:
-        holds = claim.expected.holds(claim.figures, figures)
+        holds = claim.expected.holds(claim.metrics, metrics)
     except TypeError:  # in the version that made this run, the metric was not a number
         holds = None
     verdict = Verdict.UNMEASURED if holds is None else Verdict.WITHIN if holds else Verdict.OUTSIDE
-    return Compared(claim, values, expected, verdict)
+    return ClaimComparison(claim, values, expected, verdict)
 
 
-def together(runs: Sequence[Compared]) -> str:
+def summarise_seeds(runs: Sequence[ClaimComparison]) -> str:
     """Metrics of several runs for one claim: range of numbers, or counts of other values."""
-    meant = _meant(runs[0].claim)
+    meant = _quantity_of(runs[0].claim)
     values = [value for run in runs for value in run.values if value is not None]
     if _are_numbers(values):
-        ends = dict.fromkeys((shown(min(values), meant.scale), shown(max(values), meant.scale)))
-        return _with(" to ".join(ends), meant.unit)
-    counts = Counter(map(shown, values)).most_common()
+        ends = dict.fromkeys((format_value(min(values), meant.scale), format_value(max(values), meant.scale)))
+        return _with_unit(" to ".join(ends), meant.unit)
+    counts = Counter(map(format_value, values)).most_common()
     return ", ".join(f"{value}: {count}" for value, count in counts) or "–"
 
 
@@ -228,13 +228,13 @@ def setting(deployment: dict[str, Any], key: str) -> Any:
     return value
 
 
-def _meant(claim: Claim) -> Quantity:
-    return quantity(claim.figures[0].partition(".")[2])
+def _quantity_of(claim: Claim) -> Quantity:
+    return parse_quantity(claim.metrics[0].partition(".")[2])
 
 
 def _are_numbers(values: Sequence[Any]) -> bool:
     return bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
 
 
-def _with(text: str, unit: str) -> str:
+def _with_unit(text: str, unit: str) -> str:
     return f"{text}{'' if unit == '°' else _NO_BREAK}{unit}" if unit else text

@@ -8,13 +8,23 @@ import msgspec
 
 from skinnet.deployment import Deployment
 from skinnet.errors import RunFolderError
-from skinnet.report.claims import Compared, judge
-from skinnet.report.derived import derived
+from skinnet.report.claims import ClaimComparison, evaluate_claim
+from skinnet.report.derived import deployment_metrics
 from skinnet.report.papers import CLAIMS
-from skinnet.report.pictures import Picture, pictures_of
-from skinnet.run.outcome import Fault, ProcessReport
+from skinnet.report.pictures import Picture, read_pictures
+from skinnet.run.outcome import ProcessFailure, ProcessReport
 
-__all__ = ["Made", "Results", "Run", "Seeds", "Stress", "StressSummary", "Summary", "collect", "compare"]
+__all__ = [
+    "Results",
+    "RunFiles",
+    "RunResults",
+    "SeedResults",
+    "StressResults",
+    "StressSummary",
+    "Summary",
+    "evaluate_claims",
+    "read_run_folder",
+]
 
 T = TypeVar("T")
 
@@ -34,7 +44,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     rtf: float
     late_frames: int
     processes: tuple[ProcessReport, ...]
-    faults: tuple[Fault, ...]
+    faults: tuple[ProcessFailure, ...]
     counters: dict[str, dict[str, Any]]
     figures: dict[str, Any]
     environment: dict[str, Any] = {}
@@ -54,57 +64,57 @@ class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Made:
+class RunFiles:
     """Deployment and pictures beside a summary in its folder.
 
     Attributes:
         deployment: Deployment as it was run; None if absent, or of a version with other keys.
-        keys: Deployment as plain data; empty if absent.
+        deployment_keys: Deployment as plain data; empty if absent.
         pictures: Readable pictures.
-        damaged: Names of PNG files that are not valid.
+        damaged_files: Names of PNG files that are not valid.
     """
 
     deployment: Deployment | None = None
-    keys: dict[str, Any] = field(default_factory=dict)
+    deployment_keys: dict[str, Any] = field(default_factory=dict)
     pictures: tuple[Picture, ...] = ()
-    damaged: tuple[str, ...] = ()
+    damaged_files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class Run:
+class RunResults:
     """Results of one run: summary, unknown summary keys, all metrics, files, and comparison with papers."""
 
     name: str
     summary: Summary
-    others: dict[str, Any]
-    figures: dict[str, Any]
-    made: Made
-    compared: tuple[Compared, ...]
+    unknown_keys: dict[str, Any]
+    metrics: dict[str, Any]
+    files: RunFiles
+    comparisons: tuple[ClaimComparison, ...]
 
 
 @dataclass(frozen=True)
-class Seeds:
+class SeedResults:
     """Results of several seeds of one deployment."""
 
     name: str
-    runs: tuple[Run, ...]
+    runs: tuple[RunResults, ...]
 
 
 @dataclass(frozen=True)
-class Stress:
+class StressResults:
     """Results of a sweep of `skinnet stress`."""
 
     name: str
     summary: StressSummary
-    figures: dict[str, Any]
-    made: Made
-    compared: tuple[Compared, ...]
+    metrics: dict[str, Any]
+    files: RunFiles
+    comparisons: tuple[ClaimComparison, ...]
 
 
-Results: TypeAlias = Run | Seeds | Stress
+Results: TypeAlias = RunResults | SeedResults | StressResults
 
 
-def collect(folder: Path) -> Results:
+def read_run_folder(folder: Path) -> Results:
     """Read the results in a run folder.
 
     Raises:
@@ -114,23 +124,27 @@ def collect(folder: Path) -> Results:
         raise RunFolderError(f"{folder}: there is no such folder; give one that skinnet run or stress wrote")
     name = folder.resolve().name
     if (folder / "stress.json").exists():
-        return _stress(folder, name)
+        return _read_stress(folder, name)
     if not (folder / "summary.json").exists():
-        raise RunFolderError(f"{folder}: {_why_unfinished(folder)}")
+        raise RunFolderError(f"{folder}: {_unfinished_reason(folder)}")
     source = folder / "summary.json"
     raw = _read(source)
     if "runs" not in raw:
-        return _run(name, source, raw, _made(folder))
+        return _read_run(name, source, raw, _read_files(folder))
     rows = raw["runs"]
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise RunFolderError(f"{source}: damaged: runs must be a list of summaries")
     names = [f"seed-{row.get('seed')}" for row in rows]
-    return Seeds(
-        name, tuple(_run(one, source, row, _made(folder / one)) for one, row in zip(names, rows, strict=True))
+    return SeedResults(
+        name,
+        tuple(
+            _read_run(one, source, row, _read_files(folder / one))
+            for one, row in zip(names, rows, strict=True)
+        ),
     )
 
 
-def _why_unfinished(folder: Path) -> str:
+def _unfinished_reason(folder: Path) -> str:
     if (folder / "deployment.json").exists():
         logs = f"; {folder / 'logs'} has its last words" if (folder / "logs").is_dir() else ""
         return f"there is no summary.json: the run failed, was stopped, or is still going on{logs}"
@@ -141,37 +155,48 @@ def _why_unfinished(folder: Path) -> str:
     return "no run folder: it has neither summary.json nor stress.json"
 
 
-def _run(name: str, source: Path, raw: dict[str, Any], made: Made) -> Run:
+def _read_run(name: str, source: Path, raw: dict[str, Any], files: RunFiles) -> RunResults:
     summary = _convert(raw, Summary, source)
     others = {key: value for key, value in raw.items() if key not in Summary.__struct_fields__}
-    figures = derived(made.deployment) | summary.figures
-    return Run(name, summary, others, figures, made, compare(summary.deployment, figures, made.keys))
+    figures = deployment_metrics(files.deployment) | summary.figures
+    return RunResults(
+        name,
+        summary,
+        others,
+        figures,
+        files,
+        evaluate_claims(summary.deployment, figures, files.deployment_keys),
+    )
 
 
-def _stress(folder: Path, name: str) -> Stress:
+def _read_stress(folder: Path, name: str) -> StressResults:
     source = folder / "stress.json"
     summary = _convert(_read(source), StressSummary, source)
-    made = _made(folder)
-    figures = derived(made.deployment) | summary.figures
-    return Stress(name, summary, figures, made, compare(summary.deployment, figures, made.keys))
+    made = _read_files(folder)
+    figures = deployment_metrics(made.deployment) | summary.figures
+    return StressResults(
+        name, summary, figures, made, evaluate_claims(summary.deployment, figures, made.deployment_keys)
+    )
 
 
-def _made(folder: Path) -> Made:
-    pictures, damaged = pictures_of(folder)
+def _read_files(folder: Path) -> RunFiles:
+    pictures, damaged = read_pictures(folder)
     source = folder / "deployment.json"
     if not source.exists():
-        return Made(None, {}, tuple(pictures), tuple(damaged))
+        return RunFiles(None, {}, tuple(pictures), tuple(damaged))
     keys = _read(source)
     try:
         deployment = msgspec.convert(keys, Deployment)
     except msgspec.ValidationError:
         deployment = None
-    return Made(deployment, keys, tuple(pictures), tuple(damaged))
+    return RunFiles(deployment, keys, tuple(pictures), tuple(damaged))
 
 
-def compare(name: str, figures: dict[str, Any], keys: dict[str, Any]) -> tuple[Compared, ...]:
-    """Compare the papers' claims on deployment `name` with the metrics of a run with the settings `keys`."""
-    found = (judge(claim, figures, keys) for claim in CLAIMS.get(name, ()))
+def evaluate_claims(
+    name: str, metrics: dict[str, Any], deployment_keys: dict[str, Any]
+) -> tuple[ClaimComparison, ...]:
+    """Compare the papers' claims on deployment `name` with a run's metrics and its `deployment_keys`."""
+    found = (evaluate_claim(claim, metrics, deployment_keys) for claim in CLAIMS.get(name, ()))
     return tuple(compared for compared in found if compared is not None)
 
 

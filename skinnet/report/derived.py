@@ -4,13 +4,13 @@ from typing import Any
 
 from skinnet.deployment import Deployment
 
-__all__ = ["derived"]
+__all__ = ["deployment_metrics"]
 
-_RUNS = 2
+_EXPLORATION_PASSES = 2
 """Runs of the structural exploration: every DoF forth, then every DoF back [M14, III.A]."""
 
 
-def derived(deployment: Deployment | None) -> dict[str, Any]:
+def deployment_metrics(deployment: Deployment | None) -> dict[str, Any]:
     """Sizes and rates of a deployment under metric names; empty for None."""
     if deployment is None:
         return {}
@@ -29,5 +29,5 @@ def derived(deployment: Deployment | None) -> dict[str, Any]:
     figures["size.control_rate_hz"] = 1e3 / deployment.controller.period_ms
     stages = (deployment.controller.stages.get(name) for name in deployment.controller.program)
     if any(stage is not None and stage.kind == "structure" for stage in stages):
-        figures["structure.steps"] = _RUNS * len(deployment.body.joints)
+        figures["structure.steps"] = _EXPLORATION_PASSES * len(deployment.body.joints)
     return figures

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
 
-from skinnet.report.units import quantity, shown
+from skinnet.report.units import format_value, parse_quantity
 
-__all__ = ["Group", "Row", "groups", "spread"]
+__all__ = ["MetricGroup", "QuantityRow", "group_metrics", "group_over_seeds"]
 
 _STATISTICS = ("", "start", "p50", "p99", "p999", "min", "max", "peak", "end")
 """Statistics, as the last segment of a metric's name; the empty one is the quantity itself."""
-_SPREAD = ("least", "median", "greatest")
+_SEED_STATISTICS = ("least", "median", "greatest")
 _TITLES = {
     "": "The sweep",
     "clock": "Clock-driven, all cells",
@@ -39,7 +39,7 @@ _TITLES = {
 
 
 @dataclass(frozen=True)
-class Row:
+class QuantityRow:
     """Quantity of a group: dotted name with the group's, label, unit, and texts by statistic."""
 
     name: str
@@ -49,31 +49,31 @@ class Row:
 
 
 @dataclass
-class Group:
+class MetricGroup:
     """Group of quantities: those with a single value, and those with several statistics."""
 
     key: str
     title: str
-    values: list[Row] = field(default_factory=list)
-    statistics: list[Row] = field(default_factory=list)
+    values: list[QuantityRow] = field(default_factory=list)
+    statistics: list[QuantityRow] = field(default_factory=list)
 
     @property
     def columns(self) -> list[str]:
         """Statistics present in any row, in order."""
         used = {name for row in self.statistics for name in row.texts}
-        return [name for name in (*_STATISTICS, *_SPREAD) if name in used]
+        return [name for name in (*_STATISTICS, *_SEED_STATISTICS) if name in used]
 
 
-def groups(figures: dict[str, Any], titles: dict[str, str] | None = None) -> list[Group]:
+def group_metrics(metrics: dict[str, Any], titles: dict[str, str] | None = None) -> list[MetricGroup]:
     """Group metrics, in the order of their first occurrence; `titles` by group key precede the usual ones."""
     stems: dict[tuple[str, str], dict[str, Any]] = {}
-    for name, value in figures.items():
-        key, rest = _parted(name)
+    for name, value in metrics.items():
+        key, rest = _split_group(name)
         stem, _, last = rest.rpartition(".")
         if not stem or last not in _STATISTICS:
             stem, last = rest, ""
         stems.setdefault((key, stem), {})[last] = value
-    found: dict[str, Group] = {}
+    found: dict[str, MetricGroup] = {}
     for (key, stem), values in stems.items():
         group = _group(found, key, titles)
         if len(values) > 1:
@@ -84,40 +84,42 @@ def groups(figures: dict[str, Any], titles: dict[str, str] | None = None) -> lis
     return list(found.values())
 
 
-def spread(runs: Sequence[dict[str, Any]], titles: dict[str, str] | None = None) -> list[Group]:
+def group_over_seeds(
+    runs: Sequence[dict[str, Any]], titles: dict[str, str] | None = None
+) -> list[MetricGroup]:
     """Group the metrics of several runs: least, median and greatest of numbers, counts of other values."""
-    found: dict[str, Group] = {}
+    found: dict[str, MetricGroup] = {}
     for name in dict.fromkeys(name for figures in runs for name in figures):
         values = [figures[name] for figures in runs if figures.get(name) is not None]
-        key, stem = _parted(name)
+        key, stem = _split_group(name)
         group = _group(found, key, titles)
         if values and all(_is_number(value) for value in values):
             told = {"least": min(values), "median": median(values), "greatest": max(values)}
             group.statistics.append(_row(key, stem, stem, told))
         else:
-            counts = Counter(map(shown, values))
+            counts = Counter(map(format_value, values))
             text = ", ".join(f"{value}: {count}" for value, count in counts.most_common())
             group.values.append(_row(key, stem, stem, {"": text}))
     return list(found.values())
 
 
-def _parted(name: str) -> tuple[str, str]:
+def _split_group(name: str) -> tuple[str, str]:
     key, dot, rest = name.partition(".")
     return (key, rest) if dot else ("", name)
 
 
-def _group(found: dict[str, Group], key: str, titles: dict[str, str] | None) -> Group:
+def _group(found: dict[str, MetricGroup], key: str, titles: dict[str, str] | None) -> MetricGroup:
     title = (titles or {}).get(key) or _TITLES.get(key) or key.replace("_", " ").capitalize()
-    return found.setdefault(key, Group(key, title))
+    return found.setdefault(key, MetricGroup(key, title))
 
 
-def _row(key: str, stem: str, name: str, values: dict[str, Any]) -> Row:
+def _row(key: str, stem: str, name: str, values: dict[str, Any]) -> QuantityRow:
     """Row of a quantity; a single statistic becomes part of the label."""
-    meant = quantity(stem)
+    meant = parse_quantity(stem)
     label = meant.label if name == stem else f"{meant.label}, {name.rpartition('.')[2]}"
     measured = any(_is_number(item) for value in values.values() for item in _items(value))
-    texts = {statistic: shown(value, meant.scale) for statistic, value in values.items()}
-    return Row(f"{key}.{name}".lstrip("."), label, meant.unit if measured else "", texts)
+    texts = {statistic: format_value(value, meant.scale) for statistic, value in values.items()}
+    return QuantityRow(f"{key}.{name}".lstrip("."), label, meant.unit if measured else "", texts)
 
 
 def _items(value: Any) -> Sequence[Any]:

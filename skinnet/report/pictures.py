@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Picture", "pictures_of"]
+__all__ = ["Picture", "read_pictures"]
 
 _BEGIN, _END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _CAPTIONS = {
@@ -49,7 +49,7 @@ class Picture:
     data: bytes
 
 
-def pictures_of(folder: Path) -> tuple[list[Picture], list[str]]:
+def read_pictures(folder: Path) -> tuple[list[Picture], list[str]]:
     """Read the PNG pictures in `folder`; return also the names of files that are not valid PNG."""
     order = list(_CAPTIONS)
     names = sorted(

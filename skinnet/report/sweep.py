@@ -3,13 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
-from skinnet.report.blocks import cards
-from skinnet.report.collect import Stress
-from skinnet.report.groups import Group, groups
+from skinnet.report.blocks import metric_cards
+from skinnet.report.collect import StressResults
+from skinnet.report.groups import MetricGroup, group_metrics
 from skinnet.report.markup import Html, join, tag
-from skinnet.report.units import quantity, shown
+from skinnet.report.units import format_value, parse_quantity
 
-__all__ = ["is_of_a_point", "is_threshold", "of_each_point", "points", "thresholds"]
+__all__ = ["belongs_to_point", "is_threshold", "point_metrics", "points_table", "thresholds_table"]
 
 _COLUMNS = (
     ("packets_per_s", "packets/s"),
@@ -34,18 +34,22 @@ def is_threshold(name: str) -> bool:
     return key in dict(_THRESHOLDS) and rest in dict(_MODALITIES)
 
 
-def is_of_a_point(name: str, stress: Stress) -> bool:
+def belongs_to_point(name: str, stress: StressResults) -> bool:
     """Test whether a metric belongs to a single point; names of points have dots in them."""
     return any(name.startswith(f"{point}.") for point in stress.summary.points)
 
 
-def points(stress: Stress) -> Html:
+def points_table(stress: StressResults) -> Html:
     """Table of points, in the order in which they ran."""
     rows = []
     for name in stress.summary.points:
-        own = _own(stress, name)
+        own = _metrics_of(stress, name)
         cells = [
-            tag("td", shown(own.get(key), quantity(key).scale) + _percent(key, own), class_="number")
+            tag(
+                "td",
+                format_value(own.get(key), parse_quantity(key).scale) + _percent(key, own),
+                class_="number",
+            )
             for key, _ in _COLUMNS
         ]
         why = stress.summary.failed.get(name)
@@ -57,14 +61,14 @@ def points(stress: Stress) -> Html:
     return _table(("point", *(title for _, title in _COLUMNS)), rows)
 
 
-def thresholds(stress: Stress) -> Html | None:
+def thresholds_table(stress: StressResults) -> Html | None:
     """Table of send-on-delta thresholds beside the noise of their sensors."""
     rows = []
     for modality, unit in _MODALITIES:
-        values = [stress.figures.get(f"{key}.{modality}") for key, _ in _THRESHOLDS]
+        values = [stress.metrics.get(f"{key}.{modality}") for key, _ in _THRESHOLDS]
         if any(value is not None for value in values):
             units = (unit, unit, "σ")
-            texts = (f"{shown(v)} {u}".rstrip() for v, u in zip(values, units, strict=True))
+            texts = (f"{format_value(v)} {u}".rstrip() for v, u in zip(values, units, strict=True))
             cells = (tag("td", text, class_="number") for text in texts)
             rows.append(tag("tr", tag("th", modality, scope="row"), *cells))
     if not rows:
@@ -72,42 +76,46 @@ def thresholds(stress: Stress) -> Html | None:
     return _table(("thresholds of send-on-delta", *(title for _, title in _THRESHOLDS)), rows)
 
 
-def of_each_point(stress: Stress) -> Html:
+def point_metrics(stress: StressResults) -> Html:
     """Metrics of every point, one collapsible block for each."""
     folds = []
     for name in stress.summary.points:
-        own = _own(stress, name)
+        own = _metrics_of(stress, name)
         if own:
             head = tag("summary", tag("code", name), tag("span", f"{len(own)} figures", class_="count"))
-            folds.append(tag("details", head, tag("div", cards(_grouped(name, own)), class_="inside")))
+            folds.append(
+                tag("details", head, tag("div", metric_cards(_metric_groups(name, own)), class_="inside"))
+            )
     return join(*folds)
 
 
-def _own(stress: Stress, point: str) -> dict[str, Any]:
+def _metrics_of(stress: StressResults, point: str) -> dict[str, Any]:
     prefix = f"{point}."
     return {
-        name.removeprefix(prefix): value for name, value in stress.figures.items() if name.startswith(prefix)
+        name.removeprefix(prefix): value for name, value in stress.metrics.items() if name.startswith(prefix)
     }
 
 
-def _grouped(point: str, own: dict[str, Any]) -> list[Group]:
+def _metric_groups(point: str, own: dict[str, Any]) -> list[MetricGroup]:
     """Metric groups of a point: those of the skin, and those of the computer."""
     parted: dict[str, dict[str, Any]] = {"skin": {}, "machine": {}}
     for name, value in own.items():
-        kind = "machine" if name.partition(".")[0] in _MACHINE else "skin"
+        kind = "machine" if name.partition(".")[0] in _COMPUTER_METRICS else "skin"
         parted[kind][f"{point.replace('.', '_')}.{name}"] = value
     return [
         replace(group, key="", title=title.capitalize())
         for title, figures in parted.items()
-        for group in groups(figures)
+        for group in group_metrics(figures)
     ]
 
 
-_MACHINE = frozenset({"cores", "cpu", "machine_us", "others_cores", "peak_mb", "rtf", "zenoh_bytes_per_s"})
+_COMPUTER_METRICS = frozenset(
+    {"cores", "cpu", "machine_us", "others_cores", "peak_mb", "rtf", "zenoh_bytes_per_s"}
+)
 
 
 def _percent(key: str, own: dict[str, Any]) -> str:
-    return "\u202f%" if quantity(key).unit == "%" and key in own else ""
+    return "\u202f%" if parse_quantity(key).unit == "%" and key in own else ""
 
 
 def _table(heads: tuple[str, ...], rows: list[Html]) -> Html:

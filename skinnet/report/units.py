@@ -7,7 +7,7 @@ here.
 import math
 from typing import Any, NamedTuple
 
-__all__ = ["Quantity", "number", "quantity", "shown"]
+__all__ = ["Quantity", "format_number", "format_value", "parse_quantity"]
 
 _UNITS = {
     "c": "°C",
@@ -30,7 +30,7 @@ _UNITS = {
 }
 _RATES = {"rad": "rad/s", "m": "m/s", "per": "1/s"}
 """Rate units by the word before a last `s`."""
-_WHOLE = {
+_SEGMENT_UNITS = {
     "cores": "cores",
     "cpu": "CPU s per s",
     "delta_sigmas": "σ",
@@ -39,7 +39,7 @@ _WHOLE = {
     "sign_agreement": "%",
 }
 """Units of segments that are a quantity without a unit suffix."""
-_WORDS = {
+_ABBREVIATIONS = {
     "cop": "centre of pressure",
     "cpu": "CPU",
     "dev": "deviation",
@@ -49,8 +49,8 @@ _WORDS = {
 }
 """Abbreviations in names, written out."""
 _SPACE = "\u202f"
-_MANY = 1e4
-_FEW = 1e-3
+_GROUP_DIGITS_FROM = 1e4
+_SCIENTIFIC_BELOW = 1e-3
 
 
 class Quantity(NamedTuple):
@@ -61,14 +61,14 @@ class Quantity(NamedTuple):
     scale: float = 1.0
 
 
-def quantity(name: str) -> Quantity:
+def parse_quantity(name: str) -> Quantity:
     """Quantity of a dotted metric name without its group and statistic."""
     words, unit = [], ""
     for segment in name.split("."):
-        known = _WHOLE.get(segment)
+        known = _SEGMENT_UNITS.get(segment)
         label, found = (segment.split("_"), known) if known else _split(segment)
         unit = unit or found
-        words.append(" ".join(_WORDS.get(word, word) for word in label))
+        words.append(" ".join(_ABBREVIATIONS.get(word, word) for word in label))
     return Quantity(", ".join(word for word in words if word), unit, 100.0 if unit == "%" else 1.0)
 
 
@@ -82,35 +82,35 @@ def _split(segment: str) -> tuple[list[str], str]:
     return words, ""
 
 
-def shown(value: Any, scale: float = 1.0) -> str:
+def format_value(value: Any, scale: float = 1.0) -> str:
     """Text of a metric value: floats to four digits, thousands separated, yes or no, lists by comma."""
     match value:
         case bool():
             return "yes" if value else "no"
         case int() | float():
-            return number(value if scale == 1.0 else value * scale)
+            return format_number(value if scale == 1.0 else value * scale)
         case None | "":
             return "–"
         case list() | tuple():
-            return ", ".join(shown(item, scale) for item in value) or "none"
+            return ", ".join(format_value(item, scale) for item in value) or "none"
         case _:
             return str(value)
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Text of a number: integers in full, others to four significant digits."""
-    if isinstance(value, int) or abs(value) >= _MANY:
+    if isinstance(value, int) or abs(value) >= _GROUP_DIGITS_FROM:
         if not math.isfinite(value):
             return str(value)
-        text = f"{value:,.0f}" if abs(value) >= _MANY else str(value)
+        text = f"{value:,.0f}" if abs(value) >= _GROUP_DIGITS_FROM else str(value)
         return _minus(text.replace(",", _SPACE))
-    if value and abs(value) < _FEW:
+    if value and abs(value) < _SCIENTIFIC_BELOW:
         digits, _, exponent = f"{value:.2e}".partition("e")
-        return _minus(f"{digits} × 10{_raised(int(exponent))}")
+        return _minus(f"{digits} × 10{_superscript(int(exponent))}")
     return _minus(f"{value:.4g}")
 
 
-def _raised(exponent: int) -> str:
+def _superscript(exponent: int) -> str:
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 

@@ -15,19 +15,19 @@ from skinnet.errors import ProtocolError
 __all__ = ["Attachment", "gid_of"]
 
 _GID_BYTES = 16
-_LAYOUT = struct.Struct(f"<qqB{_GID_BYTES}s")
+_STRUCT = struct.Struct(f"<qqB{_GID_BYTES}s")
 
 
 class Attachment(NamedTuple):
     """Attachment fields: sequence number, wall time [ns since the epoch], GID of the sender (16 bytes)."""
 
-    sequence: int
-    t_ns: int
+    sequence_number: int
+    source_time_ns: int
     gid: bytes
 
     def pack(self) -> bytes:
         """Encode the attachment (33 bytes)."""
-        return _LAYOUT.pack(self.sequence, self.t_ns, _GID_BYTES, self.gid)
+        return _STRUCT.pack(self.sequence_number, self.source_time_ns, _GID_BYTES, self.gid)
 
     @classmethod
     def unpack(cls, payload: bytes | None) -> "Attachment":
@@ -38,11 +38,11 @@ class Attachment(NamedTuple):
         """
         if payload is None:
             raise ProtocolError("no attachment; publishers of rmw_zenoh send one")
-        if len(payload) != _LAYOUT.size or payload[2 * 8] != _GID_BYTES:
+        if len(payload) != _STRUCT.size or payload[2 * 8] != _GID_BYTES:
             raise ProtocolError(
-                f"an attachment of {len(payload)} bytes; rmw_zenoh since 0.2.4 sends {_LAYOUT.size}"
+                f"an attachment of {len(payload)} bytes; rmw_zenoh since 0.2.4 sends {_STRUCT.size}"
             )
-        sequence, t_ns, _, gid = _LAYOUT.unpack(payload)
+        sequence, t_ns, _, gid = _STRUCT.unpack(payload)
         return cls(sequence, t_ns, gid)
 
 

@@ -8,18 +8,18 @@ The type is `std_msgs/msg/Float64MultiArray` with one velocity [rad/s] for each 
 import numpy as np
 
 from skinnet.errors import ProtocolError
-from skinnet.outside_messages import Velocity
+from skinnet.outside_messages import ExternalVelocity
 from skinnet.ros2.attachment import Attachment, gid_of
 from skinnet.ros2.keys import Entity
-from skinnet.ros2.types import VELOCITIES, decode
+from skinnet.ros2.types import FLOAT64_MULTI_ARRAY, decode
 
-__all__ = ["Control"]
+__all__ = ["VelocityCommandParser"]
 
-_KNOWN = 1000
+_MAX_SENDERS = 1000
 """Maximum number of senders whose names are kept."""
 
 
-class Control:
+class VelocityCommandParser:
     """Velocity command parser; names senders by their liveliness tokens.
 
     Args:
@@ -27,25 +27,25 @@ class Control:
     """
 
     def __init__(self, n_dofs: int) -> None:
-        self.taken = 0
+        self.n_accepted = 0
         """Number of accepted messages."""
-        self.refused = 0
+        self.n_refused = 0
         """Number of refused messages."""
         self._n_dofs = n_dofs
-        self._names: dict[bytes, str] = {}
+        self._sender_names: dict[bytes, str] = {}
 
-    def see(self, token: str, there: bool) -> None:
+    def on_publisher_liveliness(self, token: str, alive: bool) -> None:
         """Update the known senders when a publisher's liveliness token appears or disappears."""
         try:
-            node = Entity.of_token(token).node
+            node = Entity.from_token(token).node
         except ProtocolError:
             return
-        if not there:
-            self._names.pop(gid_of(token), None)
-        elif len(self._names) < _KNOWN:
-            self._names[gid_of(token)] = f"{node.namespace.rstrip('/')}/{node.name}"
+        if not alive:
+            self._sender_names.pop(gid_of(token), None)
+        elif len(self._sender_names) < _MAX_SENDERS:
+            self._sender_names[gid_of(token)] = f"{node.namespace.rstrip('/')}/{node.name}"
 
-    def velocity(self, payload: bytes, attachment: bytes | None) -> Velocity:
+    def parse(self, payload: bytes, attachment: bytes | None) -> ExternalVelocity:
         """Decode and validate a velocity command.
 
         Raises:
@@ -54,14 +54,14 @@ class Control:
         sender = "somebody"
         try:
             gid = Attachment.unpack(attachment).gid
-            sender = self._names.get(gid, f"the publisher {gid.hex()}")
-            data = decode(payload, VELOCITIES).data
+            sender = self._sender_names.get(gid, f"the publisher {gid.hex()}")
+            data = decode(payload, FLOAT64_MULTI_ARRAY).data
             if len(data) != self._n_dofs:
                 raise ProtocolError(f"velocities of {len(data)} joints; the run has {self._n_dofs}")
             if not np.isfinite(data).all():
                 raise ProtocolError("velocities that are not finite")
         except ProtocolError as error:
-            self.refused += 1
+            self.n_refused += 1
             raise ProtocolError(f"{sender}: {error}") from error
-        self.taken += 1
-        return Velocity(velocity_rad_s=data.tolist())
+        self.n_accepted += 1
+        return ExternalVelocity(velocity_rad_s=data.tolist())

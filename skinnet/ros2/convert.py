@@ -7,24 +7,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.links import WORLD, LinkPoses, Links
+from skinnet.body.links import WORLD_FRAME, LinkKinematics, LinkPoses
 from skinnet.clock import NS_PER_S
-from skinnet.ros2.places import Places
-from skinnet.ros2.readings import PROXIMITY, TEMPERATURE, Readings
-from skinnet.ros2.types import CLOCK, DIAGNOSTICS, JOINT_STATE, POINT_CLOUD, TRANSFORMS, make
+from skinnet.ros2.places import CellPoses
+from skinnet.ros2.readings import PROXIMITY, TEMPERATURE, CellReadings
+from skinnet.ros2.types import CLOCK, DIAGNOSTIC_ARRAY, JOINT_STATE, POINT_CLOUD2, TF_MESSAGE, make_message
 
 __all__ = [
     "CELL_POINT",
     "REGION_POINT",
-    "Health",
-    "Level",
+    "ComponentStatus",
+    "DiagnosticLevel",
     "clock",
     "diagnostics",
-    "frame_of",
+    "frame_id",
     "header",
     "joint_state",
-    "points",
-    "regions_of",
+    "point_cloud",
+    "region_points",
     "skin_points",
     "transforms",
 ]
@@ -51,7 +51,7 @@ REGION_POINT = np.dtype(
 """Contact region of a tactile sheet: centre [m], force [N], area [m²], peak pressure [kPa], board, region."""
 
 
-class Level(IntEnum):
+class DiagnosticLevel(IntEnum):
     """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
 
     OK = 0
@@ -60,84 +60,88 @@ class Level(IntEnum):
     STALE = 3
 
 
-class Health(NamedTuple):
+class ComponentStatus(NamedTuple):
     """Diagnostic status of one component: level, message, values by name."""
 
     name: str
-    level: Level
-    line: str
-    figures: Mapping[str, object]
+    level: DiagnosticLevel
+    message: str
+    values: Mapping[str, object]
 
 
-def frame_of(robot: str, link: str) -> str:
+def frame_id(robot: str, link: str) -> str:
     """Frame name of a link."""
     return f"{robot}/{link}"
 
 
 def _time(t_ns: int) -> Any:
-    return make("builtin_interfaces/msg/Time", t_ns // NS_PER_S, t_ns % NS_PER_S)
+    return make_message("builtin_interfaces/msg/Time", t_ns // NS_PER_S, t_ns % NS_PER_S)
 
 
-def header(t_ns: int, frame: str = WORLD) -> Any:
+def header(t_ns: int, frame_id: str = WORLD_FRAME) -> Any:
     """Header with a stamp of simulated time [ns]."""
-    return make("std_msgs/msg/Header", _time(t_ns), frame)
+    return make_message("std_msgs/msg/Header", _time(t_ns), frame_id)
 
 
 def clock(t_ns: int) -> Any:
     """Clock message with simulated time, for nodes that `use_sim_time`."""
-    return make(CLOCK, _time(t_ns))
+    return make_message(CLOCK, _time(t_ns))
 
 
 def joint_state(
     t_ns: int, names: Sequence[str], position_rad: NDArray[np.float64], velocity_rad_s: NDArray[np.float64]
 ) -> Any:
     """JointState with positions and velocities of the controlled joints; efforts are not measured."""
-    return make(JOINT_STATE, header(t_ns, ""), list(names), position_rad, velocity_rad_s, np.empty(0))
+    return make_message(JOINT_STATE, header(t_ns, ""), list(names), position_rad, velocity_rad_s, np.empty(0))
 
 
-def transforms(t_ns: int, robot: str, links: Links, poses: LinkPoses, which: NDArray[np.bool_]) -> Any:
+def transforms(
+    t_ns: int, robot: str, links: LinkKinematics, poses: LinkPoses, which: NDArray[np.bool_]
+) -> Any:
     """TFMessage with poses of the links `which` (n_links,) in the frames of their parents."""
     found = []
     for i in np.flatnonzero(which).tolist():
-        parent = links.parent[i]
-        above = WORLD if parent < 0 else frame_of(robot, links.names[parent])
+        parent = links.parent_index[i]
+        above = WORLD_FRAME if parent < 0 else frame_id(robot, links.names[parent])
         w, x, y, z = poses.quaternion[i].tolist()
-        transform = make(
+        transform = make_message(
             "geometry_msgs/msg/Transform",
-            make("geometry_msgs/msg/Vector3", *poses.offset_m[i].tolist()),
-            make("geometry_msgs/msg/Quaternion", x, y, z, w),
+            make_message("geometry_msgs/msg/Vector3", *poses.offset_m[i].tolist()),
+            make_message("geometry_msgs/msg/Quaternion", x, y, z, w),
         )
         stamped = "geometry_msgs/msg/TransformStamped"
-        found.append(make(stamped, header(t_ns, above), frame_of(robot, links.names[i]), transform))
-    return make(TRANSFORMS, found)
+        found.append(make_message(stamped, header(t_ns, above), frame_id(robot, links.names[i]), transform))
+    return make_message(TF_MESSAGE, found)
 
 
-def skin_points(places: Places, poses: LinkPoses, readings: Readings) -> NDArray[Any]:
+def skin_points(cell_poses: CellPoses, poses: LinkPoses, readings: CellReadings) -> NDArray[Any]:
     """Cell points (n_cells,) of type `CELL_POINT`, world frame."""
-    cloud = np.empty(len(places.cell), dtype=CELL_POINT)
-    cloud["x"], cloud["y"], cloud["z"] = places.cells_m(poses).T
+    cloud = np.empty(len(cell_poses.cell_index), dtype=CELL_POINT)
+    cloud["x"], cloud["y"], cloud["z"] = cell_poses.world_positions_m(poses).T
     force = readings.values[:, :PROXIMITY]
     cloud["force"] = force.max(axis=1, initial=0.0)
     for channel in range(PROXIMITY):
         cloud[f"force{channel}"] = force[:, channel]
     cloud["proximity"] = readings.values[:, PROXIMITY]
     cloud["temperature"] = readings.values[:, TEMPERATURE]
-    cloud["patch"], cloud["cell"] = places.patch, places.cell
+    cloud["patch"], cloud["cell"] = cell_poses.patch_index, cell_poses.cell_index
     return cloud
 
 
-def regions_of(places: Places, poses: LinkPoses, rows: NDArray[Any]) -> NDArray[Any]:
+def region_points(cell_poses: CellPoses, poses: LinkPoses, rows: NDArray[Any]) -> NDArray[Any]:
     """Region points (n,) of type `REGION_POINT`, world frame, from rows of `REGION_ROW`."""
     cloud = np.empty(len(rows), dtype=REGION_POINT)
     xi_m = np.column_stack([rows["xi1_m"], rows["xi2_m"]]).astype(np.float64)
-    cloud["x"], cloud["y"], cloud["z"] = places.on_sheets_m(poses, rows["board"].astype(np.int64), xi_m).T
+    cloud["x"], cloud["y"], cloud["z"] = cell_poses.sheet_points_m(
+        poses, rows["board"].astype(np.int64), xi_m
+    ).T
     for name in ("force_n", "area_m2", "peak_kpa", "board"):
         cloud[name] = rows[name]
     cloud["region"] = rows["number"]
     return cloud
 
 
-def points(t_ns: int, cloud: NDArray[Any]) -> Any:
+def point_cloud(t_ns: int, cloud: NDArray[Any]) -> Any:
     """PointCloud2 of structured points (n,) in frame `world`."""
     dtype, n = cloud.dtype, len(cloud)
     layout = dtype.fields
@@ -146,19 +150,19 @@ def points(t_ns: int, cloud: NDArray[Any]) -> Any:
     for name in layout:
         kind, offset = layout[name][:2]
         field = _FLOAT32 if kind.kind == "f" else _UINT32
-        fields.append(make("sensor_msgs/msg/PointField", name, offset, field, 1))
+        fields.append(make_message("sensor_msgs/msg/PointField", name, offset, field, 1))
     data = np.frombuffer(cloud.tobytes(), dtype=np.uint8)
     step = dtype.itemsize
-    return make(POINT_CLOUD, header(t_ns), 1, n, fields, False, step, n * step, data, True)
+    return make_message(POINT_CLOUD2, header(t_ns), 1, n, fields, False, step, n * step, data, True)
 
 
-def diagnostics(t_ns: int, robot: str, parts: Iterable[Health]) -> Any:
+def diagnostics(t_ns: int, robot: str, components: Iterable[ComponentStatus]) -> Any:
     """DiagnosticArray with the status of the run's components."""
     status = []
-    for part in parts:
+    for part in components:
         pair = "diagnostic_msgs/msg/KeyValue"
-        figures = [make(pair, name, str(value)) for name, value in part.figures.items()]
+        figures = [make_message(pair, name, str(value)) for name, value in part.values.items()]
         name = f"{robot}: {part.name}"
         kind = "diagnostic_msgs/msg/DiagnosticStatus"
-        status.append(make(kind, int(part.level), name, part.line, robot, figures))
-    return make(DIAGNOSTICS, header(t_ns, ""), status)
+        status.append(make_message(kind, int(part.level), name, part.message, robot, figures))
+    return make_message(DIAGNOSTIC_ARRAY, header(t_ns, ""), status)

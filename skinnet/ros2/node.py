@@ -6,14 +6,14 @@ from typing import Any
 
 from skinnet.errors import SkinnetError
 from skinnet.ros2.attachment import Attachment, gid_of
-from skinnet.ros2.keys import Entity, Kind, Node, publishers_of, wire_type
-from skinnet.ros2.qos import Durability, Qos, Reliability
+from skinnet.ros2.keys import Entity, EntityType, NodeInfo, dds_type_name, publisher_tokens_expression
+from skinnet.ros2.qos import Durability, QosProfile, Reliability
 from skinnet.ros2.types import encode, type_hash
-from skinnet.transport.open_session import OnSample, OpenSession, Publisher
+from skinnet.transport.open_session import OnSample, PublicSession, Publisher
 
 __all__ = ["RosNode", "RosPublisher"]
 
-_ASK_S = 5.0
+_QUERY_TIMEOUT_S = 5.0
 
 
 class RosPublisher:
@@ -21,24 +21,24 @@ class RosPublisher:
 
     Attributes:
         entity: Graph entity of the publisher.
-        sent: Number of published messages.
+        n_sent: Number of published messages.
     """
 
     def __init__(self, entity: Entity, publisher: Publisher, clock_ns: Callable[[], int]) -> None:
         self.entity = entity
-        self.sent = 0
-        self._gid = gid_of(entity.token)
+        self.n_sent = 0
+        self._gid = gid_of(entity.liveliness_token)
         self._publisher, self._clock_ns = publisher, clock_ns
 
     @property
-    def wanted(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Matching status: whether there is a subscription."""
-        return self._publisher.wanted
+        return self._publisher.has_subscribers
 
     def publish(self, message: Any) -> None:
         """Publish `message`; subscribers that do not keep up may miss it."""
-        self.sent += 1
-        self._publisher.put(encode(message), Attachment(self.sent, self._clock_ns(), self._gid).pack())
+        self.n_sent += 1
+        self._publisher.put(encode(message), Attachment(self.n_sent, self._clock_ns(), self._gid).pack())
 
 
 class RosNode:
@@ -54,38 +54,42 @@ class RosNode:
         SkinnetError: the domain already has a node of this name.
     """
 
-    def __init__(self, session: OpenSession, domain: int, namespace: str, name: str) -> None:
+    def __init__(self, session: PublicSession, domain: int, namespace: str, name: str) -> None:
         self._session = session
-        self._node = Node(domain, session.zid, 0, namespace, name)
-        self._endpoints = 0
-        own = Entity(self._node, Kind.NODE, 0)
-        anyone = Entity(self._node._replace(session="*"), Kind.NODE, 0).token
-        if session.present(anyone, _ASK_S) - {own.token}:
+        self._node = NodeInfo(domain, session.zid, 0, namespace, name)
+        self._n_endpoints = 0
+        own = Entity(self._node, EntityType.NODE, 0)
+        anyone = Entity(self._node._replace(session_id="*"), EntityType.NODE, 0).liveliness_token
+        if session.liveliness_tokens(anyone, _QUERY_TIMEOUT_S) - {own.liveliness_token}:
             raise SkinnetError(f"{namespace}/{name}: domain {domain} already has a node of that name")
-        session.announce(own.token)
+        session.declare_token(own.liveliness_token)
 
-    def publisher(self, topic: str, type_name: str, qos: Qos) -> RosPublisher:
+    def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> RosPublisher:
         """Declare a publisher on `topic`."""
-        entity = self._endpoint(Kind.PUBLISHER, topic, type_name, qos)
+        entity = self._new_entity(EntityType.PUBLISHER, topic, type_name, qos)
         reliable = qos.reliability is Reliability.RELIABLE
         if qos.durability is Durability.TRANSIENT_LOCAL:
-            sender = self._session.keeping_publisher(entity.key, reliable=reliable, kept=qos.depth)
+            sender = self._session.declare_advanced_publisher(
+                entity.topic_key, reliable=reliable, cache_size=qos.depth
+            )
         else:
-            sender = self._session.publisher(entity.key, reliable=reliable)
-        self._session.announce(entity.token)
+            sender = self._session.declare_publisher(entity.topic_key, reliable=reliable)
+        self._session.declare_token(entity.liveliness_token)
         return RosPublisher(entity, sender, time.time_ns)
 
-    def subscribe(self, topic: str, type_name: str, qos: Qos, on_sample: OnSample) -> None:
+    def create_subscription(self, topic: str, type_name: str, qos: QosProfile, on_sample: OnSample) -> None:
         """Declare a subscription to `topic`; `on_sample` gets the encoded messages."""
-        entity = self._endpoint(Kind.SUBSCRIPTION, topic, type_name, qos)
-        self._session.subscribe(entity.key, on_sample)
-        self._session.announce(entity.token)
+        entity = self._new_entity(EntityType.SUBSCRIPTION, topic, type_name, qos)
+        self._session.declare_subscriber(entity.topic_key, on_sample)
+        self._session.declare_token(entity.liveliness_token)
 
-    def watch_publishers(self, topic: str, on_change: Callable[[str, bool], None]) -> None:
+    def on_publisher_liveliness(self, topic: str, on_change: Callable[[str, bool], None]) -> None:
         """Call `on_change` with the token of each publisher on `topic`, and whether it is alive."""
-        self._session.on_alive(publishers_of(self._node.domain, topic), on_change)
+        self._session.declare_liveliness_subscriber(
+            publisher_tokens_expression(self._node.domain_id, topic), on_change
+        )
 
-    def _endpoint(self, kind: Kind, topic: str, type_name: str, qos: Qos) -> Entity:
-        self._endpoints += 1
-        described = wire_type(type_name), type_hash(type_name), qos.compact
-        return Entity(self._node, kind, self._endpoints, topic, *described)
+    def _new_entity(self, kind: EntityType, topic: str, type_name: str, qos: QosProfile) -> Entity:
+        self._n_endpoints += 1
+        described = dds_type_name(type_name), type_hash(type_name), qos.compact_form
+        return Entity(self._node, kind, self._n_endpoints, topic, *described)

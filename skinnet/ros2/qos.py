@@ -7,7 +7,7 @@ rmw's enumerations; a part with rmw_zenoh's default value stays empty (`qos_to_k
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["Durability", "History", "Qos", "Reliability"]
+__all__ = ["Durability", "History", "QosProfile", "Reliability"]
 
 _DEFAULT_DEPTH = 42
 
@@ -34,7 +34,7 @@ class History(IntEnum):
 
 
 @dataclass(frozen=True)
-class Qos:
+class QosProfile:
     """QoS profile of a publisher or subscription; without deadline, lifespan and lease.
 
     Attributes:
@@ -50,7 +50,7 @@ class Qos:
     depth: int = 10
 
     @property
-    def compact(self) -> str:
+    def compact_form(self) -> str:
         """Compact form, as in tokens."""
         reliability = "" if self.reliability is Reliability.RELIABLE else f"{self.reliability:d}"
         durability = "" if self.durability is Durability.VOLATILE else f"{self.durability:d}"

@@ -10,68 +10,68 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
-from skinnet.messages import FORCE_CHANNELS, READING_NAMES, STREAM_ROW, Events, Stream, Topology, unpack
+from skinnet.messages import N_FORCE_CHANNELS, READING_NAMES, STREAM_ROW, Events, Stream, Topology, unpack
 
-__all__ = ["PROXIMITY", "TEMPERATURE", "Readings", "Tally"]
+__all__ = ["PROXIMITY", "TEMPERATURE", "CellReadings", "DeliveryCounts"]
 
-PROXIMITY = FORCE_CHANNELS
+PROXIMITY = N_FORCE_CHANNELS
 TEMPERATURE = READING_NAMES.index("temperature_c")
-_FIRST = np.array([0, PROXIMITY, PROXIMITY + 1, TEMPERATURE])
+_FIRST_COLUMN = np.array([0, PROXIMITY, PROXIMITY + 1, TEMPERATURE])
 """First reading column of each modality."""
-_WIDTH = np.diff([*_FIRST, len(READING_NAMES)])
+_WIDTH = np.diff([*_FIRST_COLUMN, len(READING_NAMES)])
 
 
-class Tally:
+class DeliveryCounts:
     """Delivery counts of one patch: received events and rows, and losses by sequence number."""
 
     def __init__(self) -> None:
-        self.events = 0
-        self.rows = 0
+        self.n_events = 0
+        self.n_full_readings = 0
         self._first, self._last = 2**62, -1
 
     @property
-    def lost(self) -> int:
+    def n_lost(self) -> int:
         """Lost deliveries between the first and the last received one."""
-        return max(0, self._last + 1 - self._first - self.events - self.rows)
+        return max(0, self._last + 1 - self._first - self.n_events - self.n_full_readings)
 
     def count(self, seq: NDArray[np.int64], *, events: int = 0, rows: int = 0) -> None:
         """Count deliveries with sequence numbers `seq`."""
         if len(seq):
             self._first = min(self._first, int(seq.min()))
             self._last = max(self._last, int(seq.max()))
-        self.events += events
-        self.rows += rows
+        self.n_events += events
+        self.n_full_readings += rows
 
 
-class Readings:
-    """Newest readings of all cells, by patch in the order of `sizes`.
+class CellReadings:
+    """Newest readings of all cells, by patch in the order of `patch_sizes`.
 
     Args:
-        sizes: Number of cells of each patch, by name.
+        patch_sizes: Number of cells of each patch, by name.
 
     Attributes:
         values: (S, 8) newest readings in `READING_NAMES` order, NaN if unknown.
-        reached: (S,) whether a cell is connected to the network.
-        tally: Delivery counts of each patch.
+        connected: (S,) whether a cell is connected to the network.
+        deliveries: Delivery counts of each patch.
     """
 
-    def __init__(self, sizes: Mapping[str, int]) -> None:
-        n = sum(sizes.values())
+    def __init__(self, patch_sizes: Mapping[str, int]) -> None:
+        n = sum(patch_sizes.values())
         self.values = np.full((n, len(READING_NAMES)), np.nan, dtype=np.float32)
         self.values[:, : PROXIMITY + 1] = 0.0
-        self.reached = np.ones(n, dtype=np.bool_)
-        self.tally = {patch: Tally() for patch in sizes}
+        self.connected = np.ones(n, dtype=np.bool_)
+        self.deliveries = {patch: DeliveryCounts() for patch in patch_sizes}
         self._t_ns = np.full(self.values.shape, -1)
-        ends = np.cumsum([0, *sizes.values()]).tolist()
-        self._rows = {patch: slice(*ends[i : i + 2]) for i, patch in enumerate(sizes)}
+        ends = np.cumsum([0, *patch_sizes.values()]).tolist()
+        self._rows = {patch: slice(*ends[i : i + 2]) for i, patch in enumerate(patch_sizes)}
 
-    def add_events(self, patch: str, events: Events) -> None:
+    def apply_events(self, patch: str, events: Events) -> None:
         """Apply events.
 
         Raises:
             ProtocolError: they do not fit the patch.
         """
-        rows = self._of(patch)
+        rows = self._require_patch(patch)
         cell, modality, channel = (np.array(c) for c in (events.cell, events.modality, events.channel))
         t_ns, value = np.array(events.t_sampled_ns), np.array(events.value)
         if not len(cell) == len(modality) == len(channel) == len(t_ns) == len(value) == len(events.seq):
@@ -79,52 +79,52 @@ class Readings:
         if not len(cell):
             return
         self._check(patch, cell)
-        if modality.min() < 0 or modality.max() >= len(_FIRST):
+        if modality.min() < 0 or modality.max() >= len(_FIRST_COLUMN):
             raise ProtocolError(f"events of {patch} of a modality that no cell has")
         if channel.min() < 0 or (channel >= _WIDTH[modality]).any():
             raise ProtocolError(f"events of {patch} of a channel that no cell has")
-        self.tally[patch].count(np.array(events.seq), events=len(cell))
+        self.deliveries[patch].count(np.array(events.seq), events=len(cell))
         order = np.argsort(t_ns, kind="stable")  # of several events of one channel, the newest is last
-        row, column = rows.start + cell[order], (_FIRST[modality] + channel)[order]
+        row, column = rows.start + cell[order], (_FIRST_COLUMN[modality] + channel)[order]
         newer = t_ns[order] >= self._t_ns[row, column]
         at = row[newer], column[newer]
         self.values[at], self._t_ns[at] = value[order][newer], t_ns[order][newer]
 
-    def add_stream(self, patch: str, stream: Stream) -> None:
+    def apply_stream(self, patch: str, stream: Stream) -> None:
         """Apply full readings.
 
         Raises:
             ProtocolError: they do not fit the patch.
         """
-        rows = self._of(patch)
+        rows = self._require_patch(patch)
         readings = np.sort(unpack(stream.rows, STREAM_ROW), order="t_sampled_ns", kind="stable")
         cell = readings["cell"].astype(np.int64)
         self._check(patch, cell)
-        self.tally[patch].count(readings["seq"], rows=len(cell))
+        self.deliveries[patch].count(readings["seq"], rows=len(cell))
         cell += rows.start
         t_ns = readings["t_sampled_ns"][:, None]
         newer = t_ns >= self._t_ns[cell]
         self.values[cell] = np.where(newer, readings["values"], self.values[cell])
         self._t_ns[cell] = np.where(newer, t_ns, self._t_ns[cell])
 
-    def see(self, patch: str, topology: Topology) -> None:
+    def apply_topology(self, patch: str, topology: Topology) -> None:
         """Apply a topology; force and proximity of unreachable cells become 0.
 
         Raises:
             ProtocolError: it does not fit the patch.
         """
-        rows = self._of(patch)
+        rows = self._require_patch(patch)
         reached = np.array(topology.network_id) > 0
-        if reached.shape != self.reached[rows].shape:
+        if reached.shape != self.connected[rows].shape:
             raise ProtocolError(f"topology of {len(reached)} cells of {patch}")
-        self.reached[rows] = reached
+        self.connected[rows] = reached
         self.values[rows][~reached, : PROXIMITY + 1] = 0.0
 
-    def cells(self, patch: str) -> slice:
+    def rows_of(self, patch: str) -> slice:
         """Row slice of a patch's cells."""
         return self._rows[patch]
 
-    def _of(self, patch: str) -> slice:
+    def _require_patch(self, patch: str) -> slice:
         rows = self._rows.get(patch)
         if rows is None:
             raise ProtocolError(f"patch {patch}, which is not in this run")

@@ -12,33 +12,41 @@ from skinnet.errors import ProtocolError
 
 __all__ = [
     "CLOCK",
-    "DIAGNOSTICS",
+    "DIAGNOSTIC_ARRAY",
+    "FLOAT64_MULTI_ARRAY",
     "JOINT_STATE",
-    "MARKERS",
-    "POINT_CLOUD",
-    "TRANSFORMS",
-    "TYPES",
-    "VELOCITIES",
+    "MARKER_ARRAY",
+    "MESSAGE_TYPES",
+    "POINT_CLOUD2",
+    "TF_MESSAGE",
     "decode",
     "encode",
-    "make",
+    "make_message",
     "type_hash",
 ]
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 JOINT_STATE = "sensor_msgs/msg/JointState"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
-POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
-MARKERS = "visualization_msgs/msg/MarkerArray"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-VELOCITIES = "std_msgs/msg/Float64MultiArray"
-TYPES = (CLOCK, JOINT_STATE, TRANSFORMS, POINT_CLOUD, MARKERS, DIAGNOSTICS, VELOCITIES)
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+FLOAT64_MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+MESSAGE_TYPES = (
+    CLOCK,
+    JOINT_STATE,
+    TF_MESSAGE,
+    POINT_CLOUD2,
+    MARKER_ARRAY,
+    DIAGNOSTIC_ARRAY,
+    FLOAT64_MULTI_ARRAY,
+)
 """Names of all message types of the bridge."""
 
 _store = get_typestore(Stores.ROS2_JAZZY)
 
 
-def make(name: str, *fields: Any, **more: Any) -> Any:
+def make_message(name: str, *fields: Any, **more: Any) -> Any:
     """Make a message of type `name` from its fields, positional or by name."""
     return _store.types[name](*fields, **more)
 

@@ -5,13 +5,13 @@ from rich.table import Table
 
 from skinnet.channels import CHANNELS, Keys, Role
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARDS
-from skinnet.run.processes import processes
+from skinnet.deployment.schema import BOARD_PROCESS
+from skinnet.run.processes import process_list
 
-__all__ = ["explain"]
+__all__ = ["print_deployment"]
 
 
-def explain(console: Console, deployment: Deployment) -> None:
+def print_deployment(console: Console, deployment: Deployment) -> None:
     """Print the processes, cells, channels, periods and program of a deployment."""
     console.print(f"{deployment.name}: robot {deployment.robot}, seed {deployment.seed}", highlight=False)
     for table in (_processes(deployment), _patches(deployment), _channels(deployment), _periods(deployment)):
@@ -21,17 +21,20 @@ def explain(console: Console, deployment: Deployment) -> None:
 
 def _table(title: str, *columns: str) -> Table:
     table = Table(title=title, title_justify="left")
-    for column in columns:
-        table.add_column(column)
+    for i, column in enumerate(columns):
+        table.add_column(column, no_wrap=i < 2)
     return table
 
 
 def _processes(deployment: Deployment) -> Table:
     table = _table("processes", "name", "role", "runs", "may be lost")
-    hosts = deployment.host_patches() | {BOARDS: tuple(sheet.name for sheet in deployment.sheets)}
-    for spec in processes(deployment):
+    hosts = deployment.host_patches() | {BOARD_PROCESS: tuple(sheet.name for sheet in deployment.sheets)}
+    for spec in process_list(deployment):
         table.add_row(
-            spec.name, spec.role.value, ", ".join(hosts.get(spec.name, ())), "yes" if spec.may_be_lost else ""
+            spec.name,
+            spec.role.value,
+            ", ".join(hosts.get(spec.name, ())),
+            "yes" if spec.loss_tolerated else "",
         )
     return table
 
@@ -57,7 +60,7 @@ def _channels(deployment: Deployment) -> Table:
         table.add_row(
             row.pattern,
             row.message.__name__,
-            row.origin,
+            row.sender_name,
             to,
             row.period,
             "yes" if row.public else "",

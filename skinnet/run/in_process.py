@@ -4,17 +4,17 @@ import asyncio
 import os
 from pathlib import Path
 
-from skinnet.channels import OUTSIDE, RECORDER, Keys
+from skinnet.channels import EXTERNAL, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.loop import Keeping, Node, run_loop
-from skinnet.run.loads import telling_loads
-from skinnet.run.outcome import Fault, Outcome, ProcessReport
-from skinnet.run.processes import processes
-from skinnet.run.progress import Progress
-from skinnet.run.watch import Watch
-from skinnet.transport.memory import MemoryHub
-from skinnet.worker import build_node, part_of
+from skinnet.loop import Closeable, LogicalProcess, run_loop
+from skinnet.run.loads import monitor_processes
+from skinnet.run.outcome import Outcome, ProcessFailure, ProcessReport
+from skinnet.run.processes import process_list
+from skinnet.run.progress import ProgressDisplay
+from skinnet.run.watch import ObserverEndpoint
+from skinnet.transport.memory import InMemoryHub
+from skinnet.worker import build_process, result_of
 
 __all__ = ["run_in_process"]
 
@@ -23,8 +23,8 @@ async def run_in_process(
     deployment: Deployment,
     base: Path,
     out: Path,
-    progress: Progress,
-    watch: Watch | None = None,
+    progress: ProgressDisplay,
+    observers: ObserverEndpoint | None = None,
     record: bool = False,
 ) -> Outcome:
     """Run `deployment` in this process.
@@ -34,24 +34,24 @@ async def run_in_process(
         base: Base folder of its relative paths.
         out: Run folder.
         progress: Progress display.
-        watch: Observer endpoint.
+        observers: Observer endpoint.
         record: Write a recording.
 
     Raises:
         SkinnetError: a logical process failed.
     """
     keys = Keys(deployment.robot)
-    hub = MemoryHub()
-    launcher = hub.connect(OUTSIDE)
-    progress.follow(launcher, keys)
-    if watch is not None:
-        watch.open(launcher)
-    nodes = [build_node(p.module, deployment, p.name, base, out) for p in processes(deployment, record)]
+    hub = InMemoryHub()
+    launcher = hub.connect(EXTERNAL)
+    progress.subscribe(launcher, keys)
+    if observers is not None:
+        observers.attach(launcher)
+    nodes = [build_process(p.module, deployment, p.name, base, out) for p in process_list(deployment, record)]
     for node in nodes:
         node.peers |= {RECORDER} if record else frozenset()
-    faults: list[Fault] = []
+    faults: list[ProcessFailure] = []
 
-    async def live(node: Node) -> None:
+    async def live(node: LogicalProcess) -> None:
         try:
             await run_loop(
                 node,
@@ -63,23 +63,23 @@ async def run_in_process(
         except SkinnetError as error:
             if node.name != RECORDER or RECORDER not in deployment.run.may_be_lost:
                 raise
-            faults.append(Fault(node.name, str(error)))  # no process depends on it
-            progress.say(f"{node.name}: {error}; the run goes on without it")
+            faults.append(ProcessFailure(node.name, str(error)))  # no process depends on it
+            progress.print_line(f"{node.name}: {error}; the run goes on without it")
 
     try:
-        async with telling_loads({"all": os.getpid()}, watch, progress), asyncio.TaskGroup() as group:
+        async with monitor_processes({"all": os.getpid()}, observers, progress), asyncio.TaskGroup() as group:
             for node in nodes:
                 group.create_task(live(node))
     except* SkinnetError as errors:
         raise errors.exceptions[0] from None
     finally:
         for node in nodes:
-            if isinstance(node, Keeping):
-                node.end()
-        if watch is not None:
-            watch.leave()
+            if isinstance(node, Closeable):
+                node.close()
+        if observers is not None:
+            observers.detach()
     lost = {fault.process for fault in faults}
-    parts = [part_of(node) for node in nodes if node.name not in lost]
+    parts = [result_of(node) for node in nodes if node.name not in lost]
     facts = parts[0].facts
     report = ProcessReport("all", "in_process", os.getpid(), facts["cpu_s"], facts["peak_mb"], 0)
     return Outcome("completed_with_losses" if faults else "completed", parts, [report], faults)

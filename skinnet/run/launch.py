@@ -8,75 +8,79 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from skinnet.body.simulation import Body
+from skinnet.body.simulation import BodySimulation
 from skinnet.channels import Keys
 from skinnet.deployment import Deployment, load, resolved_json
 from skinnet.deployment.checks import check
-from skinnet.deployment.recall import recall
+from skinnet.deployment.recall import load_memory
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
 from skinnet.network.faults import check_targets
-from skinnet.outside_messages import Deployed
+from skinnet.outside_messages import DeploymentInfo
 from skinnet.run.in_process import run_in_process
 from skinnet.run.outcome import Outcome
-from skinnet.run.progress import Progress
+from skinnet.run.progress import ProgressDisplay
 from skinnet.run.summary import summarise
 from skinnet.run.supervise import run_processes
-from skinnet.run.watch import Watch
-from skinnet.skin.placement import bridges_of, place_all
+from skinnet.run.watch import ObserverEndpoint
+from skinnet.skin.placement import place_patches, resolve_bridges
 from skinnet.skin.sheet import place_sheets
-from skinnet.skin.whole import join
+from skinnet.skin.whole import join_patches
 
-__all__ = ["Order", "prepare", "run_once"]
+__all__ = ["RunOptions", "load_and_check", "run_once"]
 
 
 @dataclass(frozen=True)
-class Order:
+class RunOptions:
     """Run options of the command line.
 
     Attributes:
-        file: Deployment file.
-        overrides: `key=value` settings.
+        deployment_file: Deployment file.
+        settings: `key=value` settings.
         in_process: Run all processes in one.
-        listen: Observer endpoint; a free port on loopback unless given.
+        observer_endpoint: Observer endpoint; a free port on loopback unless given.
         plots: Draw plots and a picture.
         record: Write all recorded channels into a file of the run folder.
-        on_watch: Called with the observer endpoint once it is open.
+        on_observer_endpoint: Called with the observer endpoint once it is open.
     """
 
-    file: Path
-    overrides: tuple[str, ...] = ()
+    deployment_file: Path
+    settings: tuple[str, ...] = ()
     in_process: bool = False
-    listen: str | None = None
+    observer_endpoint: str | None = None
     plots: bool = True
     record: bool = False
-    on_watch: Callable[[str], None] | None = None
+    on_observer_endpoint: Callable[[str], None] | None = None
 
 
-def prepare(order: Order, seed: int | None = None) -> Deployment:
+def load_and_check(options: RunOptions, seed: int | None = None) -> Deployment:
     """Load a deployment and check its consistency, also with its MJCF model and its long-term memory.
 
     Raises:
         DeploymentError: names file, key, value, what is allowed.
     """
-    deployment = load(order.file, order.overrides, seed)
+    deployment = load(options.deployment_file, options.settings, seed)
     try:
         check(deployment)
-        placed = place_all(deployment.patches, deployment.cells, deployment.bridges)
+        placed = place_patches(deployment.patches, deployment.cells, deployment.bridges)
         check_targets(deployment, placed)
         place_sheets(deployment.surfaces, deployment.sheets)
         if deployment.power is not None:
-            join(placed, bridges_of(deployment.bridges, placed)).feeds(deployment.power.feeds)
-        body = Body(deployment, order.file.parent)
-        recall(deployment, order.file.parent, body.model.range_rad)
+            join_patches(placed, resolve_bridges(deployment.bridges, placed)).feed_cells(
+                deployment.power.feeds
+            )
+        body = BodySimulation(deployment, options.deployment_file.parent)
+        load_memory(deployment, options.deployment_file.parent, body.model.range_rad)
     except DeploymentError as error:
-        raise DeploymentError(f"{order.file}: {error}") from None
+        raise DeploymentError(f"{options.deployment_file}: {error}") from None
     except MemoryFileError as error:
-        raise DeploymentError(f"{order.file}: memory.read: {error}") from None
+        raise DeploymentError(f"{options.deployment_file}: memory.read: {error}") from None
     return deployment
 
 
-def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress) -> dict[str, Any]:
+def run_once(
+    options: RunOptions, deployment: Deployment, out: Path, progress: ProgressDisplay
+) -> dict[str, Any]:
     """Run `deployment`, write its run folder and return the summary.
 
     Raises:
@@ -86,31 +90,35 @@ def run_once(order: Order, deployment: Deployment, out: Path, progress: Progress
     (out / "summary.json").unlink(missing_ok=True)  # of an earlier run in this folder
     write_bytes(out / "deployment.json", resolved_json(deployment))
     start_s = time.monotonic()
-    base = order.file.parent.resolve()
+    base = options.deployment_file.parent.resolve()
     with contextlib.ExitStack() as stack:
-        watch = _watch(order, deployment, progress)
+        watch = _open_observer_endpoint(options, deployment, progress)
         if watch is not None:
             stack.callback(watch.close)
-            watch.tell_deployment(Deployed(deployment=resolved_json(deployment).decode(), base=str(base)))
-            if order.on_watch is not None:
-                order.on_watch(watch.endpoint)
+            watch.serve_deployment(
+                DeploymentInfo(deployment=resolved_json(deployment).decode(), base=str(base))
+            )
+            if options.on_observer_endpoint is not None:
+                options.on_observer_endpoint(watch.endpoint)
         stack.enter_context(progress)
-        outcome = asyncio.run(_run(order, deployment, base, out, progress, watch))
+        outcome = asyncio.run(_run(options, deployment, base, out, progress, watch))
     wall_s = time.monotonic() - start_s
-    summary = summarise(deployment, base, outcome, wall_s) | {"settings": list(order.overrides)}
+    summary = summarise(deployment, base, outcome, wall_s) | {"settings": list(options.settings)}
     if watch is not None and watch.counters:
         summary["counters"]["watch"] = watch.counters
     write_json(out / "summary.json", summary)
-    if order.plots:
-        _draw(deployment, base, outcome, out, progress.say)
+    if options.plots:
+        _draw_plots(deployment, base, outcome, out, progress.print_line)
     return summary
 
 
-def _watch(order: Order, deployment: Deployment, progress: Progress) -> Watch | None:
-    if order.in_process and order.listen is None and order.on_watch is None:
+def _open_observer_endpoint(
+    options: RunOptions, deployment: Deployment, progress: ProgressDisplay
+) -> ObserverEndpoint | None:
+    if options.in_process and options.observer_endpoint is None and options.on_observer_endpoint is None:
         return None
-    watch = Watch(Keys(deployment.robot), order.listen)
-    progress.say(
+    watch = ObserverEndpoint(Keys(deployment.robot), options.observer_endpoint)
+    progress.print_line(
         f"watch with any Zenoh client: connect to {watch.endpoint}, "
         f"subscribe to skinnet/{deployment.robot}/skin/**/events"
     )
@@ -118,17 +126,22 @@ def _watch(order: Order, deployment: Deployment, progress: Progress) -> Watch | 
 
 
 async def _run(
-    order: Order, deployment: Deployment, base: Path, out: Path, progress: Progress, watch: Watch | None
+    options: RunOptions,
+    deployment: Deployment,
+    base: Path,
+    out: Path,
+    progress: ProgressDisplay,
+    observers: ObserverEndpoint | None,
 ) -> Outcome:
-    if order.in_process:
-        return await run_in_process(deployment, base, out, progress, watch, order.record)
-    return await run_processes(deployment, base, out, progress, watch, order.record)
+    if options.in_process:
+        return await run_in_process(deployment, base, out, progress, observers, options.record)
+    return await run_processes(deployment, base, out, progress, observers, options.record)
 
 
-def _draw(
-    deployment: Deployment, base: Path, outcome: Outcome, out: Path, say: Callable[[str], None]
+def _draw_plots(
+    deployment: Deployment, base: Path, outcome: Outcome, out: Path, print_line: Callable[[str], None]
 ) -> None:
-    from skinnet.run.plots import draw  # matplotlib takes a second to import
+    from skinnet.run.plots import draw_plots  # matplotlib takes a second to import
 
-    for line in draw(deployment, base, outcome, out):
-        say(line)
+    for line in draw_plots(deployment, base, outcome, out):
+        print_line(line)

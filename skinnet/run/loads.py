@@ -6,16 +6,16 @@ from collections.abc import AsyncIterator, Mapping
 
 import psutil
 
-from skinnet.run.progress import Progress
-from skinnet.run.watch import Watch
+from skinnet.run.progress import ProgressDisplay
+from skinnet.run.watch import ObserverEndpoint
 from skinnet.watch_messages import ProcessLoad
 
-__all__ = ["telling_loads"]
+__all__ = ["monitor_processes"]
 
-_EVERY_S = 0.5
+_PUBLICATION_PERIOD_S = 0.5
 
 
-class _Meter:
+class _ProcessMeter:
     """Resource meter of one process: CPU time since the last reading, and memory."""
 
     def __init__(self, pid: int) -> None:
@@ -23,8 +23,8 @@ class _Meter:
         self._process: psutil.Process | None = None
         self._cpu_s: float | None = None
 
-    def read(self, passed_s: float) -> tuple[float, float]:
-        """Read mean cores since the last call, `passed_s` ago, and memory [MB]; zeros for a lost process."""
+    def read(self, elapsed_s: float) -> tuple[float, float]:
+        """Read mean cores since the last call, `elapsed_s` ago, and memory [MB]; zeros for a lost process."""
         try:
             if self._process is None:
                 self._process = psutil.Process(self.pid)
@@ -34,15 +34,15 @@ class _Meter:
             return 0.0, 0.0
         cpu_s = times.user + times.system
         before_s, self._cpu_s = self._cpu_s, cpu_s
-        cores = (cpu_s - before_s) / passed_s if before_s is not None and passed_s > 0.0 else 0.0
+        cores = (cpu_s - before_s) / elapsed_s if before_s is not None and elapsed_s > 0.0 else 0.0
         return cores, memory / 1024.0**2
 
 
-class _Meters:
+class _ProcessMeters:
     """Resource meters of all processes of a run."""
 
     def __init__(self, pids: Mapping[str, int], now_s: float) -> None:
-        self._meters = {name: _Meter(pid) for name, pid in pids.items()}
+        self._meters = {name: _ProcessMeter(pid) for name, pid in pids.items()}
         self._read_s = now_s
 
     def read(self, t_ns: int, now_s: float) -> ProcessLoad:
@@ -58,23 +58,25 @@ class _Meters:
 
 
 @contextlib.asynccontextmanager
-async def telling_loads(
-    pids: Mapping[str, int], watch: Watch | None, progress: Progress
+async def monitor_processes(
+    pids: Mapping[str, int], observers: ObserverEndpoint | None, progress: ProgressDisplay
 ) -> AsyncIterator[None]:
     """Publish the process load twice a second, while the block runs and an observer subscribes."""
-    if watch is None:
+    if observers is None:
         yield
         return
-    teller = asyncio.create_task(_tell(pids, watch, progress))
+    teller = asyncio.create_task(_publish_loads(pids, observers, progress))
     try:
         yield
     finally:
         teller.cancel()
 
 
-async def _tell(pids: Mapping[str, int], watch: Watch, progress: Progress) -> None:
+async def _publish_loads(
+    pids: Mapping[str, int], observers: ObserverEndpoint, progress: ProgressDisplay
+) -> None:
     loop = asyncio.get_running_loop()
-    meters = _Meters(pids, loop.time())
+    meters = _ProcessMeters(pids, loop.time())
     while True:
-        await asyncio.sleep(_EVERY_S)
-        watch.tell_processes(lambda: meters.read(progress.t_ns, loop.time()))
+        await asyncio.sleep(_PUBLICATION_PERIOD_S)
+        observers.publish_process_load(lambda: meters.read(progress.t_ns, loop.time()))

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
-__all__ = ["Fault", "Outcome", "ProcessReport"]
+__all__ = ["Outcome", "ProcessFailure", "ProcessReport"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class ProcessReport:
 
 
 @dataclass(frozen=True)
-class Fault:
+class ProcessFailure:
     """Process failure: name, cause, last log lines."""
 
     process: str
@@ -36,6 +36,6 @@ class Outcome:
     """
 
     kind: str = "completed"
-    parts: list[Part] = field(default_factory=list)
+    results: list[ProcessResult] = field(default_factory=list)
     processes: list[ProcessReport] = field(default_factory=list)
-    faults: list[Fault] = field(default_factory=list)
+    failures: list[ProcessFailure] = field(default_factory=list)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from skinnet.channels import RECORDER, Role
 from skinnet.deployment import Deployment
 
-__all__ = ["ProcessSpec", "processes"]
+__all__ = ["ProcessSpec", "process_list"]
 
 
 @dataclass(frozen=True)
@@ -15,10 +15,10 @@ class ProcessSpec:
     name: str
     role: Role
     module: str
-    may_be_lost: bool
+    loss_tolerated: bool
 
 
-def processes(deployment: Deployment, record: bool = False) -> tuple[ProcessSpec, ...]:
+def process_list(deployment: Deployment, record: bool = False) -> tuple[ProcessSpec, ...]:
     """List the processes of a deployment, with a recorder if `record`; the body, the hub, comes first."""
     spared = set(deployment.run.may_be_lost)
     hosts = [

@@ -11,13 +11,13 @@ from skinnet.errors import ProtocolError
 from skinnet.messages import ControllerState, decode
 from skinnet.transport.base import Transport
 
-__all__ = ["Progress"]
+__all__ = ["ProgressDisplay"]
 
-_BAR = 24
-_PLAIN_EVERY_S = 10.0
+_BAR_WIDTH = 24
+_PLAIN_PERIOD_S = 10.0
 
 
-class Progress:
+class ProgressDisplay:
     """Progress display of the controller state: a live line on a terminal, otherwise a line every 10 s."""
 
     def __init__(self, console: Console, quiet: bool = False) -> None:
@@ -29,7 +29,7 @@ class Progress:
         self._stage = ""
         self.t_ns = 0
 
-    def __enter__(self) -> "Progress":
+    def __enter__(self) -> "ProgressDisplay":
         self._start_s = time.monotonic()
         if not self._quiet and self._console.is_terminal:
             self._live = Live(Text("starting the processes …"), console=self._console, refresh_per_second=8)
@@ -40,11 +40,11 @@ class Progress:
         if self._live is not None:
             self._live.stop()
 
-    def follow(self, transport: Transport, keys: Keys) -> None:
+    def subscribe(self, transport: Transport, keys: Keys) -> None:
         """Subscribe to the controller state and show each one."""
-        transport.tap(keys.of("state"), self._on_state)
+        transport.declare_subscriber(keys.of("state"), self._on_state)
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Print a line above the live one."""
         if not self._quiet:
             self._console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -59,14 +59,14 @@ class Progress:
         self.t_ns = max(state.t_ns, 1)
         wall_s = time.monotonic() - self._start_s
         pace = self.t_ns * 1e-9 / wall_s if wall_s > 0.5 else 0.0
-        done = round(_BAR * state.progress)
+        done = round(_BAR_WIDTH * state.progress)
         line = (
-            f"{state.stage:<20} {'━' * done}{'╌' * (_BAR - done)} {self.t_ns * 1e-9:7.1f} s simulated"
+            f"{state.stage:<20} {'━' * done}{'╌' * (_BAR_WIDTH - done)} {self.t_ns * 1e-9:7.1f} s simulated"
             f"{f', {pace:.1f} × real time' if pace else ''}  {state.text}"
         )
         if self._live is not None:
             self._live.update(Text(line))
-        elif state.stage != self._stage or wall_s - self._printed_s > _PLAIN_EVERY_S:
+        elif state.stage != self._stage or wall_s - self._printed_s > _PLAIN_PERIOD_S:
             self._printed_s = wall_s
-            self.say(line)
+            self.print_line(line)
         self._stage = state.stage

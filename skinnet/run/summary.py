@@ -8,17 +8,17 @@ from typing import Any
 from skinnet import __version__
 from skinnet.channels import RECORDER
 from skinnet.deployment import Deployment
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 from skinnet.run.environment import environment
-from skinnet.run.figures import compute_figures
+from skinnet.run.figures import compute_metrics
 from skinnet.run.outcome import Outcome
 
 __all__ = ["log_sha256", "summarise"]
 
 
-def log_sha256(parts: list[Part]) -> str:
+def log_sha256(results: list[ProcessResult]) -> str:
     """Return the SHA-256 over the logs of all sources, independent of their distribution over processes."""
-    logs = {name: digest for part in parts for name, digest in part.facts["logs"].items()}
+    logs = {name: digest for part in results for name, digest in part.facts["logs"].items()}
     return hashlib.sha256(repr(sorted(logs.items())).encode()).hexdigest()
 
 
@@ -31,7 +31,7 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
         outcome: Run outcome.
         wall_s: Wall time from the first process to the last [s].
     """
-    parts = {part.name: part for part in outcome.parts}
+    parts = {part.name: part for part in outcome.results}
     sim_s = parts["body"].facts["end_ns"] * 1e-9 if "body" in parts else 0.0
     loop_s = parts["body"].facts.get("loop_s", wall_s) if "body" in parts else wall_s
     return {
@@ -39,7 +39,7 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
         "deployment": deployment.name,
         "version": __version__,
         "seed": deployment.seed,
-        "log_sha256": log_sha256(outcome.parts),
+        "log_sha256": log_sha256(outcome.results),
         "pace": deployment.run.pace,
         "sim_s": sim_s,
         "wall_s": wall_s,
@@ -47,17 +47,19 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
         "rtf": sim_s / loop_s if loop_s > 0 else 0.0,
         "late_frames": parts["body"].facts["late_frames"] if "body" in parts else 0,
         "processes": [asdict(report) for report in outcome.processes],
-        "faults": [asdict(fault) for fault in outcome.faults],
-        "counters": {part.name: part.facts["counters"] for part in outcome.parts if part.facts["counters"]},
-        "figures": compute_figures(deployment, base, parts) | _recording(parts.get(RECORDER)),
+        "faults": [asdict(fault) for fault in outcome.failures],
+        "counters": {part.name: part.facts["counters"] for part in outcome.results if part.facts["counters"]},
+        "figures": compute_metrics(deployment, base, parts) | _recording_metrics(parts.get(RECORDER)),
         "environment": environment(),
     }
 
 
-def _recording(part: Part | None) -> dict[str, int | float]:
+def _recording_metrics(result: ProcessResult | None) -> dict[str, int | float]:
     """Return the metrics of the recording: message counts, bytes, bytes per simulated second."""
-    if part is None:
+    if result is None:
         return {}
-    counts = {f"recording.messages.{name}": count for name, count in part.facts["messages"].items() if count}
-    size, sim_s = part.facts["bytes"], part.facts["end_ns"] * 1e-9
+    counts = {
+        f"recording.messages.{name}": count for name, count in result.facts["messages"].items() if count
+    }
+    size, sim_s = result.facts["bytes"], result.facts["end_ns"] * 1e-9
     return counts | {"recording.bytes": size, "recording.bytes_per_sim_s": size / sim_s if sim_s > 0 else 0.0}

@@ -22,7 +22,7 @@ def print_summary(console: Console, summary: dict[str, Any], folder: Path) -> No
         table.add_row("late frames", str(summary["late_frames"]))
     table.add_section()
     for name, value in summary["figures"].items():
-        table.add_row(name, _shown(value))
+        table.add_row(name, _format_value(value))
     table.add_section()
     for process in summary["processes"]:
         what = f"{process['cpu_s']:.1f} s CPU, {process['peak_mb']:.0f} MB"
@@ -34,7 +34,7 @@ def print_summary(console: Console, summary: dict[str, Any], folder: Path) -> No
     console.print(f"everything is in {folder}", highlight=False)
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return str(value)

@@ -6,26 +6,28 @@ import sys
 import threading
 from collections.abc import Callable
 
-__all__ = ["Viewer"]
+__all__ = ["PageProcess"]
 
-_FAREWELL_S = 5.0
+_EXIT_TIMEOUT_S = 5.0
 
 
-class Viewer:
+class PageProcess:
     """Page process of a run, `skinnet view`.
 
     Args:
-        say: Called with each line that it prints.
+        print_line: Called with each line that it prints.
         keep: Keep the page after the end of the run.
         control: Show buttons for the controller's requests.
     """
 
-    def __init__(self, say: Callable[[str], None], *, keep: bool = False, control: bool = False) -> None:
-        self._say, self._keep = say, keep
+    def __init__(
+        self, print_line: Callable[[str], None], *, keep: bool = False, control: bool = False
+    ) -> None:
+        self._print_line, self._keep = print_line, keep
         self._options = [name for name, given in (("--keep", keep), ("--control", control)) if given]
         self._process: subprocess.Popen[str] | None = None
         self._reader: threading.Thread | None = None
-        self._said = self._over = False
+        self._printed = self._run_ended = False
 
     def start(self, endpoint: str) -> None:
         """Start the page process on observer endpoint `endpoint`; its failure never affects the run."""
@@ -33,34 +35,34 @@ class Viewer:
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
-        self._reader = threading.Thread(target=self._pass_on, name="viewer", daemon=True)
+        self._reader = threading.Thread(target=self._forward_output, name="viewer", daemon=True)
         self._reader.start()
 
-    def __enter__(self) -> "Viewer":
+    def __enter__(self) -> "PageProcess":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End the page process after the run or, if it is kept, wait until the user ends it."""
         if self._process is None or self._reader is None:
             return
-        self._over = True
+        self._run_ended = True
         stays = self._keep and kind is None and self._process.poll() is None
         if stays:
-            self._say("the page stays until Ctrl-C")
+            self._print_line("the page stays until Ctrl-C")
         # Ctrl-C on a kept page is no failure
         with contextlib.suppress(subprocess.TimeoutExpired, *((KeyboardInterrupt,) if stays else ())):
-            self._process.wait(None if stays else _FAREWELL_S)
+            self._process.wait(None if stays else _EXIT_TIMEOUT_S)
         self._process.terminate()
         self._process.wait()
         self._reader.join()
-        if not self._said:
-            self._say("the run was over before its page was ready")
+        if not self._printed:
+            self._print_line("the run was over before its page was ready")
 
-    def _pass_on(self) -> None:
+    def _forward_output(self) -> None:
         assert self._process is not None
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             for line in lines:
-                if self._said or not self._over:  # else it failed because the run had ended
-                    self._said = True
-                    self._say(line.rstrip())
+                if self._printed or not self._run_ended:  # else it failed because the run had ended
+                    self._printed = True
+                    self._print_line(line.rstrip())

@@ -12,18 +12,18 @@ from collections.abc import Callable
 
 import msgspec
 
-from skinnet.channels import CHANNELS, OUTSIDE, Channel, Keys, Role
+from skinnet.channels import CHANNELS, EXTERNAL, Channel, Keys, Role
 from skinnet.errors import PortInUseError, ProtocolError
 from skinnet.messages import Config, decode, encode
-from skinnet.outside_messages import Deployed
-from skinnet.run.requests import Clerk, RequestDesk
+from skinnet.outside_messages import DeploymentInfo
+from skinnet.run.requests import RequestServer, RequestWorker
 from skinnet.transport.base import OnMessage, Transport
 from skinnet.transport.zenoh import ZenohTransport
 from skinnet.watch_messages import ProcessLoad
 
-__all__ = ["Watch", "free_endpoint"]
+__all__ = ["ObserverEndpoint", "free_endpoint"]
 
-_TRIES = 5
+_MAX_ATTEMPTS = 5
 
 
 def free_endpoint() -> str:
@@ -33,18 +33,18 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def _open(keys: Keys, listen: str | None) -> tuple[str, ZenohTransport]:
-    for attempt in range(_TRIES):
+def _listen_on(keys: Keys, listen: str | None) -> tuple[str, ZenohTransport]:
+    for attempt in range(_MAX_ATTEMPTS):
         endpoint = listen or free_endpoint()
         try:
-            return endpoint, ZenohTransport(keys, OUTSIDE, listen=endpoint)
+            return endpoint, ZenohTransport(keys, EXTERNAL, listen=endpoint)
         except PortInUseError:
-            if listen or attempt == _TRIES - 1:
+            if listen or attempt == _MAX_ATTEMPTS - 1:
                 raise
     raise AssertionError("unreachable")
 
 
-class Watch:
+class ObserverEndpoint:
     """Observer endpoint: copies public channels out of the loop, and external messages into it.
 
     Args:
@@ -53,9 +53,9 @@ class Watch:
 
     Attributes:
         endpoint: Zenoh endpoint that it listens on.
-        copied: Messages copied to observers.
-        configs: Configurations received from external clients.
-        velocities: Joint velocities received from external clients.
+        copied_messages: Messages copied to observers.
+        external_configs: Configurations received from external clients.
+        external_velocities: Joint velocities received from external clients.
 
     Raises:
         PortInUseError: the endpoint is in use.
@@ -63,134 +63,145 @@ class Watch:
 
     def __init__(self, keys: Keys, listen: str | None = None) -> None:
         self._keys = keys
-        self.endpoint, self._outer = _open(keys, listen)
-        self.copied = 0
-        self.configs = 0
-        self.velocities = 0
-        self._topologies: dict[str, bytes] = {}
-        self._newest: dict[str, bytes] = {}
-        self._wants_processes = False
-        self._inner: Transport | None = None
-        self._entrance = threading.Lock()
-        self._desk = RequestDesk(keys, self._hand_in)
-        self._clerk = Clerk(self._desk)
-        self._outer.take_queries(keys.of("request", "*"), self._clerk.ask)
+        self.endpoint, self._public = _listen_on(keys, listen)
+        self.copied_messages = 0
+        self.external_configs = 0
+        self.external_velocities = 0
+        self._latest_topologies: dict[str, bytes] = {}
+        self._latest_values: dict[str, bytes] = {}
+        self._load_subscribed = False
+        self._loop: Transport | None = None
+        self._lock = threading.Lock()
+        self._request_server = RequestServer(keys, self._put_external)
+        self._request_worker = RequestWorker(self._request_server)
+        self._public.declare_queryable(keys.of("request", "*"), self._request_worker.handle_query)
 
     @property
     def counters(self) -> dict[str, int]:
         """Nonzero counts of messages copied to observers and received from external clients."""
-        counts = {"copied": self.copied, "configs": self.configs, "velocities": self.velocities}
-        counts |= self._desk.counters
+        counts = {
+            "copied": self.copied_messages,
+            "configs": self.external_configs,
+            "velocities": self.external_velocities,
+        }
+        counts |= self._request_server.counters
         return {name: count for name, count in counts.items() if count}
 
-    def tell_deployment(self, deployed: Deployed) -> None:
+    def serve_deployment(self, deployment_info: DeploymentInfo) -> None:
         """Declare a queryable that replies with the deployment."""
-        answer = {self._keys.deployment: encode(deployed)}
-        self._outer.serve(self._keys.deployment, lambda: answer)
+        answer = {self._keys.deployment: encode(deployment_info)}
+        self._public.serve_values(self._keys.deployment, lambda: answer)
 
-    def open(self, inner: Transport) -> None:
-        """Subscribe to the loop at `inner` on demand of observers, and accept external messages."""
-        self._inner = inner
+    def attach(self, loop: Transport) -> None:
+        """Subscribe to the loop at `loop` on demand of observers, and accept external messages."""
+        self._loop = loop
         keys = self._keys
         for row in CHANNELS:
             expression = self._expression(row)
             if row.name == "config":
-                self._outer.tap(expression, self._bring_in)
+                self._public.declare_subscriber(expression, self._forward_config)
             elif row.name == "velocity":
-                self._outer.tap(expression, self._bring_velocity)
+                self._public.declare_subscriber(expression, self._forward_velocity)
             elif row.name == "links":
-                self._outer.on_interest(expression, _Copier(inner.tap, self, expression))
-            elif row.public and not row.told:
-                self._outer.on_interest(expression, _Copier(inner.overhear, self, expression))
-        inner.tap(keys.of("topology", "*"), self._topologies.__setitem__)
-        inner.tap(keys.of("state"), self._on_state)
-        inner.tap(keys.of("answer"), self._on_answer)
-        inner.on_alive(keys.alive(Role.CONTROLLER, "*"), self._on_controller)
-        self._outer.serve(keys.of("topology", "*"), self._topologies.copy)
-        inner.tap(keys.of("machine"), self._on_machine)
-        self._outer.on_interest(keys.of("processes"), self._on_processes_wanted)
+                self._public.declare_matching_listener(
+                    expression, _CopyOnDemand(loop.declare_subscriber, self, expression)
+                )
+            elif row.public and not row.best_effort:
+                self._public.declare_matching_listener(
+                    expression, _CopyOnDemand(loop.declare_loop_subscriber, self, expression)
+                )
+        loop.declare_subscriber(keys.of("topology", "*"), self._latest_topologies.__setitem__)
+        loop.declare_subscriber(keys.of("state"), self._on_state)
+        loop.declare_subscriber(keys.of("answer"), self._on_answer)
+        loop.declare_liveliness_subscriber(keys.liveliness(Role.CONTROLLER, "*"), self._on_controller)
+        self._public.serve_values(keys.of("topology", "*"), self._latest_topologies.copy)
+        loop.declare_subscriber(keys.of("machine"), self._on_state_machine)
+        self._public.declare_matching_listener(keys.of("processes"), self._on_load_subscribed)
         for name in ("state", "machine"):
-            self._outer.serve(keys.of(name), self._newest.copy)
+            self._public.serve_values(keys.of(name), self._latest_values.copy)
 
     def _expression(self, row: Channel) -> str:
         return self._keys.of(row.name, *["*"] * row.pattern.count("<"))
 
-    def copy(self, key: str, payload: bytes) -> None:
+    def publish_copy(self, key: str, payload: bytes) -> None:
         """Publish a copy to observers, best-effort."""
-        self.copied += 1
-        self._outer.tell(key, payload)
+        self.copied_messages += 1
+        self._public.publish_best_effort(key, payload)
 
-    def _bring_in(self, key: str, payload: bytes) -> None:
+    def _forward_config(self, key: str, payload: bytes) -> None:
         """Forward an external configuration, without a send time: only the controller's have one."""
         try:
             config = msgspec.structs.replace(decode(payload, Config), t_ns=0)
         except ProtocolError:
-            self._hand_in(key, payload)  # the cell process counts it and logs its key
+            self._put_external(key, payload)  # the cell process counts it and logs its key
         else:
-            self.configs += 1
-            self._hand_in(key, encode(config))
+            self.external_configs += 1
+            self._put_external(key, encode(config))
 
-    def _bring_velocity(self, key: str, payload: bytes) -> None:
+    def _forward_velocity(self, key: str, payload: bytes) -> None:
         """Forward an external joint velocity; the controller checks it."""
-        self.velocities += 1
-        self._hand_in(key, payload)
+        self.external_velocities += 1
+        self._put_external(key, payload)
 
-    def _hand_in(self, key: str, payload: bytes) -> None:
+    def _put_external(self, key: str, payload: bytes) -> None:
         """Put an external message into the loop, from any thread; discard it after the end of the loop."""
-        with self._entrance:
-            if self._inner is not None:
-                self._inner.put(key, payload)
-                self._inner.flush()
+        with self._lock:
+            if self._loop is not None:
+                self._loop.put(key, payload)
+                self._loop.flush()
 
     def _on_state(self, key: str, payload: bytes) -> None:
-        self._newest[key] = payload
-        self._clerk.begin()
-        self.copy(key, payload)
+        self._latest_values[key] = payload
+        self._request_worker.enable()
+        self.publish_copy(key, payload)
 
-    def _on_machine(self, key: str, payload: bytes) -> None:
-        self._newest[key] = payload
-        self.copy(key, payload)
+    def _on_state_machine(self, key: str, payload: bytes) -> None:
+        self._latest_values[key] = payload
+        self.publish_copy(key, payload)
 
-    def _on_processes_wanted(self, wanted: bool) -> None:
-        self._wants_processes = wanted
+    def _on_load_subscribed(self, wanted: bool) -> None:
+        self._load_subscribed = wanted
 
-    def tell_processes(self, load: Callable[[], ProcessLoad]) -> None:
+    def publish_process_load(self, load: Callable[[], ProcessLoad]) -> None:
         """Publish the process load if an observer subscribes."""
-        if self._wants_processes:
-            self.copy(self._keys.of("processes"), encode(load()))
+        if self._load_subscribed:
+            self.publish_copy(self._keys.of("processes"), encode(load()))
 
     def _on_answer(self, key: str, payload: bytes) -> None:
-        self._clerk.answer(payload)
-        self.copy(key, payload)
+        self._request_worker.handle_answer(payload)
+        self.publish_copy(key, payload)
 
-    def _on_controller(self, _key: str, there: bool) -> None:
-        if not there:
-            self._clerk.end("the controller is gone")
+    def _on_controller(self, _key: str, present: bool) -> None:
+        if not present:
+            self._request_worker.disable("the controller is gone")
 
-    def leave(self) -> None:
+    def detach(self) -> None:
         """Detach from the loop; external messages are discarded from now on."""
-        with self._entrance:
-            self._inner = None
-        self._clerk.end("the run is over")
+        with self._lock:
+            self._loop = None
+        self._request_worker.disable("the run is over")
 
     def close(self) -> None:
         """Close the endpoint and the request worker."""
-        self._clerk.close()
-        self._outer.close()
+        self._request_worker.close()
+        self._public.close()
 
 
-class _Copier:
+class _CopyOnDemand:
     """Matching-status handler: subscribes to the loop while an observer subscribes to the copy."""
 
     def __init__(
-        self, listen: Callable[[str, OnMessage], Callable[[], None]], watch: Watch, expression: str
+        self,
+        declare_subscriber: Callable[[str, OnMessage], Callable[[], None]],
+        endpoint: ObserverEndpoint,
+        expression: str,
     ) -> None:
-        self._listen, self._watch, self._expression = listen, watch, expression
-        self._undo: Callable[[], None] | None = None
+        self._declare_subscriber, self._endpoint, self._expression = declare_subscriber, endpoint, expression
+        self._undeclare: Callable[[], None] | None = None
 
-    def __call__(self, interested: bool) -> None:
-        if interested and self._undo is None:
-            self._undo = self._listen(self._expression, self._watch.copy)
-        elif not interested and self._undo is not None:
-            self._undo()
-            self._undo = None
+    def __call__(self, matching: bool) -> None:
+        if matching and self._undeclare is None:
+            self._undeclare = self._declare_subscriber(self._expression, self._endpoint.publish_copy)
+        elif not matching and self._undeclare is not None:
+            self._undeclare()
+            self._undeclare = None

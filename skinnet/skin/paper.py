@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from skinnet.skin.placement import PlacedPatch
 from skinnet.skin.sheet import PlacedSheet
-from skinnet.skin.unroll import unroll
+from skinnet.skin.unroll import unroll_patch
 
-__all__ = ["Box", "Paper", "lay_out"]
+__all__ = ["Box", "FlattenedSkin", "flatten_skin"]
 
 Floats = NDArray[np.float64]
 
 _MARGIN = 0.8
 """Margin around a patch, in pitches of its cells."""
-_LABEL = 1.7
+_LABEL_HEIGHT = 1.7
 """Label height below a patch, in pitches."""
-_NARROWEST = 5.6
+_MIN_BOX_WIDTH = 5.6
 """Least width of a patch's box, in pitches."""
 
 
@@ -34,71 +34,73 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Paper:
+class FlattenedSkin:
     """Flattened skin: planar positions of all cells and elements, in pitches.
 
     Attributes:
-        at: (n, 2) centres of all cells, then of all elements; x to the right, y up, from −height to 0.
-        turn: (n,) angle of port 0 of a cell [rad]; 0 for an element.
+        position: (n, 2) centres of all cells, then of all elements; x to the right, y up, from −height to 0.
+        angle_rad: (n,) angle of port 0 of a cell [rad]; 0 for an element.
         boxes: Bounding boxes, one per patch, then one per sheet.
         width: Width of the layout.
         height: Height of the layout; its lower edge is at −height.
     """
 
-    at: Floats
-    turn: Floats
+    position: Floats
+    angle_rad: Floats
     boxes: tuple[Box, ...]
     width: float
     height: float
 
 
-def lay_out(
-    patches: Iterable[PlacedPatch], sheets: Iterable[PlacedSheet] = (), aspect: float = 1.75
-) -> Paper:
-    """Pack patches and sheets in order into rows, about `aspect` times as wide as high."""
-    pieces = [unroll(patch) for patch in patches]
-    pieces += [(_grid(sheet), np.zeros(sheet.n_elements)) for sheet in sheets]
+def flatten_skin(
+    patches: Iterable[PlacedPatch], sheets: Iterable[PlacedSheet] = (), aspect_ratio: float = 1.75
+) -> FlattenedSkin:
+    """Pack patches and sheets in order into rows, about `aspect_ratio` times as wide as high."""
+    pieces = [unroll_patch(patch) for patch in patches]
+    pieces += [(_element_positions(sheet), np.zeros(sheet.n_elements)) for sheet in sheets]
     rooms = [
-        (max(w + 1.0 + 2 * _MARGIN, _NARROWEST), h + 1.16 + 2 * _MARGIN + _LABEL)
+        (max(w + 1.0 + 2 * _MARGIN, _MIN_BOX_WIDTH), h + 1.16 + 2 * _MARGIN + _LABEL_HEIGHT)
         for w, h in (np.ptp(at, axis=0).tolist() for at, _ in pieces)
     ]
     area = sum(w * h for w, h in rooms)
-    widths = [math.sqrt(area * aspect) * stretch for stretch in np.linspace(0.8, 1.5, 36)]
-    tries = [_shelves(rooms, max(width, max(w for w, _ in rooms))) for width in widths]
-    spots, width, height = min(tries, key=lambda t: abs(math.log(t[1] / t[2] / aspect)) + t[1] * t[2] / area)
+    widths = [math.sqrt(area * aspect_ratio) * stretch for stretch in np.linspace(0.8, 1.5, 36)]
+    tries = [_pack_shelves(rooms, max(width, max(w for w, _ in rooms))) for width in widths]
+    spots, width, height = min(
+        tries, key=lambda t: abs(math.log(t[1] / t[2] / aspect_ratio)) + t[1] * t[2] / area
+    )
     boxes = tuple(Box(*spot, *room) for spot, room in zip(spots, rooms, strict=True))
     at = [
-        piece + np.array([box.x + box.width / 2, box.y + box.height / 2 + _LABEL / 2])
+        piece + np.array([box.x + box.width / 2, box.y + box.height / 2 + _LABEL_HEIGHT / 2])
         for (piece, _), box in zip(pieces, boxes, strict=True)
     ]
-    return Paper(np.vstack(at), np.concatenate([turn for _, turn in pieces]), boxes, width, height)
+    return FlattenedSkin(np.vstack(at), np.concatenate([turn for _, turn in pieces]), boxes, width, height)
 
 
-def _grid(sheet: PlacedSheet) -> Floats:
+def _element_positions(sheet: PlacedSheet) -> Floats:
     """Return element centres (n, 2) in pitches, seen from outside with `up` upwards."""
     at = np.column_stack([sheet.grid[:, 1], -sheet.grid[:, 0]]).astype(np.float64)
     centred: Floats = at - 0.5 * (at.min(axis=0) + at.max(axis=0))
     return centred
 
 
-def _shelves(
-    rooms: Sequence[tuple[float, float]], width: float
+def _pack_shelves(
+    sizes: Sequence[tuple[float, float]], width: float
 ) -> tuple[list[tuple[float, float]], float, float]:
     """Pack boxes into rows (shelf packing); return lower left corners, common width and total height."""
     rows: list[list[int]] = [[]]
-    for index, (w, _) in enumerate(rooms):
-        if rows[-1] and sum(rooms[i][0] for i in rows[-1]) + w > width + 1e-9:
+    for index, (w, _) in enumerate(sizes):
+        if rows[-1] and sum(sizes[i][0] for i in rows[-1]) + w > width + 1e-9:
             rows.append([])
         rows[-1].append(index)
-    spots = [(0.0, 0.0)] * len(rooms)
-    widest = max(sum(rooms[i][0] for i in row) for row in rows)
+    spots = [(0.0, 0.0)] * len(sizes)
+    widest = max(sum(sizes[i][0] for i in row) for row in rows)
     y = 0.0
     for row in rows:
-        tall = max(rooms[i][1] for i in row)
+        tall = max(sizes[i][1] for i in row)
         y -= tall
-        gap = (widest - sum(rooms[i][0] for i in row)) / len(row)
+        gap = (widest - sum(sizes[i][0] for i in row)) / len(row)
         x = gap / 2
         for i in row:
             spots[i] = (x, y)
-            x += rooms[i][0] + gap
+            x += sizes[i][0] + gap
     return spots, widest, -y

@@ -11,18 +11,18 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skinnet.deployment.schema import BridgeSpec, CellSpec, LatticeSpec, PatchSpec, PlacedCell
+from skinnet.deployment.schema import BridgeSpec, CellPoseSpec, CellSpec, LatticeSpec, PatchSpec
 from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 
-__all__ = ["Bridge", "PlacedPatch", "bridges_of", "place", "place_all"]
+__all__ = ["Bridge", "PlacedPatch", "place_patch", "place_patches", "resolve_bridges"]
 
-_OVERLAP = 0.90
+_OVERLAP_FRACTION = 0.90
 """Overlap threshold of centres as a fraction of the pitch (a curved lattice shortens chords a little)."""
-_REACH = 1.15
+_WIRE_FRACTION = 1.15
 """Greatest length of a wire as a fraction of the pitch."""
-_FACING = math.cos(math.radians(35.0))
+_FACING_COSINE = math.cos(math.radians(35.0))
 """Cosine of the greatest angle between a port and a neighbour that it faces."""
 
 
@@ -64,7 +64,7 @@ class Bridge:
     b_port: int
 
 
-def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
+def place_patch(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
     """Place the cells of `patch` and wire the ports that face each other.
 
     Raises:
@@ -73,31 +73,31 @@ def place(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
     if (patch.lattice is None) == (not patch.cells):
         raise DeploymentError(f"patches.{patch.name}: give either lattice or cells, and not both")
     if patch.lattice is not None:
-        position_m, rotation = _on_lattice(patch.name, patch.lattice, cells.side_m)
+        position_m, rotation = _lattice_poses(patch.name, patch.lattice, cells.side_m)
     else:
-        position_m, rotation = _by_hand(patch.name, patch.cells)
+        position_m, rotation = _explicit_poses(patch.name, patch.cells)
     pitch = pitch_m(cells.side_m)
-    _refuse_overlap(patch.name, position_m, pitch)
+    _require_no_overlap(patch.name, position_m, pitch)
     wires = _wires(position_m, rotation, pitch)
     interfaces = np.array([(i.cell, i.port) for i in patch.interfaces], dtype=np.int64).reshape(-1, 2)
-    _check_interfaces(patch.name, len(position_m), wires, interfaces)
+    _require_free_interfaces(patch.name, len(position_m), wires, interfaces)
     return PlacedPatch(patch.name, patch.body, position_m, rotation, wires, interfaces)
 
 
-def place_all(
+def place_patches(
     patches: Iterable[PatchSpec], cells: CellSpec, bridges: Iterable[BridgeSpec] = ()
 ) -> tuple[PlacedPatch, ...]:
     """Place all `patches` of a robot.
 
     Raises:
-        DeploymentError: as `place` and `bridges_of`, or a cell has no path to an interface, or cells of two
-            patches on one body overlap.
+        DeploymentError: as `place_patch` and `resolve_bridges`, or a cell has no path to an interface, or
+            cells of two patches on one body overlap.
     """
-    placed = tuple(place(patch, cells) for patch in patches)
+    placed = tuple(place_patch(patch, cells) for patch in patches)
     if not placed:
         return ()
-    _refuse_islands(placed, bridges_of(bridges, placed))
-    reach = _OVERLAP * pitch_m(cells.side_m)
+    _require_connected(placed, resolve_bridges(bridges, placed))
+    reach = _OVERLAP_FRACTION * pitch_m(cells.side_m)
     for one, other in combinations(placed, 2):
         if one.body != other.body:
             continue
@@ -125,7 +125,7 @@ def _axes(name: str, key: str, x: NDArray[np.float64], z: NDArray[np.float64]) -
     return np.column_stack([x_unit, np.cross(z, x_unit), z])
 
 
-def _on_lattice(
+def _lattice_poses(
     name: str, lattice: LatticeSpec, side_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     normal = _unit(name, "lattice.normal", np.array(lattice.normal, dtype=np.float64))
@@ -151,7 +151,9 @@ def _on_lattice(
     return position_m, rotation
 
 
-def _by_hand(name: str, cells: tuple[PlacedCell, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _explicit_poses(
+    name: str, cells: tuple[CellPoseSpec, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     position_m = np.array([cell.position_m for cell in cells], dtype=np.float64)
     rotation = [
         _axes(
@@ -165,8 +167,8 @@ def _by_hand(name: str, cells: tuple[PlacedCell, ...]) -> tuple[NDArray[np.float
     return position_m, np.array(rotation)
 
 
-def _refuse_overlap(name: str, position_m: NDArray[np.float64], pitch: float) -> None:
-    pairs = sorted(cKDTree(position_m).query_pairs(_OVERLAP * pitch))
+def _require_no_overlap(name: str, position_m: NDArray[np.float64], pitch: float) -> None:
+    pairs = sorted(cKDTree(position_m).query_pairs(_OVERLAP_FRACTION * pitch))
     if pairs:
         a, b = pairs[0]
         distance = float(np.linalg.norm(position_m[a] - position_m[b]))
@@ -180,18 +182,18 @@ def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch
     """Return wires (m, 4) between ports that face each other across a shared edge."""
     ports = np.array([[math.cos(a), math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
     wires = []
-    for a, b in sorted(cKDTree(position_m).query_pairs(_REACH * pitch)):
+    for a, b in sorted(cKDTree(position_m).query_pairs(_WIRE_FRACTION * pitch)):
         towards = position_m[b] - position_m[a]
         towards = towards / np.linalg.norm(towards)
         along_a = (rotation[a] @ ports.T).T @ towards
         along_b = (rotation[b] @ ports.T).T @ -towards
         port_a, port_b = int(np.argmax(along_a)), int(np.argmax(along_b))
-        if along_a[port_a] > _FACING and along_b[port_b] > _FACING:
+        if along_a[port_a] > _FACING_COSINE and along_b[port_b] > _FACING_COSINE:
             wires.append((a, port_a, b, port_b))
     return np.array(wires, dtype=np.int64).reshape(-1, 4)
 
 
-def bridges_of(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) -> tuple[Bridge, ...]:
+def resolve_bridges(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) -> tuple[Bridge, ...]:
     """Resolve the bridges between placed patches.
 
     Raises:
@@ -228,7 +230,7 @@ def _free_ports(patch: PlacedPatch) -> set[tuple[int, int]]:
     return ports - {(int(cell), int(port)) for cell, port in taken}
 
 
-def _refuse_islands(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge]) -> None:
+def _require_connected(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge]) -> None:
     """Raise `DeploymentError` if a cell has no path over wires to an interface."""
     first = dict(zip((p.name for p in placed), np.cumsum([0, *(p.n_cells for p in placed)]), strict=False))
     ends = [patch.wires[:, [0, 2]] + first[patch.name] for patch in placed]
@@ -249,7 +251,7 @@ def _refuse_islands(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge]) ->
             )
 
 
-def _check_interfaces(
+def _require_free_interfaces(
     name: str, n_cells: int, wires: NDArray[np.int64], interfaces: NDArray[np.int64]
 ) -> None:
     wired = {(int(a), int(p)) for a, p in np.vstack([wires[:, :2], wires[:, 2:]])}

@@ -18,13 +18,13 @@ from scipy.spatial import cKDTree
 from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
 
-__all__ = ["PlacedSheet", "Surface", "place_sheets", "surface_of"]
+__all__ = ["PlacedSheet", "Surface", "build_surface", "place_sheets"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_ELEMENT, _CUT = "#", "."
-_OVERLAP = 0.75
+_ELEMENT, _GAP = "#", "."
+_OVERLAP_FRACTION = 0.75
 """Overlap threshold of centres as a fraction of the pitch (a tightly bent sheet shortens chords)."""
 
 
@@ -38,7 +38,7 @@ class Surface:
         origin_m: (3,) origin of ξ, body frame [m].
         R_body_surface: (3, 3) surface frame at the origin: columns are e1, e2 and the outward normal.
         radius_m: Radius of the cylindrical sides [m]; inf for a plane.
-        half_flat_m: Half the width of the flat middle [m]; inf for a plane.
+        flat_half_width_m: Half the width of the flat middle [m]; inf for a plane.
     """
 
     name: str
@@ -46,12 +46,12 @@ class Surface:
     origin_m: Floats
     R_body_surface: Floats
     radius_m: float
-    half_flat_m: float
+    flat_half_width_m: float
 
     @property
-    def reach_m(self) -> float:
+    def max_xi1_m(self) -> float:
         """Greatest tactile coordinate |ξ1| [m], at which the cylindrical sides span half a circle."""
-        return self.half_flat_m + math.pi * self.radius_m
+        return self.flat_half_width_m + math.pi * self.radius_m
 
     def frame_at(self, xi_m: ArrayLike, height_m: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Return position (…, 3) [m] and rotation (…, 3, 3) of the surface at ξ (…, 2) [m], body frame.
@@ -60,7 +60,7 @@ class Surface:
         e1 × e2 [R11, V]; positions are `height_m` (…) [m] above the rigid surface along the normal.
         """
         xi1, xi2 = np.moveaxis(np.asarray(xi_m, dtype=np.float64), -1, 0)
-        across = np.clip(xi1, -self.half_flat_m, self.half_flat_m)
+        across = np.clip(xi1, -self.flat_half_width_m, self.flat_half_width_m)
         angle = (xi1 - across) / self.radius_m
         sin, cos, zero = np.sin(angle), np.cos(angle), np.zeros_like(xi1)
         bent = self.radius_m if math.isfinite(self.radius_m) else 0.0
@@ -72,7 +72,7 @@ class Surface:
         rotation = self.R_body_surface @ np.stack([e1, e2, normal], axis=-1)
         return self.origin_m + local @ self.R_body_surface.T, rotation
 
-    def xi_of(self, position_m: ArrayLike) -> tuple[Floats, Floats]:
+    def tactile_coordinates(self, position_m: ArrayLike) -> tuple[Floats, Floats]:
         """Return tactile coordinates (…, 2) [m] and heights (…) [m] of points (…, 3) [m], body frame.
 
         The inverse of `frame_at` for points above the axes of the cylindrical sides or around them; the
@@ -82,8 +82,8 @@ class Surface:
         x, y, z = np.moveaxis(local, -1, 0)
         if not math.isfinite(self.radius_m):
             return np.stack([x, y], axis=-1), z
-        side = np.copysign(self.half_flat_m, x)
-        over_flat = (np.abs(x) <= self.half_flat_m) & (z > -self.radius_m)
+        side = np.copysign(self.flat_half_width_m, x)
+        over_flat = (np.abs(x) <= self.flat_half_width_m) & (z > -self.radius_m)
         dx, dz = x - side, z + self.radius_m
         xi1 = np.where(over_flat, x, side + self.radius_m * np.arctan2(dx, dz))
         height = np.where(over_flat, z, np.hypot(dx, dz) - self.radius_m)
@@ -120,7 +120,7 @@ class PlacedSheet:
         return len(self.xi_m)
 
 
-def surface_of(spec: SurfaceSpec) -> Surface:
+def build_surface(spec: SurfaceSpec) -> Surface:
     """Build the surface that a deployment describes.
 
     Raises:
@@ -138,7 +138,7 @@ def surface_of(spec: SurfaceSpec) -> Surface:
         origin_m=np.array(spec.origin_m),
         R_body_surface=np.column_stack([np.cross(e2, normal), e2, normal]),
         radius_m=math.inf if spec.radius_m is None else spec.radius_m,
-        half_flat_m=math.inf if spec.radius_m is None else 0.5 * spec.flat_m,
+        flat_half_width_m=math.inf if spec.radius_m is None else 0.5 * spec.flat_m,
     )
 
 
@@ -146,14 +146,14 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
     """Place all `sheets` of a robot.
 
     Raises:
-        DeploymentError: as `surface_of`; a name is given twice or unknown, a mask does not match its grid, a
-            sheet extends beyond half a circle on one side of its surface, or elements overlap.
+        DeploymentError: as `build_surface`; a name is given twice or unknown, a mask does not match its grid,
+            a sheet extends beyond half a circle on one side of its surface, or elements overlap.
     """
     known: dict[str, Surface] = {}
     for spec in surfaces:
         if spec.name in known:
             raise DeploymentError(f"surfaces.{spec.name}: the name is given twice")
-        known[spec.name] = surface_of(spec)
+        known[spec.name] = build_surface(spec)
     placed: dict[str, PlacedSheet] = {}
     for sheet in sheets:
         if sheet.name in placed:
@@ -162,42 +162,42 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
             raise DeploymentError(
                 f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; there are {', '.join(known)}"
             )
-        placed[sheet.name] = _place(sheet, known[sheet.surface])
+        placed[sheet.name] = _place_sheet(sheet, known[sheet.surface])
     for one, other in combinations(placed.values(), 2):
         if one.surface.body == other.surface.body:
-            _refuse_overlap(one, other)
+            _require_no_overlap(one, other)
     return tuple(placed.values())
 
 
-def _unit(what: str, vector: Floats) -> Floats:
+def _unit(key: str, vector: Floats) -> Floats:
     length = float(np.linalg.norm(vector))
     if not math.isfinite(length) or length < 1e-9:
-        raise DeploymentError(f"{what} = {vector.tolist()}: needs a finite length above zero")
+        raise DeploymentError(f"{key} = {vector.tolist()}: needs a finite length above zero")
     return vector / length
 
 
-def _place(spec: SheetSpec, surface: Surface) -> PlacedSheet:
-    grid = _grid(spec)
+def _place_sheet(spec: SheetSpec, surface: Surface) -> PlacedSheet:
+    grid = _element_grid(spec)
     half = 0.5 * np.array([spec.columns - 1, spec.rows - 1])
     steps = np.column_stack([grid[:, 1] - half[0], half[1] - grid[:, 0]])
     xi_m = np.array(spec.middle_xi_m) + spec.pitch_m * steps
-    if np.abs(xi_m[:, 0]).max() > surface.reach_m - 0.5 * spec.pitch_m + 1e-9:
+    if np.abs(xi_m[:, 0]).max() > surface.max_xi1_m - 0.5 * spec.pitch_m + 1e-9:
         raise DeploymentError(
             f"sheets.{spec.name}: an element lies at ξ1 = {np.abs(xi_m[:, 0]).max():.4f} m; "
-            f"{surface.name} reaches to {surface.reach_m:.4f} m, half around on both sides; use fewer"
+            f"{surface.name} reaches to {surface.max_xi1_m:.4f} m, half around on both sides; use fewer"
         )
     position_m, rotation = surface.frame_at(xi_m)
     neighbours = _neighbours(grid, joins_gaps=spec.joins_gaps)
     return PlacedSheet(spec.name, surface, grid, xi_m, position_m, rotation, neighbours, spec.pitch_m**2)
 
 
-def _grid(spec: SheetSpec) -> Ints:
+def _element_grid(spec: SheetSpec) -> Ints:
     """Return rows and columns (n, 2) of the elements, row by row."""
     mask = spec.mask or (_ELEMENT * spec.columns,) * spec.rows
-    if len(mask) != spec.rows or any(len(row) != spec.columns or set(row) - {_ELEMENT, _CUT} for row in mask):
+    if len(mask) != spec.rows or any(len(row) != spec.columns or set(row) - {_ELEMENT, _GAP} for row in mask):
         raise DeploymentError(
             f"sheets.{spec.name}.mask: needs {spec.rows} texts of {spec.columns} characters {_ELEMENT} or "
-            f"{_CUT}; got {list(mask)}"
+            f"{_GAP}; got {list(mask)}"
         )
     grid = np.argwhere(np.array([list(row) for row in mask]) == _ELEMENT)
     if not len(grid):
@@ -224,8 +224,8 @@ def _neighbours(grid: Ints, *, joins_gaps: bool) -> Ints:
     return np.array(ordered, dtype=np.int64).reshape(-1, 2)
 
 
-def _refuse_overlap(one: PlacedSheet, other: PlacedSheet) -> None:
-    reach_m = _OVERLAP * math.sqrt(min(one.area_m2, other.area_m2))
+def _require_no_overlap(one: PlacedSheet, other: PlacedSheet) -> None:
+    reach_m = _OVERLAP_FRACTION * math.sqrt(min(one.area_m2, other.area_m2))
     near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach_m)
     for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
         if one.R_body_element[a, :, 2] @ other.R_body_element[b, :, 2] > 0.0:  # else back to back

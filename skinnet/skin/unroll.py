@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from skinnet.skin.lattice import PORT_ANGLES_RAD
 from skinnet.skin.placement import PlacedPatch
 
-__all__ = ["unroll"]
+__all__ = ["unroll_patch"]
 
-_OVERLAP = 0.9
-_GAP = 1.5
+_OVERLAP_FRACTION = 0.9
+_COMPONENT_GAP = 1.5
 
 
-def unroll(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def unroll_patch(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Unroll a patch: cell centres (n, 2) in pitches, seen from outside, and angles (n,) of port 0 [rad].
 
     A wire joins the midpoints of two edges, so the planar position of a cell follows from its neighbour's,
@@ -31,41 +31,41 @@ def unroll(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]
     right = 0.0
     for first in range(n):
         if math.isnan(at[first, 0]):
-            piece = _unroll_piece(first, neighbours, at, turn)
+            piece = _unroll_component(first, neighbours, at, turn)
             at[piece] += [right - at[piece, 0].min(), -at[piece, 1].mean()]
-            right = float(at[piece, 0].max()) + _GAP
-    if _too_near(at):
-        return _projected(patch)
+            right = float(at[piece, 0].max()) + _COMPONENT_GAP
+    if _overlaps(at):
+        return _project_patch(patch)
     return at - 0.5 * (at.min(axis=0) + at.max(axis=0)), turn
 
 
-def _unroll_piece(
+def _unroll_component(
     first: int,
     neighbours: list[list[tuple[int, int, int]]],
-    at: NDArray[np.float64],
-    turn: NDArray[np.float64],
+    position: NDArray[np.float64],
+    angle_rad: NDArray[np.float64],
 ) -> list[int]:
-    at[first] = 0.0
+    position[first] = 0.0
     piece, waiting = [first], deque([first])
     while waiting:
         cell = waiting.popleft()
         for port, other, its_port in sorted(neighbours[cell]):
-            if not math.isnan(at[other, 0]):
+            if not math.isnan(position[other, 0]):
                 continue
-            angle = turn[cell] + PORT_ANGLES_RAD[port]
-            at[other] = at[cell] + [math.cos(angle), math.sin(angle)]
-            turn[other] = angle + math.pi - PORT_ANGLES_RAD[its_port]
+            angle = angle_rad[cell] + PORT_ANGLES_RAD[port]
+            position[other] = position[cell] + [math.cos(angle), math.sin(angle)]
+            angle_rad[other] = angle + math.pi - PORT_ANGLES_RAD[its_port]
             piece.append(other)
             waiting.append(other)
     return piece
 
 
-def _too_near(at: NDArray[np.float64]) -> bool:
-    gaps = np.linalg.norm(at[:, None] - at[None], axis=2)
-    return bool((gaps[np.triu_indices(len(at), 1)] < _OVERLAP).any())
+def _overlaps(position: NDArray[np.float64]) -> bool:
+    gaps = np.linalg.norm(position[:, None] - position[None], axis=2)
+    return bool((gaps[np.triu_indices(len(position), 1)] < _OVERLAP_FRACTION).any())
 
 
-def _projected(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _project_patch(patch: PlacedPatch) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Project centres on the plane of the first two principal axes, in smallest distances of cells."""
     centred = patch.position_m - patch.position_m.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2][:2]

@@ -13,7 +13,7 @@ from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import Bridge, PlacedPatch
 
-__all__ = ["WholeSkin", "join"]
+__all__ = ["WholeSkin", "join_patches"]
 
 
 @dataclass(frozen=True)
@@ -45,28 +45,28 @@ class WholeSkin:
         return np.repeat(np.arange(len(self.patches)), np.diff(self.first_cell))
 
     @cached_property
-    def group_of_patch(self) -> NDArray[np.int64]:
+    def component_of_patch(self) -> NDArray[np.int64]:
         """Connected component (p,) of each patch over the bridges."""
         ends = self.patch_of_cell[self.bridges[:, [0, 2]]]
         n = len(self.patches)
         graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
         return connected_components(graph, directed=False)[1].astype(np.int64)
 
-    def name_of(self, cell: int) -> str:
+    def cell_name(self, cell: int) -> str:
         """Return the cell name "patch/cell"."""
         patch = int(self.patch_of_cell[cell])
         return f"{self.patches[patch].name}/{cell - int(self.first_cell[patch])}"
 
-    def feeds(self, names: Iterable[str]) -> NDArray[np.int64]:
-        """Return the feed cells (f,) of "patch/cell:port" in `power.feeds`; all gateway cells if empty.
+    def feed_cells(self, feed_points: Iterable[str]) -> NDArray[np.int64]:
+        """Return the feed cells (f,) of "patch/cell:port" in `power.feed_cells`; all gateway cells if empty.
 
         Raises:
             DeploymentError: unknown patch or cell.
         """
-        named = [self._cell(f"power.feeds[{index}]", name) for index, name in enumerate(names)]
+        named = [self._cell_index(f"power.feeds[{index}]", name) for index, name in enumerate(feed_points)]
         return np.array(named, dtype=np.int64) if named else self.gateways[:, 0]
 
-    def _cell(self, key: str, name: str) -> int:
+    def _cell_index(self, key: str, name: str) -> int:
         patch_name, cell, _ = parse_port(name)
         for patch, first in zip(self.patches, self.first_cell.tolist(), strict=False):
             if patch.name == patch_name and cell < patch.n_cells:
@@ -77,7 +77,7 @@ class WholeSkin:
         raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {known}")
 
 
-def join(patches: tuple[PlacedPatch, ...], bridges: Sequence[Bridge] = ()) -> WholeSkin:
+def join_patches(patches: tuple[PlacedPatch, ...], bridges: Sequence[Bridge] = ()) -> WholeSkin:
     """Join all `patches` and `bridges` into one graph."""
     first_cell = np.concatenate([[0], np.cumsum([patch.n_cells for patch in patches])]).astype(np.int64)
     shifts = np.zeros((len(patches), 1, 4), dtype=np.int64)

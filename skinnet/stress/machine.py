@@ -5,10 +5,10 @@ import time
 
 import psutil
 
-__all__ = ["Others"]
+__all__ = ["OtherLoad"]
 
 
-class Others:
+class OtherLoad:
     """CPU meter of other programs: all but this process and its children, since its creation."""
 
     def __init__(self) -> None:

@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 from skinnet.deployment import Deployment
 from skinnet.deployment.stress import StressSpec
 from skinnet.errors import SkinnetError
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 from skinnet.run.figures.network import percentile_us
 from skinnet.stress.points import LISTEN
 
-__all__ = ["Window", "measure", "usage_within"]
+__all__ = ["MeasurementWindow", "measure_point", "usage_within"]
 
 _DATA = ("event", "reading")
-_NO_CAUSE = ("offered", "delivered", "in_flight")
+_NOT_DROPPED = ("offered", "delivered", "in_flight")
 _MALFORMED = ("malformed", "malformed_envelopes")
-_SHARES = (("p50", 0.50), ("p99", 0.99), ("p999", 0.999))
+_QUANTILES = (("p50", 0.50), ("p99", 0.99), ("p999", 0.999))
 
 
-class Window:
+class MeasurementWindow:
     """Measurement window in simulated time [ns]."""
 
     def __init__(self, start_ns: int, end_ns: int) -> None:
@@ -38,7 +38,7 @@ class Window:
         return (self.end_ns - self.start_ns) * 1e-9
 
 
-def measure(deployment: Deployment, spec: StressSpec, folder: Path, names: list[str]) -> dict[str, Any]:
+def measure_point(deployment: Deployment, spec: StressSpec, folder: Path, names: list[str]) -> dict[str, Any]:
     """Metrics of a finished run, by dotted name.
 
     Args:
@@ -50,7 +50,7 @@ def measure(deployment: Deployment, spec: StressSpec, folder: Path, names: list[
     Raises:
         SkinnetError: the skin's network did not form, so nothing was measured.
     """
-    parts = {name: Part.load(folder / "parts", name) for name in names}
+    parts = {name: ProcessResult.load(folder / "parts", name) for name in names}
     controller = parts["controller"]
     window = _window(controller, spec)
     hosts = [part for part in parts.values() if part.role == "cells"]
@@ -62,16 +62,16 @@ def measure(deployment: Deployment, spec: StressSpec, folder: Path, names: list[
     }
 
 
-def _window(controller: Part, spec: StressSpec) -> Window:
+def _window(controller: ProcessResult, spec: StressSpec) -> MeasurementWindow:
     begin_ns = dict(controller.facts["stages"]).get(LISTEN)
     end_ns = int(controller.facts["end_ns"])
     start_ns = None if begin_ns is None else begin_ns + round(spec.settle_s * 1e9)
     if start_ns is None or start_ns >= end_ns:
         raise SkinnetError("the skin's network did not form in time, so there was nothing to measure")
-    return Window(start_ns, end_ns)
+    return MeasurementWindow(start_ns, end_ns)
 
 
-def _rates(deployment: Deployment, controller: Part, window: Window) -> dict[str, Any]:
+def _rates(deployment: Deployment, controller: ProcessResult, window: MeasurementWindow) -> dict[str, Any]:
     """Packet and byte rates into the controller, and their fractions of the clock-driven rates."""
     cells = sum(patch.n_cells for patch in deployment.patches)
     clock_per_s = cells / (deployment.cells.period_ns * 1e-9)
@@ -92,14 +92,14 @@ def _rates(deployment: Deployment, controller: Part, window: Window) -> dict[str
     }
 
 
-def _packets(hosts: list[Part], controller: Part) -> dict[str, Any]:
+def _packets(cell_processes: list[ProcessResult], controller: ProcessResult) -> dict[str, Any]:
     """Data packets of the whole run: offered, delivered, dropped by cause, in flight, received."""
     total: dict[str, int] = {}
-    for host in hosts:
+    for host in cell_processes:
         for kind in _DATA:
             for name, count in host.facts["network"][kind].items():
                 total[name] = total.get(name, 0) + count
-    offered, delivered, in_flight = (total.pop(name) for name in _NO_CAUSE)
+    offered, delivered, in_flight = (total.pop(name) for name in _NOT_DROPPED)
     dropped = sum(total.values())
     figures = {
         "offered": offered,
@@ -115,25 +115,25 @@ def _packets(hosts: list[Part], controller: Part) -> dict[str, Any]:
     return figures | {f"dropped.{cause}": count for cause, count in sorted(total.items()) if count}
 
 
-def _latencies(hosts: list[Part], parts: list[Part]) -> dict[str, Any]:
+def _latencies(cell_processes: list[ProcessResult], results: list[ProcessResult]) -> dict[str, Any]:
     """Latency percentiles: modelled, sample to gateway; measured, batches between processes."""
     return {
-        **_percentiles("latency_us", np.sum([host.arrays["latency_us"] for host in hosts], axis=0)),
-        **_percentiles("machine_us", np.sum([part.arrays["transit_us"] for part in parts], axis=0)),
+        **_percentiles("latency_us", np.sum([host.arrays["latency_us"] for host in cell_processes], axis=0)),
+        **_percentiles("machine_us", np.sum([part.arrays["transit_us"] for part in results], axis=0)),
     }
 
 
 def _percentiles(name: str, histogram: NDArray[np.int64]) -> dict[str, float]:
     if not histogram.sum():
         return {}
-    return {f"{name}.{label}": percentile_us(histogram, share) for label, share in _SHARES}
+    return {f"{name}.{label}": percentile_us(histogram, share) for label, share in _QUANTILES}
 
 
-def _costs(parts: dict[str, Part], window: Window) -> dict[str, Any]:
+def _costs(results: dict[str, ProcessResult], window: MeasurementWindow) -> dict[str, Any]:
     """CPU time of each process per simulated and per wall second, peak memory, traffic, real-time factor."""
     figures: dict[str, Any] = {}
     total = 0.0
-    for name, part in parts.items():
+    for name, part in results.items():
         used = usage_within(part, window)
         figures[f"cpu.{name}"] = used["cpu_s"] / used["sim_s"]
         figures[f"cores.{name}"] = used["cpu_s"] / used["wall_s"]
@@ -145,13 +145,13 @@ def _costs(parts: dict[str, Part], window: Window) -> dict[str, Any]:
     return figures | {"cpu.all": total}
 
 
-def usage_within(part: Part, window: Window) -> dict[str, float]:
+def usage_within(result: ProcessResult, window: MeasurementWindow) -> dict[str, float]:
     """Resource usage of a process between its first and last usage sample inside `window`.
 
     Raises:
         SkinnetError: fewer than two samples: the window is too short.
     """
-    usage = part.arrays["usage"]
+    usage = result.arrays["usage"]
     inside = usage[(usage["t_ns"] >= window.start_ns) & (usage["t_ns"] <= window.end_ns)]
     if len(inside) < 2:
         raise SkinnetError(f"{window.duration_s:g} s are too short to measure; give at least 0.2")

@@ -13,23 +13,23 @@ from matplotlib.ticker import PercentFormatter
 from skinnet.deployment import Deployment
 from skinnet.deployment.stress import StressSpec
 from skinnet.stress.points import Point
-from skinnet.stress.report import is_stimulated, largest, nearest, swept_at, thresholds
-from skinnet.stress.sweep import Result
+from skinnet.stress.report import full_size_points, is_stimulated, nearest_delta, points_at_delta, thresholds
+from skinnet.stress.sweep import PointResult
 
-__all__ = ["draw"]
+__all__ = ["draw_plots"]
 
 _DPI = 130
 _COLOURS = {"clock": "#6b7280", "delta": "#2f6fab", "levels": "#3f8f5f"}
 _PALE = 0.45
 _PUBLISHED = "#b3261e"
-_LEAST_SHARE = 1e-4
+_MIN_FRACTION = 1e-4
 """Smallest fraction shown: below it, a run of some seconds has too few packets to measure a rate."""
-_PROCESSES = {"controller": "#2f6fab", "body": "#c9a227"}
-_HOSTS = ("#8aa39b", "#a9bdb6", "#c3d1cc", "#dbe4e1")
-_Plot = Callable[[Deployment, StressSpec, list[Result]], Figure | None]
+_PROCESS_COLOURS = {"controller": "#2f6fab", "body": "#c9a227"}
+_CELL_PROCESS_COLOURS = ("#8aa39b", "#a9bdb6", "#c3d1cc", "#dbe4e1")
+_Plot = Callable[[Deployment, StressSpec, list[PointResult]], Figure | None]
 
 
-def draw(deployment: Deployment, spec: StressSpec, results: list[Result], out: Path) -> None:
+def draw_plots(deployment: Deployment, spec: StressSpec, results: list[PointResult], out: Path) -> None:
     """Draw every plot that the successful points allow into `out`."""
     out.mkdir(parents=True, exist_ok=True)
     done = [result for result in results if result.failed is None]
@@ -39,7 +39,7 @@ def draw(deployment: Deployment, spec: StressSpec, results: list[Result], out: P
             figure.savefig(out / f"{name}.png", dpi=_DPI)
 
 
-def _title(point: Point) -> str:
+def _point_label(point: Point) -> str:
     """Axis label of a point."""
     words = [f"{point.cells} cells", point.encoding]
     if point.delta_sigma is not None:
@@ -51,23 +51,23 @@ def _title(point: Point) -> str:
     return ", ".join(words)
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share == 0.0 or share > _LEAST_SHARE else "< 0.01 %"
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.2g} %" if fraction == 0.0 or fraction > _MIN_FRACTION else "< 0.01 %"
 
 
 def _alpha(point: Point) -> float:
     return 1.0 if is_stimulated(point) or point.stimulated is None else _PALE
 
 
-def _own(results: list[Result]) -> list[Result]:
+def _at_own_thresholds(results: list[PointResult]) -> list[PointResult]:
     """Points with the deployment's own thresholds."""
     return [result for result in results if result.point.delta_sigma is None]
 
 
-def _rows(figure: Figure, results: list[Result]) -> Axes:
+def _point_axes(figure: Figure, results: list[PointResult]) -> Axes:
     """Axes with one row for each point, the first on top."""
     axes = figure.add_subplot()
-    axes.set_yticks(range(len(results)), [_title(result.point) for result in results], fontsize=8)
+    axes.set_yticks(range(len(results)), [_point_label(result.point) for result in results], fontsize=8)
     axes.invert_yaxis()
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="x", alpha=0.3)
@@ -75,15 +75,15 @@ def _rows(figure: Figure, results: list[Result]) -> Axes:
     return axes
 
 
-def _tall(results: list[Result]) -> Figure:
+def _point_figure(results: list[PointResult]) -> Figure:
     return Figure(figsize=(9.0, 1.6 + 0.3 * len(results)), layout="constrained")
 
 
-def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
+def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Figure | None:
     """Packet rates into the controller."""
-    own = _own(results)
-    figure = _tall(own)
-    axes = _rows(figure, own)
+    own = _at_own_thresholds(results)
+    figure = _point_figure(own)
+    axes = _point_axes(figure, own)
     for row, result in enumerate(own):
         rate, share = result.figures["packets_per_s"], result.figures["share.packets"]
         axes.barh(row, rate, color=_COLOURS[result.point.encoding], alpha=_alpha(result.point))
@@ -96,11 +96,11 @@ def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[Result])
     return figure
 
 
-def _plot_latency(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
+def _plot_latency(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Figure | None:
     """Latency percentiles of the modelled network and between processes."""
-    own = _own(results)
-    figure = _tall(own)
-    axes = _rows(figure, own)
+    own = _at_own_thresholds(results)
+    figure = _point_figure(own)
+    axes = _point_axes(figure, own)
     kinds = (("latency_us", "#2f6fab", -0.16), ("machine_us", "#c9a227", 0.16))
     for row, result in enumerate(own):
         for name, colour, shift in kinds:
@@ -125,11 +125,11 @@ def _plot_latency(deployment: Deployment, spec: StressSpec, results: list[Result
     return figure
 
 
-def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
+def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Figure | None:
     """CPU time of each process per simulated second."""
-    own = _own(results)
-    figure = _tall(own)
-    axes = _rows(figure, own)
+    own = _at_own_thresholds(results)
+    figure = _point_figure(own)
+    axes = _point_axes(figure, own)
     names = sorted(
         {
             name[4:]
@@ -139,9 +139,9 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[Result]) -
         },
         key=lambda name: (name != "controller", name != "body", name),
     )
-    colours = dict(_PROCESSES)
+    colours = dict(_PROCESS_COLOURS)
     for index, name in enumerate(name for name in names if name not in colours):
-        colours[name] = _HOSTS[index % len(_HOSTS)]
+        colours[name] = _CELL_PROCESS_COLOURS[index % len(_CELL_PROCESS_COLOURS)]
     for row, result in enumerate(own):
         left = 0.0
         for name in names:
@@ -161,18 +161,19 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[Result]) -
     return figure
 
 
-def _plot_gain(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
+def _plot_event_driven(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Figure | None:
     """Event-driven rates as fractions of the clock-driven rate, with the published values."""
-    events = [result for result in largest(results) if result.point.encoding != "clock"]
-    sigma = nearest(results, spec)
-    events += [] if sigma is None else swept_at(results, sigma)
+    events = [result for result in full_size_points(results) if result.point.encoding != "clock"]
+    sigma = nearest_delta(results, spec)
+    events += [] if sigma is None else points_at_delta(results, sigma)
     events.sort(key=lambda r: (r.point.delta_sigma or 0.0, r.point.encoding, r.point.stimulated or 0.0))
     if not events:
         return None
     figure = Figure(figsize=(11.0, 4.8), layout="constrained")
     both = figure.subplots(1, 2, sharey=True)
     labels = [
-        _title(result.point).partition(", ")[2].replace(", ", "\n").replace(" t", "\nt") for result in events
+        _point_label(result.point).partition(", ")[2].replace(", ", "\n").replace(" t", "\nt")
+        for result in events
     ]
     for axes, of in zip(both, ("bytes", "packets"), strict=True):
         axes.spines[["top", "right"]].set_visible(False)
@@ -196,9 +197,9 @@ def _plot_gain(deployment: Deployment, spec: StressSpec, results: list[Result]) 
     return figure
 
 
-def _mark_published(axes: Axes, spec: StressSpec, of: str, side: Literal["left", "right"]) -> None:
+def _mark_published(axes: Axes, spec: StressSpec, rate_kind: str, side: Literal["left", "right"]) -> None:
     for published in spec.published:
-        if not published.is_of(of):
+        if not published.is_of(rate_kind):
             continue
         axes.axhline(published.share, color=_PUBLISHED, linewidth=1.0, linestyle="--")
         touched = "touched" if published.stimulated else "untouched"
@@ -215,7 +216,7 @@ def _mark_published(axes: Axes, spec: StressSpec, of: str, side: Literal["left",
         )
 
 
-def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Figure | None:
+def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Figure | None:
     """Fraction of the clock-driven rate over the send-on-delta threshold, in multiples of the noise."""
     swept = [result for result in results if result.point.delta_sigma is not None]
     if not swept:
@@ -232,7 +233,7 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Res
                 (r for r in swept if (r.point.stimulated or 0.0) == stimulated),
                 key=lambda r: r.point.delta_sigma or 0.0,
             )
-            line = [r for r in line if r.figures[f"share.{of}"] >= _LEAST_SHARE]
+            line = [r for r in line if r.figures[f"share.{of}"] >= _MIN_FRACTION]
             axes.plot(
                 [r.point.delta_sigma for r in line],
                 [r.figures[f"share.{of}"] for r in line],
@@ -249,7 +250,7 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Res
         axes.set_title(f"{of} per second", fontsize=10)
     both[0].set_ylabel("share of clock-driven")
     most = max(result.figures["share.packets"] for result in swept)
-    both[0].set_ylim(_LEAST_SHARE, 1.5 * max(1.0, most))
+    both[0].set_ylim(_MIN_FRACTION, 1.5 * max(1.0, most))
     handles, labels = both[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     used = ", ".join(
@@ -267,6 +268,6 @@ _PLOTS: tuple[tuple[str, _Plot], ...] = (
     ("rates", _plot_rates),
     ("latency", _plot_latency),
     ("cpu", _plot_cpu),
-    ("event_driven", _plot_gain),
+    ("event_driven", _plot_event_driven),
     ("thresholds", _plot_thresholds),
 )

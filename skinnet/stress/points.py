@@ -13,16 +13,16 @@ from skinnet.deployment.stress import StressSpec
 from skinnet.deployment.table import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.network.faults import check_targets
-from skinnet.skin.gateways import with_gateways
-from skinnet.skin.placement import place_all
+from skinnet.skin.gateways import with_placed_gateways
+from skinnet.skin.placement import place_patches
 
-__all__ = ["LISTEN", "Point", "derive", "noise_sigma", "points_of"]
+__all__ = ["LISTEN", "Point", "derive_deployment", "noise_sigma", "sweep_points"]
 
 LISTEN = "listen"
 """Stage name: the only stage that a point's controller runs."""
 _FORMATION_S = 10.0
 """Time limit of network formation [s, simulated]."""
-_PATIENCE_S = 120.0
+_DEADLINE_S = 120.0
 """Deadline of a period end [s, wall]: several sweeps may share a computer, and a first run compiles."""
 
 
@@ -49,7 +49,7 @@ class Point:
         return "-".join(words)
 
 
-def points_of(deployment: Deployment, spec: StressSpec) -> list[Point]:
+def sweep_points(deployment: Deployment, spec: StressSpec) -> list[Point]:
     """Points of the sweep `spec`, in the order in which they run, each once.
 
     Raises:
@@ -65,7 +65,7 @@ def points_of(deployment: Deployment, spec: StressSpec) -> list[Point]:
         )
     gateways = spec.gateways or (None,)
     stimulated = _stimulated(deployment, spec)
-    counts = tuple(dict.fromkeys(_reached(deployment.patches, cells) for cells in spec.cells or (total,)))
+    counts = tuple(dict.fromkeys(_n_cells(deployment.patches, cells) for cells in spec.cells or (total,)))
     points = [
         Point(cells, encoding, ports, share)
         for cells, ports, share, encoding in product(counts, gateways, stimulated, spec.encodings)
@@ -83,7 +83,7 @@ def _stimulated(deployment: Deployment, spec: StressSpec) -> tuple[float | None,
     return spec.stimulated or tuple(dict.fromkeys((0.0, deployment.script.stimulated)))
 
 
-def _chosen(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpec, ...]:
+def _first_patches(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpec, ...]:
     """First patches that together have at least `cells` cells."""
     chosen: list[PatchSpec] = []
     for patch in patches:
@@ -93,38 +93,38 @@ def _chosen(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpec, ...]
     return tuple(chosen)
 
 
-def _reached(patches: tuple[PatchSpec, ...], cells: int) -> int:
-    return sum(patch.n_cells for patch in _chosen(patches, cells))
+def _n_cells(patches: tuple[PatchSpec, ...], cells: int) -> int:
+    return sum(patch.n_cells for patch in _first_patches(patches, cells))
 
 
-def derive(deployment: Deployment, point: Point, spec: StressSpec) -> Deployment:
+def derive_deployment(deployment: Deployment, point: Point, spec: StressSpec) -> Deployment:
     """Derive the deployment of a point: its network forms, its controller listens, and it ends.
 
     Raises:
         DeploymentError: a patch has no room for that many gateways, or the settings are inconsistent.
     """
     cells = _with_encoding(deployment.cells, point)
-    patches = _chosen(deployment.patches, point.cells)
+    patches = _first_patches(deployment.patches, point.cells)
     script = deployment.script
     if script is not None and point.stimulated is not None:
         script = replace(script, stimulated=point.stimulated)
     derived = replace(
-        _only(deployment, {patch.name for patch in patches}),
-        run=_run(deployment.run, spec),
+        _restrict_to_patches(deployment, {patch.name for patch in patches}),
+        run=_run_spec(deployment.run, spec),
         cells=cells,
-        patches=tuple(_wired(patch, cells, deployment, point.gateways) for patch in patches),
+        patches=tuple(_with_gateways(patch, cells, deployment, point.gateways) for patch in patches),
         script=script,
         controller=_listening(deployment.controller, spec),
     )
     try:
         check(derived)
-        check_targets(derived, place_all(derived.patches, derived.cells))
+        check_targets(derived, place_patches(derived.patches, derived.cells))
     except DeploymentError as error:
         raise DeploymentError(f"point {point.name}: {error}") from None
     return derived
 
 
-def _only(deployment: Deployment, names: set[str]) -> Deployment:
+def _restrict_to_patches(deployment: Deployment, names: set[str]) -> Deployment:
     """Restrict `deployment` to the patches `names`; drop what belongs to others."""
 
     def there(place: str) -> bool:
@@ -153,9 +153,9 @@ def _only(deployment: Deployment, names: set[str]) -> Deployment:
     )
 
 
-def _run(run: RunSpec, spec: StressSpec) -> RunSpec:
+def _run_spec(run: RunSpec, spec: StressSpec) -> RunSpec:
     max_s = _FORMATION_S + spec.settle_s + spec.duration_s
-    return replace(run, max_s=max_s, pace="lockstep", deadline_s=_PATIENCE_S, may_be_lost=())
+    return replace(run, max_s=max_s, pace="lockstep", deadline_s=_DEADLINE_S, may_be_lost=())
 
 
 def _listening(control: ControllerSpec, spec: StressSpec) -> ControllerSpec:
@@ -163,13 +163,15 @@ def _listening(control: ControllerSpec, spec: StressSpec) -> ControllerSpec:
     return replace(control, program=(LISTEN,), stages={LISTEN: stage})
 
 
-def _wired(patch: PatchSpec, cells: CellSpec, deployment: Deployment, gateways: int | None) -> PatchSpec:
+def _with_gateways(
+    patch: PatchSpec, cells: CellSpec, deployment: Deployment, gateways: int | None
+) -> PatchSpec:
     """Patch with `gateways` gateways; a patch reached only by bridges stays so."""
     if gateways is None or not patch.interfaces:
         return patch
     ends = [end for bridge in deployment.bridges for end in (bridge.a, bridge.b)]
     taken = [(cell, port) for name, cell, port in map(parse_port, ends) if name == patch.name]
-    return with_gateways(patch, cells, gateways, taken)
+    return with_placed_gateways(patch, cells, gateways, taken)
 
 
 def noise_sigma(cells: CellSpec) -> dict[str, float]:

@@ -10,24 +10,24 @@ from rich.console import Console
 from rich.table import Table
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.stress import PublishedSpec, StressSpec
+from skinnet.deployment.stress import PublishedRateSpec, StressSpec
 from skinnet.stress.points import Point, noise_sigma
-from skinnet.stress.sweep import Result
+from skinnet.stress.sweep import PointResult
 
 __all__ = [
-    "crossing",
-    "figures_of",
+    "delta_at_published",
+    "full_size_points",
     "is_stimulated",
-    "largest",
-    "nearest",
+    "nearest_delta",
+    "points_at_delta",
     "print_table",
-    "swept_at",
+    "sweep_metrics",
     "thresholds",
 ]
 
-_BUSY_CORES = 0.3
+_DISTURBING_CORES = 0.3
 """CPU load by other programs [cores] above which a two-core computer distorts the measurement."""
-_WHATS = ("packets", "bytes")
+_RATE_KINDS = ("packets", "bytes")
 _HEADLINE = (
     "packets_per_s",
     "bytes_per_s",
@@ -48,7 +48,7 @@ def is_stimulated(point: Point) -> bool:
     return bool(point.stimulated)
 
 
-def largest(results: list[Result]) -> list[Result]:
+def full_size_points(results: list[PointResult]) -> list[PointResult]:
     """Successful points with all cells, the first gateway count and the deployment's own thresholds."""
     done = [r for r in results if r.failed is None and r.point.delta_sigma is None]
     if not done:
@@ -76,14 +76,16 @@ def thresholds(deployment: Deployment) -> dict[str, float]:
     return figures
 
 
-def crossing(results: list[Result], published: PublishedSpec, what: str) -> float | None:
-    """Delta, in multiples of the noise, at which the swept fraction of `what` falls to a published one.
+def delta_at_published(
+    results: list[PointResult], published: PublishedRateSpec, rate_kind: str
+) -> float | None:
+    """Delta, in multiples of the noise, at which the swept fraction of `rate_kind` falls to a published one.
 
     Log-linear interpolation between two points of the sweep; None if the sweep does not reach the published
     fraction.
     """
     line = sorted(
-        (result.point.delta_sigma, result.figures[f"share.{what}"])
+        (result.point.delta_sigma, result.figures[f"share.{rate_kind}"])
         for result in results
         if result.failed is None
         and result.point.delta_sigma is not None
@@ -96,7 +98,7 @@ def crossing(results: list[Result], published: PublishedSpec, what: str) -> floa
     return None
 
 
-def nearest(results: list[Result], spec: StressSpec) -> float | None:
+def nearest_delta(results: list[PointResult], spec: StressSpec) -> float | None:
     """Delta of the sweep, in multiples of the noise, with packet fractions nearest to the published ones.
 
     Bounds do not count. Distance is the sum of |log ratio|; None without a sweep or published values.
@@ -104,7 +106,7 @@ def nearest(results: list[Result], spec: StressSpec) -> float | None:
     published = [one for one in spec.published if not one.at_most]
     distance: dict[float, float] = {}
     for sigma in {r.point.delta_sigma for r in results if r.failed is None and r.point.delta_sigma}:
-        shares = {is_stimulated(r.point): r.figures["share.packets"] for r in swept_at(results, sigma)}
+        shares = {is_stimulated(r.point): r.figures["share.packets"] for r in points_at_delta(results, sigma)}
         found = [shares.get(one.stimulated, 0.0) for one in published]
         if found and min(found) > 0.0:
             distance[sigma] = sum(
@@ -113,12 +115,12 @@ def nearest(results: list[Result], spec: StressSpec) -> float | None:
     return min(distance, key=lambda sigma: (distance[sigma], sigma), default=None)
 
 
-def swept_at(results: list[Result], sigma: float) -> list[Result]:
+def points_at_delta(results: list[PointResult], sigma: float) -> list[PointResult]:
     """Points of the threshold sweep with deltas of `sigma` times the noise."""
     return [r for r in results if r.failed is None and r.point.delta_sigma == sigma]
 
 
-def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) -> dict[str, Any]:
+def sweep_metrics(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> dict[str, Any]:
     """Metrics of a sweep under flat names; those of the largest points also without the points' names.
 
     `<encoding>.<unstimulated|stimulated>.…` are metrics of the points with all cells; with several fractions
@@ -128,7 +130,7 @@ def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) 
         "points": len(results),
         "failed": sum(result.failed is not None for result in results),
     }
-    for result in sorted(largest(results), key=lambda r: r.point.stimulated or 0.0):
+    for result in sorted(full_size_points(results), key=lambda r: r.point.stimulated or 0.0):
         label = "stimulated" if is_stimulated(result.point) else "unstimulated"
         for name in _HEADLINE:
             figures[f"{result.point.encoding}.{label}.{name}"] = result.figures[name]
@@ -136,22 +138,26 @@ def figures_of(deployment: Deployment, spec: StressSpec, results: list[Result]) 
         label = "stimulated" if published.stimulated else "unstimulated"
         name = f"published.{published.source}.{label}"
         figures[f"{name}.share"] = published.share
-        for what in _WHATS:
-            if published.is_of(what) and (sigmas := crossing(results, published, what)) is not None:
+        for what in _RATE_KINDS:
+            if published.is_of(what) and (sigmas := delta_at_published(results, published, what)) is not None:
                 figures[f"{name}.delta_sigmas.{what}"] = sigmas
-    sigma = nearest(results, spec)
+    sigma = nearest_delta(results, spec)
     if sigma is not None:
         figures["nearest.delta_sigmas"] = sigma
-        for result in swept_at(results, sigma):
+        for result in points_at_delta(results, sigma):
             label = "stimulated" if is_stimulated(result.point) else "unstimulated"
-            figures |= {f"nearest.{label}.share.{what}": result.figures[f"share.{what}"] for what in _WHATS}
+            figures |= {
+                f"nearest.{label}.share.{what}": result.figures[f"share.{what}"] for what in _RATE_KINDS
+            }
     figures |= thresholds(deployment)
     for result in results:
         figures |= {f"{result.point.name}.{name}": value for name, value in result.figures.items()}
     return figures
 
 
-def print_table(console: Console, deployment: Deployment, spec: StressSpec, results: list[Result]) -> None:
+def print_table(
+    console: Console, deployment: Deployment, spec: StressSpec, results: list[PointResult]
+) -> None:
     """Print a row for each point, then event-driven rates beside the published ones."""
     table = Table(
         title=f"{deployment.name} under stress", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
@@ -165,7 +171,7 @@ def print_table(console: Console, deployment: Deployment, spec: StressSpec, resu
         else:
             table.add_row(result.point.name, *_cells(result.figures))
     console.print(table)
-    for line in _lines(deployment, spec, results):
+    for line in _notes(deployment, spec, results):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -201,16 +207,16 @@ def _cells(f: dict[str, Any]) -> Iterator[str]:
     yield f"{f['rtf']:.2f}"
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2f} %"
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.2f} %"
 
 
-def _lines(deployment: Deployment, spec: StressSpec, results: list[Result]) -> Iterator[str]:
+def _notes(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Iterator[str]:
     for result in results:
         if result.failed is not None:
             yield f"{result.point.name} failed: {result.failed}"
     others = max((result.figures["others_cores"] for result in results if result.failed is None), default=0.0)
-    if others > _BUSY_CORES:
+    if others > _DISTURBING_CORES:
         yield (
             f"Other programs kept up to {others:.1f} cores of this machine busy: CPU times and speeds "
             "are worse than they need be."
@@ -225,27 +231,29 @@ def _lines(deployment: Deployment, spec: StressSpec, results: list[Result]) -> I
     for published in spec.published:
         label = "stimulated" if published.stimulated else "unstimulated"
         share = f"{'at most ' if published.at_most else ''}{_percent(published.share)}"
-        here = "; ".join(_here(results, published, what) for what in _WHATS if published.is_of(what))
+        here = "; ".join(
+            _measured_text(results, published, what) for what in _RATE_KINDS if published.is_of(what)
+        )
         yield f"[{published.source}] {label}, {share} of clock-driven. Here: {here}."
-    sigma = nearest(results, spec)
+    sigma = nearest_delta(results, spec)
     if sigma is not None:
         shares = "; ".join(
             f"{'stimulated' if is_stimulated(r.point) else 'unstimulated'} "
-            + ", ".join(f"{_percent(r.figures[f'share.{what}'])} of the {what}" for what in _WHATS)
-            for r in swept_at(results, sigma)
+            + ", ".join(f"{_percent(r.figures[f'share.{what}'])} of the {what}" for what in _RATE_KINDS)
+            for r in points_at_delta(results, sigma)
         )
         yield f"Nearest to the published shares of those swept, deltas of {sigma:g} σ: {shares}."
 
 
-def _here(results: list[Result], published: PublishedSpec, what: str) -> str:
+def _measured_text(results: list[PointResult], published: PublishedRateSpec, rate_kind: str) -> str:
     """Measured fractions beside a published one, and the threshold that gives it."""
     found = [
         result
-        for result in largest(results)
+        for result in full_size_points(results)
         if result.point.encoding != "clock" and is_stimulated(result.point) == published.stimulated
     ]
     found.sort(key=lambda result: (result.point.encoding, result.point.stimulated or 0.0))
-    values = ", ".join(f"{r.point.encoding} {_percent(r.figures[f'share.{what}'])}" for r in found)
-    sigmas = crossing(results, published, what)
+    values = ", ".join(f"{r.point.encoding} {_percent(r.figures[f'share.{rate_kind}'])}" for r in found)
+    sigmas = delta_at_published(results, published, rate_kind)
     given_by = "" if sigmas is None else f"; deltas of {sigmas:.1f} σ give the published share"
-    return f"{what} {values or 'not measured'}{given_by}"
+    return f"{rate_kind} {values or 'not measured'}{given_by}"

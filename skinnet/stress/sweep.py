@@ -14,20 +14,20 @@ from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.stress import StressSpec
 from skinnet.errors import SkinnetError
 from skinnet.files import write_json
-from skinnet.run.launch import Order, run_once
-from skinnet.run.processes import processes
-from skinnet.run.progress import Progress
-from skinnet.stress.machine import Others
-from skinnet.stress.measure import measure
-from skinnet.stress.points import Point, derive, points_of
+from skinnet.run.launch import RunOptions, run_once
+from skinnet.run.processes import process_list
+from skinnet.run.progress import ProgressDisplay
+from skinnet.stress.machine import OtherLoad
+from skinnet.stress.measure import measure_point
+from skinnet.stress.points import Point, derive_deployment, sweep_points
 
-__all__ = ["Result", "sweep"]
+__all__ = ["PointResult", "run_sweep"]
 
 _RESULT = "point.json"
 
 
 @dataclass
-class Result:
+class PointResult:
     """Result of a point: its metrics, or the reason of its failure."""
 
     point: Point
@@ -35,15 +35,15 @@ class Result:
     failed: str | None = None
 
 
-def sweep(
+def run_sweep(
     file: Path,
     deployment: Deployment,
     spec: StressSpec,
     out: Path,
     *,
     resume: bool,
-    say: Callable[[str], None],
-) -> list[Result]:
+    progress: Callable[[str], None],
+) -> list[PointResult]:
     """Run every point of `spec` in a folder of its own below `out`; a failed point does not end the sweep.
 
     Args:
@@ -52,64 +52,66 @@ def sweep(
         spec: Sweep to run.
         out: Folder of the sweep.
         resume: Keep the points in `out` that are finished and were made from the same deployment.
-        say: Callback for progress, one line at a time.
+        progress: Callback for progress, one line at a time.
 
     Raises:
         DeploymentError: a point is not a valid deployment; then nothing has run.
     """
-    points = points_of(deployment, spec)
-    derived = [derive(deployment, point, spec) for point in points]
+    points = sweep_points(deployment, spec)
+    derived = [derive_deployment(deployment, point, spec) for point in points]
     (out / "stress.json").unlink(missing_ok=True)  # of an earlier sweep in this folder
     results = []
     for number, (point, what) in enumerate(zip(points, derived, strict=True), start=1):
         head = f"{number}/{len(points)} {point.name}"
-        folder, mark = out / point.name, _mark(what, file)
-        result = _finished(folder, mark, point) if resume else None
+        folder, mark = out / point.name, _fingerprint(what, file)
+        result = _load_finished(folder, mark, point) if resume else None
         if result is not None:
-            say(f"{head}: kept, {_gist(result)}")
+            progress(f"{head}: kept, {_result_line(result)}")
         else:
-            result = _run(file, what, spec, point, folder)
+            result = _run_point(file, what, spec, point, folder)
             if result.failed is None:
                 write_json(folder / _RESULT, {"mark": mark} | asdict(result))
-            say(f"{head}: {_gist(result)}")
+            progress(f"{head}: {_result_line(result)}")
         results.append(result)
     return results
 
 
-def _mark(deployment: Deployment, file: Path) -> str:
+def _fingerprint(deployment: Deployment, file: Path) -> str:
     """Fingerprint of a result's inputs: deployment, folder of its paths, and program version."""
     what = resolved_json(deployment) + f"{file.resolve().parent} {__version__}".encode()
     return hashlib.sha256(what).hexdigest()
 
 
-def _finished(folder: Path, mark: str, point: Point) -> Result | None:
+def _load_finished(folder: Path, mark: str, point: Point) -> PointResult | None:
     try:
         saved = msgspec.json.decode((folder / _RESULT).read_bytes())
     except (FileNotFoundError, msgspec.DecodeError):
         return None
-    return Result(point, saved["figures"]) if saved.get("mark") == mark else None
+    return PointResult(point, saved["figures"]) if saved.get("mark") == mark else None
 
 
-def _run(file: Path, deployment: Deployment, spec: StressSpec, point: Point, folder: Path) -> Result:
+def _run_point(
+    file: Path, deployment: Deployment, spec: StressSpec, point: Point, folder: Path
+) -> PointResult:
     (folder / _RESULT).unlink(missing_ok=True)
-    quiet = Progress(Console(stderr=True), quiet=True)
-    others = Others()
+    quiet = ProgressDisplay(Console(stderr=True), quiet=True)
+    others = OtherLoad()
     try:
-        run_once(Order(file, plots=False), deployment, folder, quiet)
+        run_once(RunOptions(file, plots=False), deployment, folder, quiet)
         busy = {"others_cores": others.cores}
-        names = [process.name for process in processes(deployment)]
-        return Result(point, measure(deployment, spec, folder, names) | busy)
+        names = [process.name for process in process_list(deployment)]
+        return PointResult(point, measure_point(deployment, spec, folder, names) | busy)
     except SkinnetError as error:
-        return Result(point, failed=_why(error))
+        return PointResult(point, failed=_one_line(error))
 
 
-def _why(error: SkinnetError) -> str:
+def _one_line(error: SkinnetError) -> str:
     """Error message in one line: its first and its last line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[0] if len(lines) < 2 else f"{lines[0]} {lines[-1]}"
 
 
-def _gist(result: Result) -> str:
+def _result_line(result: PointResult) -> str:
     if result.failed is not None:
         return f"failed: {result.failed}"
     figures = result.figures

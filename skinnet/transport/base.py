@@ -8,11 +8,11 @@ publishes best-effort to observers and never waits for them.
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, Protocol
 
-__all__ = ["Delivery", "OnMessage", "Query", "Transport", "Undo", "matches"]
+__all__ = ["Delivery", "OnMessage", "Query", "Transport", "Undeclare", "key_matches"]
 
 OnMessage = Callable[[str, bytes], None]
 """Message callback (key, payload), possibly in another thread; must not block."""
-Undo = Callable[[], None]
+Undeclare = Callable[[], None]
 
 
 class Delivery(NamedTuple):
@@ -31,23 +31,23 @@ class Transport(Protocol):
         Messages of one sender arrive in order within a route group; at the recorder, in order altogether.
         """
 
-    def watch_alive(self, expression: str) -> None:
+    def subscribe_liveliness(self, expression: str) -> None:
         """Subscribe to liveliness as deliveries: payload empty for a present or new token, None if lost."""
 
-    def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
+    def declare_liveliness_subscriber(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
         """Subscribe to liveliness by callback: each present or new token (True), each lost one (False)."""
 
-    def announce(self, key: str) -> None:
+    def declare_token(self, key: str) -> None:
         """Declare the liveliness token `key`; that of `Keys.alive` only after all subscriptions."""
 
-    def present(self, expression: str) -> frozenset[str]:
+    def liveliness_tokens(self, expression: str) -> frozenset[str]:
         """Query the liveliness tokens present now, including this process's; waits for the hub."""
 
-    def heard(self, key: str) -> bool:
+    def has_subscribers(self, key: str) -> bool:
         """Return whether the route group of `key` has a subscriber; changes show after a short delay."""
 
-    def record(self, every: int) -> None:
-        """Send recorded channels to the recorder too, batching the messages of `every` periods."""
+    def enable_recording(self, periods_per_batch: int) -> None:
+        """Send recorded channels to the recorder too, in batches of `periods_per_batch` periods."""
 
     def put(self, key: str, payload: bytes) -> None:
         """Add a message to the batch of this period."""
@@ -55,25 +55,26 @@ class Transport(Protocol):
     def flush(self, *, last: bool = False) -> None:
         """Send the messages of this period; with `last`, also those pending for the recorder."""
 
-    def tell(self, key: str, payload: bytes) -> None:
+    def publish_best_effort(self, key: str, payload: bytes) -> None:
         """Publish best-effort to observers, at once and outside the loop."""
 
-    def tap(self, expression: str, on_message: OnMessage) -> Undo:
+    def declare_subscriber(self, expression: str, on_message: OnMessage) -> Undeclare:
         """Declare a subscriber to best-effort publications; the returned function undeclares it."""
 
-    def audience(self, expression: str) -> Callable[[], bool]:
+    def matching_listener(self, expression: str) -> Callable[[], bool]:
         """Declare a matching listener; the returned function tells whether `expression` has a subscriber.
 
         Changes show after a short delay.
         """
 
-    def overhear(self, expression: str, on_message: OnMessage) -> Undo:
-        """Declare a subscriber to messages put in the loop by any sender; otherwise as `tap`."""
+    def declare_loop_subscriber(self, expression: str, on_message: OnMessage) -> Undeclare:
+        """Declare a subscriber to messages put in the loop by any sender; else as `declare_subscriber`."""
 
-    async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
-        """Receive all deliveries since the last call; wait for at least `enough`, at most `timeout_s` [s].
+    async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
+        """Receive all deliveries since the last call; wait for at least `min_count`, at most `timeout_s` [s].
 
-        A lost token ends the wait at once. A caller that needs several messages saves wake-ups by `enough`.
+        A lost token ends the wait at once. A caller that needs several messages saves wake-ups by
+        `min_count`.
         """
 
     def close(self) -> None:
@@ -101,21 +102,21 @@ class Query(Protocol):
     def reply(self, key: str, payload: bytes) -> None:
         """Reply with `payload` on `key`, which `self.key` matches."""
 
-    def refuse(self, why: str) -> None:
+    def reply_error(self, reason: str) -> None:
         """Reply with an error text."""
 
     def drop(self) -> None:
         """Drop the query without a reply, for other queryables to answer."""
 
 
-def matches(expression: str, key: str) -> bool:
+def key_matches(expression: str, key: str) -> bool:
     """Match `key` against a Zenoh key expression: `*` is one segment, `**` any number of them."""
-    return _matches(expression.split("/"), key.split("/"))
+    return _segments_match(expression.split("/"), key.split("/"))
 
 
-def _matches(expression: list[str], key: list[str]) -> bool:
+def _segments_match(expression: list[str], key: list[str]) -> bool:
     if not expression:
         return not key
     if expression[0] == "**":
-        return any(_matches(expression[1:], key[i:]) for i in range(len(key) + 1))
-    return bool(key) and expression[0] in ("*", key[0]) and _matches(expression[1:], key[1:])
+        return any(_segments_match(expression[1:], key[i:]) for i in range(len(key) + 1))
+    return bool(key) and expression[0] in ("*", key[0]) and _segments_match(expression[1:], key[1:])

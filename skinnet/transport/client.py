@@ -6,19 +6,19 @@ from typing import NamedTuple
 import msgspec
 
 from skinnet.channels import DEPLOYMENT
-from skinnet.deployment.load import build
+from skinnet.deployment.load import from_document
 from skinnet.deployment.schema import Deployment
 from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
 from skinnet.messages import decode
-from skinnet.outside_messages import Deployed
-from skinnet.transport.open_session import OpenSession
-from skinnet.transport.zenoh_session import collect, open_session
+from skinnet.outside_messages import DeploymentInfo
+from skinnet.transport.open_session import PublicSession
+from skinnet.transport.zenoh_session import collect_replies, open_session
 
-__all__ = ["Reply", "ask", "what_runs"]
+__all__ = ["Reply", "query", "query_deployment"]
 
-_TELL_S = 5.0
+_DEPLOYMENT_TIMEOUT_S = 5.0
 """Timeout [s] for the deployment query."""
-_CALL_S = 2.0
+_CONNECT_TIMEOUT_S = 2.0
 """Timeout [s] to connect to an endpoint."""
 
 
@@ -30,7 +30,7 @@ class Reply(NamedTuple):
     error: str
 
 
-def ask(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> list[Reply]:
+def query(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> list[Reply]:
     """Query `expression` as a client of `endpoint`.
 
     Args:
@@ -45,9 +45,9 @@ def ask(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> lis
     Raises:
         UnreachableError: nobody answers at the endpoint.
     """
-    connect_ms = max(1, round(1000 * min(timeout_s, _CALL_S)))
+    connect_ms = max(1, round(1000 * min(timeout_s, _CONNECT_TIMEOUT_S)))
     with open_session(None, endpoint, connect_ms) as session:
-        replies = collect(
+        replies = collect_replies(
             lambda handler: session.get(expression, handler, payload=payload, timeout=timeout_s)
         )
     found, late = [], False
@@ -63,7 +63,7 @@ def ask(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> lis
     return [*found, Reply("", b"", f"no answer within {timeout_s:g} s")] if late else found
 
 
-def what_runs(session: OpenSession, endpoint: str) -> tuple[Deployment, Path]:
+def query_deployment(session: PublicSession, endpoint: str) -> tuple[Deployment, Path]:
     """Query the deployment of the run at an observer endpoint, and the base folder of its relative paths.
 
     Args:
@@ -74,14 +74,14 @@ def what_runs(session: OpenSession, endpoint: str) -> tuple[Deployment, Path]:
         UnreachableError: no run answers there.
         SkinnetError: the run has another version of this program.
     """
-    answers = session.ask(DEPLOYMENT, _TELL_S)
+    answers = session.query(DEPLOYMENT, _DEPLOYMENT_TIMEOUT_S)
     if not answers:
         raise UnreachableError(
             f"{endpoint}: nobody there tells what runs; give an endpoint that a run prints"
         )
     try:
-        deployed = decode(next(iter(answers.values())), Deployed)
+        deployed = decode(next(iter(answers.values())), DeploymentInfo)
         raw = msgspec.json.decode(deployed.deployment)
     except (ProtocolError, msgspec.DecodeError) as error:
         raise SkinnetError(f"{endpoint}: runs another version of skinnet: {error}") from error
-    return build(raw, endpoint), Path(deployed.base)
+    return from_document(raw, endpoint), Path(deployed.base)

@@ -9,13 +9,13 @@ from collections.abc import Callable
 
 import msgspec
 
-from skinnet.transport.base import Delivery, matches
+from skinnet.transport.base import Delivery, key_matches
 
-__all__ = ["TRANSIT_BINS", "Arrivals", "Messages", "seal"]
+__all__ = ["N_TRANSIT_BINS", "BatchReader", "Messages", "encode_batch"]
 
-TRANSIT_BINS = 100_001
+N_TRANSIT_BINS = 100_001
 """Transit-time histogram bins of 1 µs, up to 0.1 s."""
-_KNOWN_KEYS = 100_000
+_MAX_CACHED_KEYS = 100_000
 
 Messages = list[tuple[str, bytes]]
 """Messages as (key, payload)."""
@@ -23,12 +23,12 @@ _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(tuple[int, Messages]).decode
 
 
-def seal(messages: Messages) -> bytes:
+def encode_batch(messages: Messages) -> bytes:
     """Encode a batch, stamped with the current monotonic time [ns]."""
     return _encode((time.monotonic_ns(), messages))
 
 
-class Arrivals:
+class BatchReader:
     """Batch reader of one subscription: decodes, filters by key, counts.
 
     Zenoh has a thread for each subscription, so each reader has counts of its own.
@@ -39,39 +39,39 @@ class Arrivals:
 
     Attributes:
         malformed: Batches that did not decode.
-        n_bytes: Bytes received.
-        by_transit_us: Batches by transit time [µs].
+        received_bytes: Bytes received.
+        transit_us_counts: Batches by transit time [µs].
     """
 
     def __init__(self, expressions: tuple[str, ...], on_messages: Callable[[list[Delivery]], None]) -> None:
         self._expressions = expressions
         self._on_messages = on_messages
-        self._wanted: dict[str, bool] = {}
+        self._match_cache: dict[str, bool] = {}
         self.malformed = 0
-        self.n_bytes = 0
-        self.by_transit_us: dict[int, int] = {}
+        self.received_bytes = 0
+        self.transit_us_counts: dict[int, int] = {}
 
-    def take(self, _key: str, envelope: bytes) -> None:
+    def read(self, _key: str, batch: bytes) -> None:
         """Decode a batch and pass on its matching messages; count a malformed one."""
         try:
-            t_sent_ns, messages = _decode(envelope)
+            t_sent_ns, messages = _decode(batch)
         except msgspec.DecodeError:
             self.malformed += 1
             return
-        transit_us = min(max(time.monotonic_ns() - t_sent_ns, 0) // 1000, TRANSIT_BINS - 1)
-        self.by_transit_us[transit_us] = self.by_transit_us.get(transit_us, 0) + 1
-        self.n_bytes += len(envelope)
-        wanted = self._wanted
+        transit_us = min(max(time.monotonic_ns() - t_sent_ns, 0) // 1000, N_TRANSIT_BINS - 1)
+        self.transit_us_counts[transit_us] = self.transit_us_counts.get(transit_us, 0) + 1
+        self.received_bytes += len(batch)
+        wanted = self._match_cache
         deliveries = [
             Delivery(key, payload)
             for key, payload in messages
-            if (self._is_wanted(key) if (known := wanted.get(key)) is None else known)
+            if (self._matches(key) if (known := wanted.get(key)) is None else known)
         ]
         if deliveries:
             self._on_messages(deliveries)
 
-    def _is_wanted(self, key: str) -> bool:
-        wanted = any(matches(expression, key) for expression in self._expressions)
-        if len(self._wanted) < _KNOWN_KEYS:
-            self._wanted[key] = wanted
+    def _matches(self, key: str) -> bool:
+        wanted = any(key_matches(expression, key) for expression in self._expressions)
+        if len(self._match_cache) < _MAX_CACHED_KEYS:
+            self._match_cache[key] = wanted
         return wanted

@@ -12,7 +12,7 @@ from skinnet.transport.base import Delivery
 __all__ = ["TaskMailbox", "ThreadMailbox"]
 
 
-def _here() -> tuple[int, asyncio.AbstractEventLoop] | None:
+def _running_loop() -> tuple[int, asyncio.AbstractEventLoop] | None:
     """Return the current thread id and its running event loop, or None."""
     try:
         return threading.get_ident(), asyncio.get_running_loop()
@@ -24,9 +24,9 @@ class TaskMailbox:
     """Mailbox between tasks of one event loop; posts of other threads go through that loop."""
 
     def __init__(self) -> None:
-        self._reader = _here()
-        self._waiting: list[Delivery] = []
-        self._enough = 1
+        self._reader = _running_loop()
+        self._pending: list[Delivery] = []
+        self._min_count = 1
         self._urgent = False
         self._wake = asyncio.Event()
 
@@ -38,16 +38,16 @@ class TaskMailbox:
             self._post(delivery)
 
     def _post(self, delivery: Delivery) -> None:
-        self._waiting.append(delivery)
+        self._pending.append(delivery)
         self._urgent |= delivery.payload is None
-        if self._urgent or len(self._waiting) >= self._enough:
+        if self._urgent or len(self._pending) >= self._min_count:
             self._wake.set()
 
-    async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
+    async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
         """See `Transport.receive`."""
-        self._reader = self._reader or _here()
-        self._enough = enough
-        if len(self._waiting) < enough and not self._urgent:
+        self._reader = self._reader or _running_loop()
+        self._min_count = min_count
+        if len(self._pending) < min_count and not self._urgent:
             self._wake.clear()
             alarm = None
             if timeout_s is not None:
@@ -56,7 +56,7 @@ class TaskMailbox:
             if alarm is not None:
                 alarm.cancel()
         self._urgent = False
-        batch, self._waiting = self._waiting, []
+        batch, self._pending = self._pending, []
         return batch
 
 
@@ -64,9 +64,9 @@ class ThreadMailbox:
     """Mailbox filled by other threads; its reader blocks the thread, as a process has no other task."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Delivery] = deque()
-        self._enough = 1
-        self._asleep = False
+        self._pending: deque[Delivery] = deque()
+        self._min_count = 1
+        self._reader_waiting = False
         self._urgent = False
         self._wake = threading.Semaphore(0)
 
@@ -76,26 +76,26 @@ class ThreadMailbox:
 
     def post_all(self, deliveries: list[Delivery]) -> None:
         """Add the deliveries of one batch."""
-        self._waiting.extend(deliveries)
+        self._pending.extend(deliveries)
         if any(payload is None for _, payload in deliveries):
             self._urgent = True
-        if self._asleep and (self._urgent or len(self._waiting) >= self._enough):
-            self._asleep = False
+        if self._reader_waiting and (self._urgent or len(self._pending) >= self._min_count):
+            self._reader_waiting = False
             self._wake.release()
 
-    async def receive(self, timeout_s: float | None = None, enough: int = 1) -> list[Delivery]:
+    async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
         """See `Transport.receive`."""
-        if len(self._waiting) < enough:
-            self._sleep(timeout_s, enough)
+        if len(self._pending) < min_count:
+            self._wait(timeout_s, min_count)
         self._urgent = False
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return [self._pending.popleft() for _ in range(len(self._pending))]
 
-    def _sleep(self, timeout_s: float | None, enough: int) -> None:
-        self._enough = enough
-        self._asleep = True
+    def _wait(self, timeout_s: float | None, min_count: int) -> None:
+        self._min_count = min_count
+        self._reader_waiting = True
         # deliveries between the check in `receive` and the flag were posted without a wake-up
-        if len(self._waiting) < enough and not self._urgent:
+        if len(self._pending) < min_count and not self._urgent:
             self._wake.acquire(timeout=timeout_s)
-        self._asleep = False
+        self._reader_waiting = False
         while self._wake.acquire(blocking=False):  # wake-ups released after this wait had timed out
             pass

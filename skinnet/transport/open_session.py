@@ -11,19 +11,19 @@ from typing import Any, Literal, Protocol
 import zenoh
 from zenoh import ext
 
-from skinnet.transport.zenoh_session import collect, open_session
+from skinnet.transport.zenoh_session import collect_replies, open_session
 
-__all__ = ["OnSample", "OpenSession", "Publisher"]
+__all__ = ["OnSample", "PublicSession", "Publisher"]
 
 OnSample = Callable[[str, bytes, bytes | None], None]
 """Sample callback (key, payload, attachment), in a thread of Zenoh; must not block."""
 
-_CONNECT_MS = 3_000
-_CLIENT = {"transport/link/tx/lease": 10_000, "timestamping/enabled": True}
+_CONNECT_TIMEOUT_MS = 3_000
+_CLIENT_SETTINGS = {"transport/link/tx/lease": 10_000, "timestamping/enabled": True}
 """Client settings: Zenoh's default lease; time stamps, by which advanced publishers number samples."""
-_ROUTER = _CLIENT | {"mode": "router", "scouting/gossip/enabled": True}
+_ROUTER_SETTINGS = _CLIENT_SETTINGS | {"mode": "router", "scouting/gossip/enabled": True}
 """Router settings: gossip, by which peers that know only the router discover each other."""
-_HEARTBEAT_S = 0.5
+_HEARTBEAT_PERIOD_S = 0.5
 
 log = logging.getLogger(__name__)
 
@@ -32,14 +32,14 @@ class Publisher(Protocol):
     """Publisher on one key."""
 
     @property
-    def wanted(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Matching status: True if the key has a subscriber."""
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish best-effort: slow subscribers lose samples."""
 
 
-class OpenSession:
+class PublicSession:
     """Zenoh session outside the loop; end it with `close`.
 
     Args:
@@ -54,9 +54,9 @@ class OpenSession:
 
     def __init__(self, role: Literal["client", "router"], endpoint: str) -> None:
         if role == "router":
-            self._session = open_session(endpoint, None, more=_ROUTER)
+            self._session = open_session(endpoint, None, extra_settings=_ROUTER_SETTINGS)
         else:
-            self._session = open_session(None, endpoint, _CONNECT_MS, _CLIENT)
+            self._session = open_session(None, endpoint, _CONNECT_TIMEOUT_MS, _CLIENT_SETTINGS)
         self._entities: list[Any] = []
 
     @property
@@ -69,7 +69,7 @@ class OpenSession:
         """Connection status: True if the session has a peer."""
         return bool(self._session.info.transports())
 
-    def subscribe(self, expression: str, on_sample: OnSample) -> None:
+    def declare_subscriber(self, expression: str, on_sample: OnSample) -> None:
         """Declare a subscriber: call `on_sample` for samples on keys that match."""
 
         def on_arrival(sample: Any) -> None:
@@ -78,20 +78,20 @@ class OpenSession:
 
         self._entities.append(self._session.declare_subscriber(expression, on_arrival))
 
-    def ask(self, expression: str, timeout_s: float) -> dict[str, bytes]:
+    def query(self, expression: str, timeout_s: float) -> dict[str, bytes]:
         """Query `expression`; return the reply payloads by key, empty if nobody answers."""
-        return _samples(lambda handler: self._session.get(expression, handler, timeout=timeout_s))
+        return _reply_payloads(lambda handler: self._session.get(expression, handler, timeout=timeout_s))
 
-    def announce(self, key: str) -> None:
+    def declare_token(self, key: str) -> None:
         """Declare the liveliness token `key`."""
         self._entities.append(self._session.liveliness().declare_token(key))
 
-    def present(self, expression: str, timeout_s: float) -> frozenset[str]:
+    def liveliness_tokens(self, expression: str, timeout_s: float) -> frozenset[str]:
         """Query the liveliness tokens of other sessions."""
         get = self._session.liveliness().get
-        return frozenset(_samples(lambda handler: get(expression, handler, timeout=timeout_s)))
+        return frozenset(_reply_payloads(lambda handler: get(expression, handler, timeout=timeout_s)))
 
-    def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
+    def declare_liveliness_subscriber(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
         """Subscribe to liveliness: each present or new token (True), each lost one (False)."""
 
         def on_sample(sample: Any) -> None:
@@ -100,11 +100,11 @@ class OpenSession:
         liveliness = self._session.liveliness()
         self._entities.append(liveliness.declare_subscriber(expression, on_sample, history=True))
 
-    def tell(self, key: str, payload: bytes) -> None:
+    def publish_best_effort(self, key: str, payload: bytes) -> None:
         """Publish one sample best-effort: slow subscribers lose it."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
 
-    def publisher(self, key: str, *, reliable: bool) -> Publisher:
+    def declare_publisher(self, key: str, *, reliable: bool) -> Publisher:
         """Declare a publisher on `key` with reliability RELIABLE or BEST_EFFORT."""
         publisher = self._session.declare_publisher(
             key,
@@ -113,16 +113,18 @@ class OpenSession:
         )
         return _Publisher(publisher, publisher)
 
-    def keeping_publisher(self, key: str, *, reliable: bool, kept: int) -> Publisher:
-        """Declare an advanced publisher on `key` with a cache of `kept` samples for late subscribers."""
+    def declare_advanced_publisher(self, key: str, *, reliable: bool, cache_size: int) -> Publisher:
+        """Declare an advanced publisher on `key`; it caches `cache_size` samples for late subscribers."""
         publisher = ext.declare_advanced_publisher(
             self._session,
             key,
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
-            cache=ext.CacheConfig(kept),
+            cache=ext.CacheConfig(cache_size),
             sample_miss_detection=(
-                ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S) if reliable else None
+                ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_PERIOD_S)
+                if reliable
+                else None
             ),
             publisher_detection=True,
         )
@@ -142,14 +144,14 @@ class _Publisher:
         self._publisher, self._matching = publisher, matching
 
     @property
-    def wanted(self) -> bool:
+    def has_subscribers(self) -> bool:
         return self._matching is None or bool(self._matching.matching_status.matching)
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         self._publisher.put(payload, attachment=attachment)
 
 
-def _samples(start: Callable[[Any], None]) -> dict[str, bytes]:
+def _reply_payloads(send_query: Callable[[Any], None]) -> dict[str, bytes]:
     """Return the payloads by key of the replies without an error."""
-    found = (reply.ok for reply in collect(start))
+    found = (reply.ok for reply in collect_replies(send_query))
     return {str(sample.key_expr): sample.payload.to_bytes() for sample in found if sample is not None}

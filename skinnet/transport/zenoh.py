@@ -20,20 +20,20 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from skinnet.channels import RECORDER, WATCHERS, Keys
+from skinnet.channels import OBSERVERS, RECORDER, Keys
 from skinnet.transport.base import Delivery, OnMessage, Query
-from skinnet.transport.envelope import TRANSIT_BINS, Arrivals, Messages, seal
+from skinnet.transport.envelope import N_TRANSIT_BINS, BatchReader, Messages, encode_batch
 from skinnet.transport.mailbox import ThreadMailbox
-from skinnet.transport.zenoh_session import collect, open_session
+from skinnet.transport.zenoh_session import collect_replies, open_session
 
 __all__ = ["ZenohTransport"]
 
-_PRESENT_S = 10.0  # timeout [s] for the hub to list the liveliness tokens
+_TOKENS_TIMEOUT_S = 10.0  # timeout [s] for the hub to list the liveliness tokens
 
 log = logging.getLogger(__name__)
 
 
-class _HeldQuery:
+class _PendingQuery:
     """Zenoh query whose reply is pending."""
 
     def __init__(self, query: Any) -> None:
@@ -47,10 +47,10 @@ class _HeldQuery:
         with contextlib.suppress(zenoh.ZError), self._query as query:
             query.reply(key, payload)
 
-    def refuse(self, why: str) -> None:
+    def reply_error(self, reason: str) -> None:
         """Reply with an error text; ignore a client that is gone."""
         with contextlib.suppress(zenoh.ZError), self._query as query:
-            query.reply_err(why)
+            query.reply_err(reason)
 
     def drop(self) -> None:
         """Drop the query without a reply."""
@@ -81,46 +81,46 @@ class ZenohTransport:
         self._own_prefix = f"{self._loop_prefix}{name}/"
         self._mailbox = ThreadMailbox()
         self._entities: list[Any] = []
-        self._outbox: dict[str, Messages] = {}
-        self._record: Messages = []
-        self._record_every = self._record_periods = 0
-        self._arrivals: list[Arrivals] = []
-        self._heard: dict[str, Callable[[], bool]] = {}
+        self._batches: dict[str, Messages] = {}
+        self._recorder_batch: Messages = []
+        self._recorder_batch_periods = self._recorder_pending_periods = 0
+        self._readers: list[BatchReader] = []
+        self._matching: dict[str, Callable[[], bool]] = {}
         self.receive = self._mailbox.receive
         self.sent_bytes = 0
 
     @property
     def received_bytes(self) -> int:
         """Bytes of the batches received."""
-        return sum(arrivals.n_bytes for arrivals in self._arrivals)
+        return sum(arrivals.received_bytes for arrivals in self._readers)
 
     @property
-    def malformed(self) -> int:
+    def malformed_batches(self) -> int:
         """Number of batches that did not decode."""
-        return sum(arrivals.malformed for arrivals in self._arrivals)
+        return sum(arrivals.malformed for arrivals in self._readers)
 
     @property
-    def transit_us(self) -> NDArray[np.int64]:
+    def transit_histogram(self) -> NDArray[np.int64]:
         """Transit-time histogram of the batches, (100001,) bins of 1 µs; the last bin counts all longer ones.
 
         Valid only between processes of one computer, which share the monotonic clock.
         """
-        histogram = np.zeros(TRANSIT_BINS, dtype=np.int64)
-        for arrivals in self._arrivals:
-            for transit_us, count in arrivals.by_transit_us.copy().items():
+        histogram = np.zeros(N_TRANSIT_BINS, dtype=np.int64)
+        for arrivals in self._readers:
+            for transit_us, count in arrivals.transit_us_counts.copy().items():
                 histogram[transit_us] += count
         return histogram
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
         """Subscribe to the batches of `senders` and deliver the messages that match."""
         chosen = tuple(expressions)
-        lanes = sorted({self._keys.lane(expression) for expression in chosen})
+        lanes = sorted({self._keys.route_group(expression) for expression in chosen})
         if self._name == RECORDER:
             lanes = [RECORDER]
         for sender, lane in product(senders, lanes):
-            self._unpack(f"{sender}/{lane}", Arrivals(chosen, self._mailbox.post_all))
+            self._subscribe_batches(f"{sender}/{lane}", BatchReader(chosen, self._mailbox.post_all))
 
-    def overhear(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
+    def declare_loop_subscriber(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Declare a subscriber to the matching messages in the batches of all senders."""
 
         def on_messages(deliveries: list[Delivery]) -> None:
@@ -128,13 +128,15 @@ class ZenohTransport:
                 if payload is not None:
                     on_message(key, payload)
 
-        return self._unpack(f"*/{self._keys.lane(expression)}", Arrivals((expression,), on_messages))
+        return self._subscribe_batches(
+            f"*/{self._keys.route_group(expression)}", BatchReader((expression,), on_messages)
+        )
 
-    def _unpack(self, envelopes: str, arrivals: Arrivals) -> Callable[[], None]:
-        self._arrivals.append(arrivals)
-        return self.tap(self._loop_prefix + envelopes, arrivals.take)
+    def _subscribe_batches(self, batch_keys: str, reader: BatchReader) -> Callable[[], None]:
+        self._readers.append(reader)
+        return self.declare_subscriber(self._loop_prefix + batch_keys, reader.read)
 
-    def tap(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
+    def declare_subscriber(self, expression: str, on_message: OnMessage) -> Callable[[], None]:
         """Declare a subscriber; `on_message` runs in a thread of Zenoh."""
 
         def on_sample(sample: Any) -> None:
@@ -145,12 +147,14 @@ class ZenohTransport:
         undo: Callable[[], None] = subscriber.undeclare
         return undo
 
-    def watch_alive(self, expression: str) -> None:
+    def subscribe_liveliness(self, expression: str) -> None:
         """Subscribe to liveliness as deliveries, including the tokens already present."""
         post = self._mailbox.post
-        self.on_alive(expression, lambda key, there: post(Delivery(key, b"" if there else None)))
+        self.declare_liveliness_subscriber(
+            expression, lambda key, there: post(Delivery(key, b"" if there else None))
+        )
 
-    def on_alive(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
+    def declare_liveliness_subscriber(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
         """Subscribe to liveliness; `on_change` runs in a thread of Zenoh."""
 
         def on_sample(sample: Any) -> None:
@@ -159,61 +163,61 @@ class ZenohTransport:
         liveliness = self._session.liveliness()
         self._entities.append(liveliness.declare_subscriber(expression, on_sample, history=True))
 
-    def announce(self, key: str) -> None:
+    def declare_token(self, key: str) -> None:
         """Declare the liveliness token `key`."""
         self._entities.append(self._session.liveliness().declare_token(key))
 
-    def present(self, expression: str) -> frozenset[str]:
+    def liveliness_tokens(self, expression: str) -> frozenset[str]:
         """Query the liveliness tokens present now."""
         get = self._session.liveliness().get
-        replies = collect(lambda handler: get(expression, handler, timeout=_PRESENT_S))
+        replies = collect_replies(lambda handler: get(expression, handler, timeout=_TOKENS_TIMEOUT_S))
         return frozenset(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
-    def heard(self, key: str) -> bool:
+    def has_subscribers(self, key: str) -> bool:
         """Return whether the batches of the route group of `key` have a subscriber."""
-        lane = self._keys.lane(key)
-        if lane not in self._heard:
-            self._heard[lane] = self.audience(self._own_prefix + lane)
-        return self._heard[lane]()
+        lane = self._keys.route_group(key)
+        if lane not in self._matching:
+            self._matching[lane] = self.matching_listener(self._own_prefix + lane)
+        return self._matching[lane]()
 
-    def record(self, every: int) -> None:
-        """Send copies of recorded messages to the recorder, `every` periods per batch."""
-        self._record_every = every
+    def enable_recording(self, periods_per_batch: int) -> None:
+        """Send copies of recorded messages to the recorder, `periods_per_batch` periods per batch."""
+        self._recorder_batch_periods = periods_per_batch
 
     def put(self, key: str, payload: bytes) -> None:
         """Add a message to the batch of its route group, and to that of the recorder."""
-        if self._record_every and self._keys.parse(key)[0].recorded:
-            self._record.append((key, payload))
-        lane = self._keys.lane(key)
-        if lane != WATCHERS or self.heard(key):
-            self._outbox.setdefault(lane, []).append((key, payload))
+        if self._recorder_batch_periods and self._keys.parse(key)[0].recorded:
+            self._recorder_batch.append((key, payload))
+        lane = self._keys.route_group(key)
+        if lane != OBSERVERS or self.has_subscribers(key):
+            self._batches.setdefault(lane, []).append((key, payload))
 
     def flush(self, *, last: bool = False) -> None:
         """Send the batches with `express`, bypassing Zenoh's own batching: the receivers wait for them."""
-        for lane, messages in self._outbox.items():
+        for lane, messages in self._batches.items():
             self._send(lane, messages)
-        self._outbox.clear()
-        if self._record:
-            self._record_periods += 1
-            if last or self._record_periods >= self._record_every:
-                self._send(RECORDER, self._record)
-                self._record, self._record_periods = [], 0
+        self._batches.clear()
+        if self._recorder_batch:
+            self._recorder_pending_periods += 1
+            if last or self._recorder_pending_periods >= self._recorder_batch_periods:
+                self._send(RECORDER, self._recorder_batch)
+                self._recorder_batch, self._recorder_pending_periods = [], 0
 
-    def _send(self, lane: str, messages: Messages) -> None:
-        envelope = seal(messages)
+    def _send(self, route_group: str, messages: Messages) -> None:
+        envelope = encode_batch(messages)
         self.sent_bytes += len(envelope)
         self._session.put(
-            self._own_prefix + lane,
+            self._own_prefix + route_group,
             envelope,
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )
 
-    def tell(self, key: str, payload: bytes) -> None:
+    def publish_best_effort(self, key: str, payload: bytes) -> None:
         """Publish `payload` best-effort: congestion drops it."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
 
-    def audience(self, expression: str) -> Callable[[], bool]:
+    def matching_listener(self, expression: str) -> Callable[[], bool]:
         """Declare a matching listener: the status is queried once, then updated by the hub."""
         publisher = self._session.declare_publisher(expression)
         there = [bool(publisher.matching_status.matching)]
@@ -221,28 +225,28 @@ class ZenohTransport:
         self._entities.extend((publisher, listener))
         return lambda: there[0]
 
-    def on_interest(self, expression: str, on_change: Callable[[bool], None]) -> None:
+    def declare_matching_listener(self, expression: str, on_change: Callable[[bool], None]) -> None:
         """Declare a matching listener: call `on_change` at the first and after the last subscriber."""
         publisher = self._session.declare_publisher(expression)
         listener = publisher.declare_matching_listener(lambda status: on_change(status.matching))
         self._entities.extend((publisher, listener))
 
-    def serve(self, expression: str, answer: Callable[[], Mapping[str, bytes]]) -> None:
-        """Declare a queryable on `expression` that replies with the payloads by key of `answer`."""
+    def serve_values(self, expression: str, values: Callable[[], Mapping[str, bytes]]) -> None:
+        """Declare a queryable on `expression` that replies with the payloads by key of `values`."""
 
         def on_query(query: Any) -> None:
             with query:
-                for key, payload in answer().items():
+                for key, payload in values().items():
                     if query.key_expr.intersects(zenoh.KeyExpr(key)):
                         query.reply(key, payload)
 
         self._entities.append(self._session.declare_queryable(expression, on_query))
 
-    def take_queries(self, expression: str, on_query: Callable[[Query], None]) -> None:
+    def declare_queryable(self, expression: str, on_query: Callable[[Query], None]) -> None:
         """Declare a queryable; `on_query` runs in a thread of Zenoh and may reply later."""
 
         def on_asked(query: Any) -> None:
-            on_query(_HeldQuery(query))
+            on_query(_PendingQuery(query))
 
         self._entities.append(self._session.declare_queryable(expression, on_asked))
 

@@ -10,7 +10,7 @@ import zenoh
 
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 
-__all__ = ["collect", "open_session"]
+__all__ = ["collect_replies", "open_session"]
 
 _LEASE_MS = 2_000
 _WAIT_BEFORE_CLOSE_US = 120_000_000
@@ -21,11 +21,11 @@ def open_session(
     listen: str | None,
     connect: str | None,
     connect_timeout_ms: int = _CONNECT_TIMEOUT_MS,
-    more: Mapping[str, Any] = MappingProxyType({}),
+    extra_settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
     """Open a Zenoh session without scouting: a peer that listens, or a client that connects.
 
-    `more` are further settings by their configuration key.
+    `extra_settings` are further settings by their configuration key.
 
     Raises:
         PortInUseError: the endpoint to listen on is in use.
@@ -46,7 +46,7 @@ def open_session(
         settings["listen/endpoints"] = [listen]
     if connect:
         settings["connect/endpoints"] = [connect]
-    settings |= more
+    settings |= extra_settings
     config = zenoh.Config()
     try:
         for key, value in settings.items():
@@ -65,13 +65,13 @@ def open_session(
         ) from error
 
 
-def collect(start: Callable[[Any], None]) -> list[Any]:
-    """Collect all replies to the query that `start` sends with the given handler; block until complete.
+def collect_replies(send_query: Callable[[Any], None]) -> list[Any]:
+    """Collect all replies to the query that `send_query` sends with the given handler; block until complete.
 
     Zenoh's default handler holds 256 replies until they are read, and cannot be waited for.
     """
     replies: list[Any] = []
     complete = threading.Event()
-    start(zenoh.handlers.Callback(replies.append, complete.set))
+    send_query(zenoh.handlers.Callback(replies.append, complete.set))
     complete.wait()
     return replies

@@ -8,21 +8,21 @@ import viser
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from skinnet.body.shapes import Figure, Pose
+from skinnet.body.shapes import Pose, VisualModel
 from skinnet.deployment.schema import Deployment
-from skinnet.view.atlas import Atlas
+from skinnet.view.atlas import SkinLayout
 from skinnet.view.colours import palette
-from skinnet.view.solids import Triangles, join, plate, prism, solid
+from skinnet.view.solids import TriangleMesh, concatenate, hexagonal_prism, shape_mesh, square_plate
 
 __all__ = ["BodyView"]
 
-_GAP = 0.94
+_DRAWN_SCALE = 0.94
 """Scale of drawn cells; gaps between them show their edges."""
-_PLATE_M = 0.001
-_STILL_M = 1e-5
+_PLATE_THICKNESS_M = 0.001
+_POSE_TOLERANCE = 1e-5
 """Smallest change of position [m] or of a quaternion component at which a link is sent again."""
-_FLOOR_M = 6.0
-_HIDDEN = "finger"
+_FLOOR_SIZE_M = 6.0
+_INITIALLY_HIDDEN = "finger"
 """Free body that is invisible until its pose is published."""
 
 
@@ -30,40 +30,46 @@ class BodyView:
     """Body and skin in the viser scene of `server`."""
 
     def __init__(
-        self, server: viser.ViserServer, figure: Figure, atlas: Atlas, deployment: Deployment
+        self,
+        server: viser.ViserServer,
+        body_model: VisualModel,
+        skin_layout: SkinLayout,
+        deployment: Deployment,
     ) -> None:
         self._server = server
-        self._figure = figure
+        self._body_model = body_model
         self._palette = palette()
         self._poses: dict[str, Pose] = {}
-        self._shade = np.zeros(atlas.n_spots, dtype=np.int64)
-        self._light()
+        self._colour_index = np.zeros(skin_layout.n_taxels, dtype=np.int64)
+        self._set_up_lights()
         self._links = {
-            link: server.scene.add_frame(f"/body/{link}", show_axes=False) for link in figure.links
+            link: server.scene.add_frame(f"/body/{link}", show_axes=False) for link in body_model.links
         }
-        for name, link in figure.free.items():
-            self._links[link].visible = name != _HIDDEN
+        for name, link in body_model.free_links.items():
+            self._links[link].visible = name != _INITIALLY_HIDDEN
         self._add_shapes()
         self._skin = [
-            *self._add_cells(atlas, deployment.cells.side_m, deployment.body.foam.thickness_m + _PLATE_M),
-            *self._add_elements(atlas, deployment.body.foam.thickness_m + _PLATE_M),
+            *self._add_cells(
+                skin_layout, deployment.cells.side_m, deployment.body.foam.thickness_m + _PLATE_THICKNESS_M
+            ),
+            *self._add_elements(skin_layout, deployment.body.foam.thickness_m + _PLATE_THICKNESS_M),
         ]
 
-    def place(self, position_rad: list[float], told: Mapping[str, list[float]]) -> int:
+    def update_poses(self, position_rad: list[float], free_body_poses: Mapping[str, list[float]]) -> int:
         """Update the poses of all links and free bodies; return the number of links that moved.
 
         Args:
             position_rad: Joint positions [rad].
-            told: Published poses (7,) of free bodies, by name.
+            free_body_poses: Published poses (7,) of free bodies, by name.
         """
         moved = 0
-        for name in told:
-            there = self._links.get(self._figure.free.get(name, ""))
+        for name in free_body_poses:
+            there = self._links.get(self._body_model.free_links.get(name, ""))
             if there is not None and not there.visible:
                 there.visible = True
-        for link, pose in self._figure.poses(position_rad, told).items():
+        for link, pose in self._body_model.poses(position_rad, free_body_poses).items():
             before = self._poses.get(link)
-            if before is not None and _still(before, pose):
+            if before is not None and _is_unchanged(before, pose):
                 continue
             self._poses[link] = pose
             handle = self._links[link]
@@ -71,16 +77,16 @@ class BodyView:
             moved += 1
         return moved
 
-    def paint(self, shade: NDArray[np.int64]) -> int:
+    def update_colours(self, colour_index: NDArray[np.int64]) -> int:
         """Set the colour index (spots,) of every taxel; return the number of changed ones."""
-        changed = shade != self._shade
+        changed = colour_index != self._colour_index
         for spots, handle in self._skin:
             if changed[spots].any():
-                handle.batched_colors = self._palette[shade[spots]]
-        self._shade = shade
+                handle.batched_colors = self._palette[colour_index[spots]]
+        self._colour_index = colour_index
         return int(changed.sum())
 
-    def _light(self) -> None:
+    def _set_up_lights(self) -> None:
         """Set up lights without shadows and reflections, the largest cost where there is no GPU."""
         scene = self._server.scene
         scene.configure_default_lights(enabled=False, cast_shadow=False)
@@ -93,19 +99,19 @@ class BodyView:
             scene.add_light_directional(
                 f"/light/{name}", intensity=intensity, cast_shadow=False, position=position
             )
-        camera = self._figure.camera
+        camera = self._body_model.camera
         view = self._server.initial_camera
         view.position, view.look_at = tuple(camera.position_m), tuple(camera.look_at_m)
 
     def _add_shapes(self) -> None:
         """Add the shapes of each link, merged to one mesh per colour."""
-        groups: dict[tuple[str, tuple[int, ...]], list[Triangles]] = defaultdict(list)
-        for shape in self._figure.shapes:
-            if shape.kind == "plane":
+        groups: dict[tuple[str, tuple[int, ...]], list[TriangleMesh]] = defaultdict(list)
+        for shape in self._body_model.shapes:
+            if shape.geom_type == "plane":
                 self._server.scene.add_grid(
                     f"/floor/{shape.link}",
-                    width=_FLOOR_M,
-                    height=_FLOOR_M,
+                    width=_FLOOR_SIZE_M,
+                    height=_FLOOR_SIZE_M,
                     cell_size=0.25,
                     section_size=1.0,
                     cell_color=(228, 231, 235),
@@ -114,9 +120,9 @@ class BodyView:
                 )
                 continue
             rgba = tuple(round(255 * float(part)) for part in shape.rgba)
-            groups[shape.link, rgba].append(solid(shape))
+            groups[shape.link, rgba].append(shape_mesh(shape))
         for number, ((link, rgba), parts) in enumerate(groups.items()):
-            whole = join(parts)
+            whole = concatenate(parts)
             self._server.scene.add_mesh_simple(
                 f"/body/{link}/shape{number}",
                 whole.vertices_m.astype(np.float32),
@@ -128,34 +134,34 @@ class BodyView:
             )
 
     def _add_cells(
-        self, atlas: Atlas, side_m: float, height_m: float
+        self, skin_layout: SkinLayout, side_m: float, height_m: float
     ) -> list[tuple[NDArray[np.int64], viser.BatchedMeshHandle]]:
-        shape = prism(_GAP * side_m, height_m)
+        shape = hexagonal_prism(_DRAWN_SCALE * side_m, height_m)
         of_link: dict[str, list[int]] = defaultdict(list)
-        for i, patch in enumerate(atlas.patches):
+        for i, patch in enumerate(skin_layout.patches):
             of_link[patch.body].append(i)
         found = []
         for link, numbers in of_link.items():
-            patches = [atlas.patches[i] for i in numbers]
-            spots = np.concatenate([atlas.first[p.name] + np.arange(p.n_cells) for p in patches])
+            patches = [skin_layout.patches[i] for i in numbers]
+            spots = np.concatenate([skin_layout.first_taxel[p.name] + np.arange(p.n_cells) for p in patches])
             positions = np.vstack([p.position_m for p in patches])
             rotations = np.concatenate([p.R_body_cell for p in patches])
             found.append((spots, self._add_batch(f"{link}/cells", shape, positions, rotations)))
         return found
 
     def _add_elements(
-        self, atlas: Atlas, height_m: float
+        self, skin_layout: SkinLayout, height_m: float
     ) -> list[tuple[NDArray[np.int64], viser.BatchedMeshHandle]]:
         found = []
-        for sheet in atlas.sheets:
-            spots = atlas.first[sheet.name] + np.arange(sheet.n_elements)
-            shape = plate(_GAP * float(np.sqrt(sheet.area_m2)), height_m)
+        for sheet in skin_layout.sheets:
+            spots = skin_layout.first_taxel[sheet.name] + np.arange(sheet.n_elements)
+            shape = square_plate(_DRAWN_SCALE * float(np.sqrt(sheet.area_m2)), height_m)
             name = f"{sheet.surface.body}/{sheet.name}"
             found.append((spots, self._add_batch(name, shape, sheet.position_m, sheet.R_body_element)))
         return found
 
     def _add_batch(
-        self, name: str, shape: Triangles, positions: NDArray[np.float64], rotations: NDArray[np.float64]
+        self, name: str, shape: TriangleMesh, positions: NDArray[np.float64], rotations: NDArray[np.float64]
     ) -> viser.BatchedMeshHandle:
         return self._server.scene.add_batched_meshes_simple(
             f"/body/{name}",
@@ -170,6 +176,6 @@ class BodyView:
         )
 
 
-def _still(before: Pose, now: Pose) -> bool:
+def _is_unchanged(before: Pose, now: Pose) -> bool:
     moved = np.abs(before.position_m - now.position_m).max(), np.abs(before.wxyz - now.wxyz).max()
-    return bool(max(moved) < _STILL_M)
+    return bool(max(moved) < _POSE_TOLERANCE)

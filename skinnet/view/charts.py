@@ -5,13 +5,13 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
-from skinnet.view.happenings import Trend
+from skinnet.view.happenings import TrafficSeries
 
 __all__ = ["Charts"]
 
-_EVERY_S = 0.5
+_PERIOD_S = 0.5
 _HEIGHT_PX = 190
-_LABELS_PX = 64
+_AXIS_PX = 64
 _NO_TICKS = uplot.Axis_Ticks(show=False)
 _SERIES = {
     "latency from sample to delivery [ms]": (
@@ -22,7 +22,7 @@ _SERIES = {
     "packets delivered [1/s]": (("delivered", "#0b6e4f", "delivered"),),
     "lost [1/s]": (("by links", "#c92a2a", "dropped"), ("on the way to this page", "#6a3d9a", "missed")),
 }
-"""Chart title; then label, colour and `Trend` field of each line."""
+"""Chart title; then label, colour and `TrafficSeries` field of each line."""
 
 
 class Charts:
@@ -40,28 +40,28 @@ class Charts:
                 ),
                 title=title,
                 scales={"x": {"time": False}},
-                axes=(uplot.Axis(ticks=_NO_TICKS), uplot.Axis(ticks=_NO_TICKS, size=_LABELS_PX)),
+                axes=(uplot.Axis(ticks=_NO_TICKS), uplot.Axis(ticks=_NO_TICKS, size=_AXIS_PX)),
                 height=_HEIGHT_PX,
             )
             for title, lines in _SERIES.items()
         }
 
-    def due(self, now_s: float) -> bool:
+    def check_due(self, now_s: float) -> bool:
         """Return whether the charts are due; schedule the next update."""
         if now_s < self._due_s:
             return False
-        self._due_s = now_s + _EVERY_S
+        self._due_s = now_s + _PERIOD_S
         return True
 
-    def show(self, trend: Trend) -> None:
+    def update(self, series: TrafficSeries) -> None:
         """Update the chart data."""
-        if len(trend.t_s) < 2:
+        if len(series.t_s) < 2:
             return
         for title, lines in _SERIES.items():
-            columns: list[NDArray[np.float64]] = [getattr(trend, name) for _, _, name in lines]
+            columns: list[NDArray[np.float64]] = [getattr(series, name) for _, _, name in lines]
             known = np.isfinite(columns[0])
             if known.any():
-                self._charts[title].data = (trend.t_s[known], *(column[known] for column in columns))
+                self._charts[title].data = (series.t_s[known], *(column[known] for column in columns))
 
 
 def _line(name: str, colour: str) -> uplot.Series:

@@ -17,19 +17,19 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from skinnet.errors import DeploymentError, PortInUseError
 
-__all__ = ["Gate", "Verdict", "is_loopback", "judge"]
+__all__ = ["AccessDecision", "AuthProxy", "authorise", "is_loopback"]
 
-_HEAD_BYTES = 65_536
-_HEAD_S = 10.0
+_MAX_HEAD_BYTES = 65_536
+_HEAD_TIMEOUT_S = 10.0
 _CHUNK_BYTES = 65_536
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 
-class Verdict(NamedTuple):
-    """Access decision: `answer` is the HTTP response to a request that is not forwarded; None forwards it."""
+class AccessDecision(NamedTuple):
+    """Access decision: `response` is the HTTP response to a refused request; None forwards it."""
 
-    answer: bytes | None
-    why: str = ""
+    response: bytes | None
+    reason: str = ""
 
 
 def is_loopback(host: str) -> bool:
@@ -42,7 +42,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def judge(head: bytes, token: str | None, port: int, *, loopback: bool) -> Verdict:
+def authorise(head: bytes, token: str | None, port: int, *, loopback: bool) -> AccessDecision:
     """Authorise a request by its head.
 
     Args:
@@ -63,18 +63,18 @@ def judge(head: bytes, token: str | None, port: int, *, loopback: bool) -> Verdi
     if origin is not None and urlsplit(origin).netloc != host:
         return _refusal(403, f"a page of {origin[:80]} may not come in")
     if token is None:
-        return Verdict(None)
+        return AccessDecision(None)
     cookie = f"skinnet-{port}"
-    if _same(_cookies(fields.get("cookie", "")).get(cookie, ""), token):
-        return Verdict(None)
+    if _tokens_equal(_cookies(fields.get("cookie", "")).get(cookie, ""), token):
+        return AccessDecision(None)
     path, _, query = words[1].partition("?")
     parameters = dict(parse_qsl(query))
     if "token" not in parameters:
         return _refusal(401, "a token is needed: open the address that skinnet view printed")
-    if not _same(parameters.pop("token"), token):
+    if not _tokens_equal(parameters.pop("token"), token):
         return _refusal(403, "the token is wrong")
     there = path + ("?" + urlencode(parameters) if parameters else "")
-    return Verdict(
+    return AccessDecision(
         (
             f"HTTP/1.1 303 See Other\r\nLocation: {there}\r\n"
             f"Set-Cookie: {cookie}={token}; HttpOnly; SameSite=Strict; Path=/\r\n"
@@ -83,7 +83,7 @@ def judge(head: bytes, token: str | None, port: int, *, loopback: bool) -> Verdi
     )
 
 
-def _same(given: str, token: str) -> bool:
+def _tokens_equal(given: str, token: str) -> bool:
     return hmac.compare_digest(given.encode(), token.encode())
 
 
@@ -91,25 +91,25 @@ def _cookies(text: str) -> dict[str, str]:
     return dict(part.strip().partition("=")[::2] for part in text.split(";"))
 
 
-def _refusal(code: int, why: str) -> Verdict:
+def _refusal(code: int, detail: str) -> AccessDecision:
     reason = {400: "Bad Request", 401: "Unauthorized", 403: "Forbidden"}[code]
-    body = f"skinnet: {why}\n".encode()
+    body = f"skinnet: {detail}\n".encode()
     head = (
         f"HTTP/1.1 {code} {reason}\r\nContent-Type: text/plain; charset=utf-8\r\n"
         f"Content-Length: {len(body)}\r\nConnection: close\r\n\r\n"
     )
-    return Verdict(head.encode("latin-1") + body, why)
+    return AccessDecision(head.encode("latin-1") + body, detail)
 
 
-class Gate:
+class AuthProxy:
     """Authenticating proxy to a server on loopback, in its own thread.
 
     Args:
         host: Address to listen at.
         port: Port; 0 for any free one.
-        inner_port: Port of the page's server on 127.0.0.1.
+        upstream_port: Port of the page's server on 127.0.0.1.
         token: Access token; None for no authentication.
-        say: Called once with each distinct reason for refused requests.
+        log: Called once with each distinct reason for refused requests.
 
     Raises:
         PortInUseError: the port is taken.
@@ -117,17 +117,19 @@ class Gate:
     """
 
     def __init__(
-        self, host: str, port: int, inner_port: int, token: str | None, say: Callable[[str], None]
+        self, host: str, port: int, upstream_port: int, token: str | None, log: Callable[[str], None]
     ) -> None:
         self.port = port
-        self._host, self._inner_port, self._token, self._say = host, inner_port, token, say
+        self._host, self._upstream_port, self._token, self._log = host, upstream_port, token, log
         self._loopback = is_loopback(host)
-        self._said: set[str] = set()
+        self._logged_reasons: set[str] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="gate", daemon=True)
         self._thread.start()
         try:
-            self._server = self._wait(asyncio.start_server(self._visit, host, port, limit=_HEAD_BYTES))
+            self._server = self._run_in_loop(
+                asyncio.start_server(self._on_connection, host, port, limit=_MAX_HEAD_BYTES)
+            )
         except OSError as error:
             self._stop()
             if error.errno is not None and "in use" in str(error):
@@ -145,10 +147,10 @@ class Gate:
 
     def close(self) -> None:
         """Stop accepting connections and close the open ones."""
-        self._wait(self._clear())
+        self._run_in_loop(self._close_connections())
         self._stop()
 
-    async def _clear(self) -> None:
+    async def _close_connections(self) -> None:
         await asyncio.sleep(0)  # else asyncio would leak a connection that is being accepted
         self._server.close()
         while True:
@@ -160,9 +162,9 @@ class Gate:
                 task.cancel()
             await asyncio.gather(*others, return_exceptions=True)
 
-    async def _visit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _on_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
-            await self._serve(reader, writer)
+            await self._handle_connection(reader, writer)
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
             pass  # the client disconnected
         except asyncio.CancelledError:
@@ -170,20 +172,19 @@ class Gate:
         finally:
             writer.close()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        async with asyncio.timeout(_HEAD_S):
+    async def _handle_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        async with asyncio.timeout(_HEAD_TIMEOUT_S):
             head = await reader.readuntil(b"\r\n\r\n")
-        verdict = judge(head, self._token, self.port, loopback=self._loopback)
-        if verdict.answer is not None:
-            self._complain(verdict.why)
-            writer.write(verdict.answer)
+        verdict = authorise(head, self._token, self.port, loopback=self._loopback)
+        if verdict.response is not None:
+            self._log_refusal(verdict.reason)
+            writer.write(verdict.response)
             await writer.drain()
             return
-        inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._inner_port)
+        inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._upstream_port)
         inner_writer.write(head)
         ways = [
-            asyncio.create_task(_hand_through(*way))
-            for way in ((reader, inner_writer), (inner_reader, writer))
+            asyncio.create_task(_forward(*way)) for way in ((reader, inner_writer), (inner_reader, writer))
         ]
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
@@ -193,12 +194,12 @@ class Gate:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)
 
-    def _complain(self, why: str) -> None:
-        if why and why not in self._said and len(self._said) < 100:
-            self._said.add(why)
-            self._say(f"somebody was sent away from the page: {why}")
+    def _log_refusal(self, reason: str) -> None:
+        if reason and reason not in self._logged_reasons and len(self._logged_reasons) < 100:
+            self._logged_reasons.add(reason)
+            self._log(f"somebody was sent away from the page: {reason}")
 
-    def _wait(self, work: Coroutine[Any, Any, Any]) -> Any:
+    def _run_in_loop(self, work: Coroutine[Any, Any, Any]) -> Any:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
     def _stop(self) -> None:
@@ -207,7 +208,7 @@ class Gate:
         self._loop.close()
 
 
-async def _hand_through(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with contextlib.suppress(OSError):
         while chunk := await reader.read(_CHUNK_BYTES):
             writer.write(chunk)

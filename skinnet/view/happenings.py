@@ -7,20 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FULL_READING", "Happenings", "Trend", "Trends"]
+__all__ = ["FULL_READING_KIND", "EventHistory", "TrafficSeries", "TrafficStatistics"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FULL_READING = 100
+FULL_READING_KIND = 100
 """Kind of a full reading, which a streaming cell sends."""
-_MOST = 150_000
+_MAX_EVENTS = 150_000
 """Maximum number of kept events, which bounds the page's memory."""
-_EDGES_MS = 10.0 ** np.linspace(-2, 3, 101)
+_LATENCY_EDGES_MS = 10.0 ** np.linspace(-2, 3, 101)
 """Latency histogram edges [ms], in steps of 12 %, from 10 µs to 1 s."""
 
 
-class Happenings:
+class EventHistory:
     """Event history: time, raster row and kind (modality and level) of the newest events.
 
     Args:
@@ -29,7 +29,7 @@ class Happenings:
 
     def __init__(self, window_ns: int) -> None:
         self.window_ns = window_ns
-        self.total = 0
+        self.n_events = 0
         self._newest_ns = 0
         self._t_ns, self._row, self._kind = array("q"), array("i"), array("b")
 
@@ -40,10 +40,10 @@ class Happenings:
         self._t_ns.extend(t_ns)
         self._row.extend(rows)
         self._kind.extend(kinds)
-        self.total += len(t_ns)
+        self.n_events += len(t_ns)
         self._newest_ns = max(self._newest_ns, t_ns[-1])
-        if len(self._t_ns) > 2 * _MOST:
-            self._forget(len(self._t_ns) - _MOST)
+        if len(self._t_ns) > 2 * _MAX_EVENTS:
+            self._drop_first(len(self._t_ns) - _MAX_EVENTS)
 
     def since(self, t_ns: int) -> tuple[Ints, Ints, Ints]:
         """Events from `t_ns` on: times [ns], rows and kinds."""
@@ -51,23 +51,23 @@ class Happenings:
         late = times >= t_ns
         return times[late], np.array(self._row)[late].astype(np.int64), np.array(self._kind)[late].astype(int)
 
-    def tidy(self) -> None:
+    def drop_old(self) -> None:
         """Drop events older than the window; the order is approximate between patches."""
         times = np.array(self._t_ns, dtype=np.int64)
         recent = np.flatnonzero(times >= self._newest_ns - self.window_ns)
-        self._forget(int(recent[0]) if len(recent) else len(times))
+        self._drop_first(int(recent[0]) if len(recent) else len(times))
 
     def clear(self) -> None:
         """Drop all events."""
         self._newest_ns = 0
-        self._forget(len(self._t_ns))
+        self._drop_first(len(self._t_ns))
 
-    def _forget(self, count: int) -> None:
+    def _drop_first(self, count: int) -> None:
         for column in (self._t_ns, self._row, self._kind):
             del column[:count]
 
 
-class Trend(NamedTuple):
+class TrafficSeries(NamedTuple):
     """Time series of network traffic, one value per bin, oldest first.
 
     Attributes:
@@ -89,19 +89,19 @@ class Trend(NamedTuple):
     missed: Floats
 
 
-class Trends:
+class TrafficStatistics:
     """Traffic statistics in a ring of bins of simulated time.
 
     Args:
         bin_ns: Width of a bin [ns].
-        bins: Number of bins.
+        n_bins: Number of bins.
     """
 
-    def __init__(self, bin_ns: int, bins: int) -> None:
-        self._bin_ns, self._bins = bin_ns, bins
-        self._latency = np.zeros((bins, len(_EDGES_MS) + 1), dtype=np.int64)
-        self._max_ns = np.zeros(bins, dtype=np.int64)
-        self._counts = np.zeros((3, bins), dtype=np.int64)
+    def __init__(self, bin_ns: int, n_bins: int) -> None:
+        self._bin_ns, self._bins = bin_ns, n_bins
+        self._latency = np.zeros((n_bins, len(_LATENCY_EDGES_MS) + 1), dtype=np.int64)
+        self._max_ns = np.zeros(n_bins, dtype=np.int64)
+        self._counts = np.zeros((3, n_bins), dtype=np.int64)
         self._last = -1
 
     def clear(self) -> None:
@@ -109,25 +109,25 @@ class Trends:
         self._latency[:], self._max_ns[:], self._counts[:] = 0, 0, 0
         self._last = -1
 
-    def delivered(self, t_sampled_ns: Ints, t_delivered_ns: Ints) -> None:
+    def add_delivered(self, t_sampled_ns: Ints, t_delivered_ns: Ints) -> None:
         """Count delivered packets by their sampling and delivery times [ns]."""
         if not len(t_delivered_ns):
             return
         column = self._columns(t_delivered_ns)
         late_ns = t_delivered_ns - t_sampled_ns
-        np.add.at(self._latency, (column, np.searchsorted(_EDGES_MS, late_ns * 1e-6)), 1)
+        np.add.at(self._latency, (column, np.searchsorted(_LATENCY_EDGES_MS, late_ns * 1e-6)), 1)
         np.maximum.at(self._max_ns, column, late_ns)
         np.add.at(self._counts[0], column, 1)
 
-    def dropped(self, t_ns: int, packets: int) -> None:
+    def add_dropped(self, t_ns: int, packets: int) -> None:
         """Count packets lost on links."""
         self._counts[1, self._columns(np.array([t_ns]))] += packets
 
-    def missed(self, t_ns: int, messages: int) -> None:
+    def add_missed(self, t_ns: int, messages: int) -> None:
         """Count messages lost between run and page."""
         self._counts[2, self._columns(np.array([t_ns]))] += messages
 
-    def trend(self) -> Trend:
+    def series(self) -> TrafficSeries:
         """Time series of the completed bins."""
         n = max(min(self._last, self._bins - 1), 0)  # without the newest bin, which is incomplete
         number = np.arange(self._last - n, self._last)
@@ -135,7 +135,7 @@ class Trends:
         up_to = np.cumsum(self._latency[column], axis=1)
         of = up_to[:, -1] if n else np.zeros(0)
         nothing = of == 0
-        edges_ms = np.append(_EDGES_MS, _EDGES_MS[-1])
+        edges_ms = np.append(_LATENCY_EDGES_MS, _LATENCY_EDGES_MS[-1])
         max_ms = np.where(nothing, np.nan, self._max_ns[column] * 1e-6)
         median_ms, p95_ms = (
             np.where(nothing, np.nan, np.minimum(edges_ms[(up_to < q * of[:, None]).sum(axis=1)], max_ms))
@@ -143,7 +143,7 @@ class Trends:
         )
         delivered, dropped, missed = self._counts[:, column] / (self._bin_ns * 1e-9)
         t_s = (number + 1).astype(np.float64) * self._bin_ns * 1e-9
-        return Trend(t_s, median_ms, p95_ms, max_ms, delivered, dropped, missed)
+        return TrafficSeries(t_s, median_ms, p95_ms, max_ms, delivered, dropped, missed)
 
     def _columns(self, t_ns: Ints) -> Ints:
         """Bin columns of times; clears new bins, and maps times that are too old to the oldest bin."""

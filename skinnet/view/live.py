@@ -8,13 +8,13 @@ from skinnet.channels import CHANNELS, Keys
 from skinnet.channels import channel as row_of
 from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
 from skinnet.messages import Answer, decode
-from skinnet.transport.client import ask, what_runs
-from skinnet.transport.open_session import OpenSession
-from skinnet.view.state import Scene, Told
+from skinnet.transport.client import query, query_deployment
+from skinnet.transport.open_session import PublicSession
+from skinnet.view.state import ReceivedMessage, RunState
 
-__all__ = ["SHOWN", "LiveSource"]
+__all__ = ["SUBSCRIBED_CHANNELS", "LiveSource"]
 
-SHOWN = (
+SUBSCRIBED_CHANNELS = (
     "joints",
     "world",
     "events",
@@ -29,14 +29,14 @@ SHOWN = (
     "processes",
 )
 """Channels that the page shows and subscribes to."""
-_ASKED = ("topology", "state", "machine")
+_QUERIED_CHANNELS = ("topology", "state", "machine")
 """Channels whose newest messages the endpoint answers to queries, for late observers."""
-_RING = 50_000
+_QUEUE_CAPACITY = 50_000
 """Queue capacity in messages: four seconds of the largest robot."""
-_AT_ONCE = 20_000
+_MAX_MESSAGES_PER_UPDATE = 20_000
 """Maximum number of messages per update, so that a page that lags stays responsive."""
-_ANSWER_S = 3.0
-_LOOK_EVERY_S = 0.5
+_QUERY_TIMEOUT_S = 3.0
+_CONNECTION_CHECK_PERIOD_S = 0.5
 
 
 class LiveSource:
@@ -53,66 +53,70 @@ class LiveSource:
 
     def __init__(self, endpoint: str, base: Path | None = None) -> None:
         self.title = endpoint
-        self.over = ""
+        self.end_reason = ""
         self._endpoint = endpoint
         try:
-            self._session = OpenSession("client", endpoint)
+            self._session = PublicSession("client", endpoint)
         except UnreachableError:
             raise
         except SkinnetError as error:
             raise UnreachableError(str(error)) from error
         try:
-            self.deployment, told_base = what_runs(self._session, endpoint)
+            self.deployment, told_base = query_deployment(self._session, endpoint)
         except BaseException:
             self._session.close()
             raise
         self.base = base or told_base
         self._keys = Keys(self.deployment.robot)
-        self._ring: deque[tuple[str, bytes]] = deque(maxlen=_RING)
-        self._came = self._taken = 0
-        self._looked_s = 0.0
+        self._queue: deque[tuple[str, bytes]] = deque(maxlen=_QUEUE_CAPACITY)
+        self._n_received = self._n_delivered = 0
+        self._last_check_s = 0.0
         for row in CHANNELS:
-            if row.name in SHOWN:
-                self._session.subscribe(self._expression(row.name), self._put_aside)
-        for name in _ASKED:
+            if row.name in SUBSCRIBED_CHANNELS:
+                self._session.declare_subscriber(self._expression(row.name), self._enqueue)
+        for name in _QUERIED_CHANNELS:
             if any(row.name == name for row in CHANNELS):
-                for key, payload in self._session.ask(self._expression(name), _ANSWER_S).items():
-                    self._put_aside(key, payload)
+                for key, payload in self._session.query(self._expression(name), _QUERY_TIMEOUT_S).items():
+                    self._enqueue(key, payload)
 
     @property
-    def dropped(self) -> int:
+    def n_dropped(self) -> int:
         """Number of received messages that the full queue dropped."""
-        return self._came - self._taken - len(self._ring)
+        return self._n_received - self._n_delivered - len(self._queue)
 
-    def feed(self, scene: Scene, now_s: float) -> int:
-        """Deliver the queued messages to `scene`; return their number."""
+    def deliver(self, run_state: RunState, now_s: float) -> int:
+        """Deliver the queued messages to `run_state`; return their number."""
         count = 0
-        while self._ring and count < _AT_ONCE:
-            key, payload = self._ring.popleft()
+        while self._queue and count < _MAX_MESSAGES_PER_UPDATE:
+            key, payload = self._queue.popleft()
             count += 1
             try:
                 row, fields = self._keys.parse(key)
                 message = decode(payload, row.message)
             except ProtocolError as error:
-                scene.refuse(str(error))
+                run_state.count_malformed(str(error))
                 continue
             t_ns = getattr(message, "t_ns", None)
-            scene.take(Told(row.name, fields, message, scene.t_ns if t_ns is None else t_ns), now_s)
-        self._taken += count
-        if now_s - self._looked_s > _LOOK_EVERY_S:
-            self._looked_s = now_s
+            run_state.apply(
+                ReceivedMessage(row.name, fields, message, run_state.t_ns if t_ns is None else t_ns), now_s
+            )
+        self._n_delivered += count
+        if now_s - self._last_check_s > _CONNECTION_CHECK_PERIOD_S:
+            self._last_check_s = now_s
             if not self._session.connected:
-                self.over = "the run is over"
+                self.end_reason = "the run is over"
         return count
 
-    def facts(self) -> Mapping[str, str]:
+    def properties(self) -> Mapping[str, str]:
         """Received and dropped message counts, as text by name."""
-        return {"messages": f"{self._came}", "dropped by the page": f"{self.dropped}"}
+        return {"messages": f"{self._n_received}", "dropped by the page": f"{self.n_dropped}"}
 
-    def request(self, what: str, argument: str) -> str:
+    def request(self, name: str, argument: str) -> str:
         """Send a request to the controller; return its answer or the error as one line."""
         try:
-            replies = ask(self._endpoint, self._keys.of("request", what), argument.encode(), 2 * _ANSWER_S)
+            replies = query(
+                self._endpoint, self._keys.of("request", name), argument.encode(), 2 * _QUERY_TIMEOUT_S
+            )
         except SkinnetError as error:
             return str(error)
         if not replies:
@@ -129,9 +133,9 @@ class LiveSource:
         """Close the session."""
         self._session.close()
 
-    def _put_aside(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:
-        self._came += 1
-        self._ring.append((key, payload))
+    def _enqueue(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:
+        self._n_received += 1
+        self._queue.append((key, payload))
 
     def _expression(self, name: str) -> str:
         return self._keys.of(name, *["*"] * row_of(name).pattern.count("<"))

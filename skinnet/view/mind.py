@@ -5,74 +5,81 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from skinnet.messages import ControllerState
-from skinnet.watch_messages import Machine
+from skinnet.watch_messages import StateMachineDescription
 
-__all__ = ["Mind", "Move"]
+__all__ = ["ControllerView", "ObservedTransition"]
 
-_KEPT = 200
+_HISTORY_LENGTH = 200
 
 
-class Move(NamedTuple):
+class ObservedTransition(NamedTuple):
     """State transition of the controller, with its time [ns] and reason."""
 
     t_ns: int
-    state: str
-    to: str
-    why: str
+    source: str
+    target: str
+    reason: str
 
 
-class Mind:
+class ControllerView:
     """Controller view: present state and transition history.
 
     Attributes:
         state: Present state; empty if unknown.
         since_ns: Time at which it was entered [ns].
         progress: Completed fraction of the state.
-        text: Reason for entering the state, as published.
-        moves: Recent transitions, newest last.
-        machine: State-machine description, if published.
+        reason: Reason for entering the state, as published.
+        history: Recent transitions, newest last.
+        description: State-machine description, if published.
     """
 
-    def __init__(self, expected: Iterable[str] = ()) -> None:
+    def __init__(self, expected_states: Iterable[str] = ()) -> None:
         """Initialise the view.
 
         Args:
-            expected: State names to show until the state-machine description is published.
+            expected_states: State names to show until the state-machine description is published.
         """
-        self._expected = tuple(expected)
+        self._expected_states = tuple(expected_states)
         self.state = ""
         self.since_ns = 0
         self.progress = 0.0
-        self.text = ""
-        self.moves: deque[Move] = deque(maxlen=_KEPT)
-        self.machine: Machine | None = None
+        self.reason = ""
+        self.history: deque[ObservedTransition] = deque(maxlen=_HISTORY_LENGTH)
+        self.description: StateMachineDescription | None = None
 
-    def take_state(self, said: ControllerState) -> None:
+    def apply_state(self, state: ControllerState) -> None:
         """Apply a published controller state."""
-        if said.stage != self.state:
+        if state.stage != self.state:
             if self.state:
-                self.moves.append(Move(said.t_ns, self.state, said.stage, said.text))
-            self.state, self.since_ns = said.stage, said.t_ns
-        elif said.text and self.moves and self.moves[-1].to == said.stage and not self.moves[-1].why:
-            self.moves[-1] = self.moves[-1]._replace(why=said.text)  # the command came before the reason
-        self.progress = said.progress
-        self.text = said.text
+                self.history.append(ObservedTransition(state.t_ns, self.state, state.stage, state.text))
+            self.state, self.since_ns = state.stage, state.t_ns
+        elif (
+            state.text
+            and self.history
+            and self.history[-1].target == state.stage
+            and not self.history[-1].reason
+        ):
+            self.history[-1] = self.history[-1]._replace(
+                reason=state.text
+            )  # the command came before the reason
+        self.progress = state.progress
+        self.reason = state.text
 
-    def take_stage(self, t_ns: int, stage: str) -> None:
+    def apply_stage(self, t_ns: int, stage: str) -> None:
         """Apply the stage named by a command, for recordings without controller states."""
         if stage and stage != self.state:
-            self.take_state(ControllerState(t_ns=t_ns, stage=stage, progress=self.progress))
+            self.apply_state(ControllerState(t_ns=t_ns, stage=stage, progress=self.progress))
 
     @property
     def states(self) -> tuple[str, ...]:
         """Known states, in the controller's order or in order of appearance."""
-        known = self._expected if self.machine is None else self.machine.states
-        seen = [*(name for move in self.moves for name in (move.state, move.to)), self.state]
+        known = self._expected_states if self.description is None else self.description.states
+        seen = [*(name for move in self.history for name in (move.source, move.target)), self.state]
         return tuple(dict.fromkeys(name for name in (*known, *seen) if name))
 
     @property
-    def arrows(self) -> tuple[tuple[str, str, str], ...]:
+    def transitions(self) -> tuple[tuple[str, str, str], ...]:
         """Transitions (state, event, next state): those described by the controller, or those observed."""
-        if self.machine is not None and self.machine.moves:
-            return tuple((move[0], move[1], move[2]) for move in self.machine.moves if len(move) == 3)
-        return tuple(dict.fromkeys((move.state, move.why, move.to) for move in self.moves))
+        if self.description is not None and self.description.moves:
+            return tuple((move[0], move[1], move[2]) for move in self.description.moves if len(move) == 3)
+        return tuple(dict.fromkeys((move.source, move.reason, move.target) for move in self.history))

@@ -1,9 +1,9 @@
 """Playback clock of a recording: position, pause, rate and loop against wall time. No I/O."""
 
-__all__ = ["Playback"]
+__all__ = ["PlaybackClock"]
 
 
-class Playback:
+class PlaybackClock:
     """Playback clock, whose position advances with wall time.
 
     Args:
@@ -15,48 +15,48 @@ class Playback:
         playing: Whether the position advances.
         rate: Simulated seconds per second of wall time.
         loop: Whether playback restarts at the end.
-        jumps: Number of seeks.
+        n_seeks: Number of seeks.
     """
 
     def __init__(self, start_ns: int, end_ns: int, now_s: float) -> None:
         self.start_ns, self.end_ns = start_ns, end_ns
         self.playing, self.rate, self.loop = True, 1.0, False
-        self.jumps = 0
-        self._from_ns, self._since_s = start_ns, now_s
+        self.n_seeks = 0
+        self._anchor_ns, self._anchor_s = start_ns, now_s
 
     def position_ns(self, now_s: float) -> int:
         """Playback position [ns]; stops or restarts at the end."""
         if not self.playing:
-            return self._from_ns
-        position_ns = self._from_ns + round((now_s - self._since_s) * self.rate * 1e9)
+            return self._anchor_ns
+        position_ns = self._anchor_ns + round((now_s - self._anchor_s) * self.rate * 1e9)
         if position_ns < self.end_ns:
             return max(position_ns, self.start_ns)
         if self.loop and self.end_ns > self.start_ns:
             self.seek(self.start_ns, now_s)
             return self.start_ns
-        self._from_ns, self.playing = self.end_ns, False
+        self._anchor_ns, self.playing = self.end_ns, False
         return self.end_ns
 
     def seek(self, t_ns: int, now_s: float) -> None:
         """Seek to a time [ns], clipped to the recording."""
-        self.jumps += 1
-        self.wait_at(min(max(t_ns, self.start_ns), self.end_ns), now_s)
+        self.n_seeks += 1
+        self.resume_from(min(max(t_ns, self.start_ns), self.end_ns), now_s)
 
-    def wait_at(self, t_ns: int, now_s: float) -> None:
+    def resume_from(self, t_ns: int, now_s: float) -> None:
         """Continue from `t_ns`, the position reached by a reader slower than the clock."""
-        self._from_ns, self._since_s = t_ns, now_s
+        self._anchor_ns, self._anchor_s = t_ns, now_s
 
     def play(self, now_s: float) -> None:
         """Start playback; at the end, restart."""
         if self.playing:
             return
-        if self._from_ns >= self.end_ns:
+        if self._anchor_ns >= self.end_ns:
             self.seek(self.start_ns, now_s)
-        self.playing, self._since_s = True, now_s
+        self.playing, self._anchor_s = True, now_s
 
     def pause(self, now_s: float) -> None:
         """Pause playback."""
-        self._from_ns = self.position_ns(now_s)
+        self._anchor_ns = self.position_ns(now_s)
         self.playing = False
 
     def set_rate(self, rate: float, now_s: float) -> None:
@@ -67,5 +67,5 @@ class Playback:
         """
         if rate <= 0.0:
             raise ValueError(f"rate is {rate}; it is above 0")
-        self._from_ns, self._since_s = self.position_ns(now_s), now_s
+        self._anchor_ns, self._anchor_s = self.position_ns(now_s), now_s
         self.rate = rate

@@ -9,12 +9,12 @@ from skinnet.channels import channel as row_of
 from skinnet.errors import ProtocolError, RecordingError
 from skinnet.messages import decode
 from skinnet.recording.reader import Recording
-from skinnet.view.playback import Playback
-from skinnet.view.state import RASTER_NS, Kept, Scene, Told
+from skinnet.view.playback import PlaybackClock
+from skinnet.view.state import RASTER_NS, ReceivedMessage, RunSnapshot, RunState
 
-__all__ = ["RecordedSource"]
+__all__ = ["RecordingSource"]
 
-_SHOWN = {
+_READ_CHANNELS = {
     "joints",
     "world",
     "command",
@@ -29,13 +29,13 @@ _SHOWN = {
     "counters",
 }
 """Channels that the page shows."""
-_KEEP_EVERY_NS = 5_000_000_000
-_BUDGET_S = 0.15
+_SNAPSHOT_PERIOD_NS = 5_000_000_000
+_MAX_READ_S = 0.15
 """Maximum reading time per call [s], so that the page stays responsive while catching up."""
-_LOOK_EVERY = 200
+_MESSAGES_PER_CLOCK_CHECK = 200
 
 
-class RecordedSource:
+class RecordingSource:
     """Recording source with playback and seeking.
 
     To seek backwards, it restores the scene's snapshot at least one raster length earlier and reads the file
@@ -51,81 +51,81 @@ class RecordedSource:
         DeploymentError: this program has other deployment keys than the one that recorded.
     """
 
-    over = ""
+    end_reason = ""
 
     def __init__(self, path: Path, base: Path | None, now_s: float) -> None:
         self.recording = Recording(path)
         self.deployment, self.base = self.recording.deployment(), base or self.recording.base
         self.title = path.name
-        self.malformed = 0
+        self.n_malformed = 0
         first = next(self._read(0), None)
         if first is None:
             raise RecordingError(f"{path}: there is no message in it: nothing to see")
-        self.playback = Playback(first.t_ns, self.recording.end_ns, now_s)
-        self._messages: Iterator[Told] = self._read(0)
-        self._next: Told | None = None
+        self.clock = PlaybackClock(first.t_ns, self.recording.end_ns, now_s)
+        self._messages: Iterator[ReceivedMessage] = self._read(0)
+        self._next: ReceivedMessage | None = None
         self._read_ns = -1
-        self._jumps = 0
-        self._kept_ns: list[int] = []
-        self._kept: list[Kept] = []
+        self._n_seeks = 0
+        self._snapshot_times_ns: list[int] = []
+        self._snapshots: list[RunSnapshot] = []
 
-    def feed(self, scene: Scene, now_s: float) -> int:
-        """Deliver the messages up to the playback position to `scene`; return their number."""
-        position_ns = self.playback.position_ns(now_s)
-        if not self._kept:
-            self._keep(scene, -1)
-        if self.playback.jumps != self._jumps:
-            self._jumps = self.playback.jumps
-            self._go_to(scene, position_ns)
-        count, until_s = 0, time.monotonic() + _BUDGET_S
+    def deliver(self, run_state: RunState, now_s: float) -> int:
+        """Deliver the messages up to the playback position to `run_state`; return their number."""
+        position_ns = self.clock.position_ns(now_s)
+        if not self._snapshots:
+            self._take_snapshot(run_state, -1)
+        if self.clock.n_seeks != self._n_seeks:
+            self._n_seeks = self.clock.n_seeks
+            self._seek(run_state, position_ns)
+        count, until_s = 0, time.monotonic() + _MAX_READ_S
         while (told := self._next or next(self._messages, None)) is not None:
             self._next = told
             if told.t_ns > position_ns:
                 break
             self._next = None
-            if told.t_ns >= self._kept_ns[-1] + _KEEP_EVERY_NS:
-                self._keep(scene, told.t_ns)
-            scene.take(told, now_s)
+            if told.t_ns >= self._snapshot_times_ns[-1] + _SNAPSHOT_PERIOD_NS:
+                self._take_snapshot(run_state, told.t_ns)
+            run_state.apply(told, now_s)
             self._read_ns = told.t_ns
             count += 1
-            if count % _LOOK_EVERY == 0 and time.monotonic() > until_s:
-                if self.playback.playing:
-                    self.playback.wait_at(told.t_ns, now_s)
+            if count % _MESSAGES_PER_CLOCK_CHECK == 0 and time.monotonic() > until_s:
+                if self.clock.playing:
+                    self.clock.resume_from(told.t_ns, now_s)
                 return count
-        scene.t_ns = position_ns
+        run_state.t_ns = position_ns
         return count
 
-    def facts(self) -> Mapping[str, str]:
+    def properties(self) -> Mapping[str, str]:
         """Properties of the recording, as text by name."""
         facts = {"recording": str(self.recording.path), "length": f"{self.recording.end_ns * 1e-9:.1f} s"}
         if not self.recording.complete:
             facts["it was cut"] = "it goes up to here"
-        return facts | ({"unreadable messages": f"{self.malformed}"} if self.malformed else {})
+        return facts | ({"unreadable messages": f"{self.n_malformed}"} if self.n_malformed else {})
 
     def close(self) -> None:
         """Drop the snapshots."""
-        self._kept.clear()
+        self._snapshots.clear()
 
-    def _read(self, from_ns: int) -> Iterator[Told]:
+    def _read(self, from_ns: int) -> Iterator[ReceivedMessage]:
         """Messages from a time [ns] on; undecodable ones are skipped and counted."""
         for t_ns, _, channel, fields, payload in self.recording.messages(from_ns):
-            if channel not in _SHOWN:
+            if channel not in _READ_CHANNELS:
                 continue
             try:
-                yield Told(channel, fields, decode(payload, row_of(channel).message), t_ns)
+                yield ReceivedMessage(channel, fields, decode(payload, row_of(channel).message), t_ns)
             except ProtocolError:
-                self.malformed += 1
+                self.n_malformed += 1
 
-    def _keep(self, scene: Scene, t_ns: int) -> None:
-        self._kept_ns.append(t_ns)
-        self._kept.append(scene.keep())
+    def _take_snapshot(self, run_state: RunState, t_ns: int) -> None:
+        self._snapshot_times_ns.append(t_ns)
+        self._snapshots.append(run_state.snapshot())
 
-    def _go_to(self, scene: Scene, t_ns: int) -> None:
+    def _seek(self, run_state: RunState, t_ns: int) -> None:
         """Restore a snapshot before `t_ns` and reread from it, unless reading on is enough."""
         before_ns = t_ns - RASTER_NS
-        kept = max(bisect.bisect_right(self._kept_ns, before_ns) - 1, 0)
-        if self._read_ns <= t_ns and self._kept_ns[kept] <= self._read_ns:
+        kept = max(bisect.bisect_right(self._snapshot_times_ns, before_ns) - 1, 0)
+        if self._read_ns <= t_ns and self._snapshot_times_ns[kept] <= self._read_ns:
             return
-        scene.recall(self._kept[kept])
-        self._messages, self._next = self._read(max(self._kept_ns[kept], 0)), None
-        self._read_ns = self._kept_ns[kept]
+        run_state.restore(self._snapshots[kept])
+        self._messages, self._next = self._read(max(self._snapshot_times_ns[kept], 0)), None
+        self._read_ns = self._snapshot_times_ns[kept]

@@ -2,41 +2,41 @@
 
 from collections.abc import Sequence
 
-__all__ = ["Numbering"]
+__all__ = ["SequenceGaps"]
 
 
-class Numbering:
+class SequenceGaps:
     """Gap counter of a sender's sequence numbers.
 
     Consecutive numbers may come in several messages and be reordered over a short time: a number counts as
-    missing if it has not come by the second call of `settle` after a higher one.
+    missing if it has not come by the second call of `count_missing` after a higher one.
     """
 
     def __init__(self) -> None:
         self._first: int | None = None
-        self._mark = -1
+        self._previous_highest = -1
         self._highest = -1
-        self._up_to_mark = 0
-        self._beyond = 0
+        self._n_up_to_previous = 0
+        self._n_above_previous = 0
 
-    def take(self, numbers: Sequence[int]) -> None:
+    def add(self, numbers: Sequence[int]) -> None:
         """Add received numbers."""
         if not len(numbers):
             return
         if self._first is None:
             self._first = min(numbers)
-            self._mark = self._highest = self._first - 1
+            self._previous_highest = self._highest = self._first - 1
         self._highest = max(self._highest, *numbers) if len(numbers) > 1 else max(self._highest, numbers[0])
-        late = sum(number <= self._mark for number in numbers)
-        self._up_to_mark += late
-        self._beyond += len(numbers) - late
+        late = sum(number <= self._previous_highest for number in numbers)
+        self._n_up_to_previous += late
+        self._n_above_previous += len(numbers) - late
 
-    def settle(self) -> int:
+    def count_missing(self) -> int:
         """Count the missing numbers up to the highest one at the previous call."""
         if self._first is None:
             return 0
-        missing = self._mark + 1 - self._first - self._up_to_mark
-        self._mark = self._highest
-        self._up_to_mark += self._beyond
-        self._beyond = 0
+        missing = self._previous_highest + 1 - self._first - self._n_up_to_previous
+        self._previous_highest = self._highest
+        self._n_up_to_previous += self._n_above_previous
+        self._n_above_previous = 0
         return max(missing, 0)

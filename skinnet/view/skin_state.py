@@ -7,22 +7,22 @@ from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
 from skinnet.messages import READING_NAMES, STREAM_ROW, Events, Modality, Stream, unpack
-from skinnet.sheet_messages import BOARD_FRAME, PATTERN_ROW, REGION_ROW, Regions
-from skinnet.view.atlas import Atlas
+from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW, Regions
+from skinnet.view.atlas import SkinLayout
 
-__all__ = ["FIRST_COLUMN", "WIDTH", "SkinState"]
+__all__ = ["FIRST_COLUMN", "N_COLUMNS", "SkinState"]
 
 Floats = NDArray[np.float64]
 
 FIRST_COLUMN = (0, 3, 4, 7)
 """First reading column of each modality."""
-WIDTH = (3, 1, 3, 1)
+N_COLUMNS = (3, 1, 3, 1)
 """Number of reading columns of each modality."""
-_MANY = 24
+_VECTORISE_ABOVE = 24
 """Number of events above which arrays are faster than a loop."""
-_PATTERN_NS = 500_000_000
+_PATTERN_VALIDITY_NS = 500_000_000
 """Time [ns] for which a raw pressure pattern takes precedence over its board's regions."""
-_HEARD = slice(0, 4)
+_CONTACT_COLUMNS = slice(0, 4)
 """Force and proximity columns, which are 0 while a connected cell is silent."""
 
 
@@ -31,19 +31,19 @@ class SkinState:
 
     Attributes:
         reading: (cells, 8) in `READING_NAMES` order, NaN where never received.
-        told_ns: (cells,) sampling time of the newest reading [ns], −1 for never.
+        sampled_ns: (cells,) sampling time of the newest reading [ns], −1 for never.
     """
 
-    def __init__(self, atlas: Atlas) -> None:
-        self._atlas = atlas
-        self._cells = {patch.name: patch.n_cells for patch in atlas.patches}
-        self.reading = np.full((atlas.n_cells, len(READING_NAMES)), np.nan, dtype=np.float32)
-        self.told_ns = np.full(atlas.n_cells, -1, dtype=np.int64)
-        self._regions: list[NDArray[Any]] = [np.empty(0, dtype=REGION_ROW)] * len(atlas.sheets)
-        self._patterns: list[tuple[int, NDArray[np.float32]] | None] = [None] * len(atlas.sheets)
-        self._boards_ns = 0
+    def __init__(self, layout: SkinLayout) -> None:
+        self._layout = layout
+        self._cells = {patch.name: patch.n_cells for patch in layout.patches}
+        self.reading = np.full((layout.n_cells, len(READING_NAMES)), np.nan, dtype=np.float32)
+        self.sampled_ns = np.full(layout.n_cells, -1, dtype=np.int64)
+        self._regions: list[NDArray[Any]] = [np.empty(0, dtype=REGION_ROW)] * len(layout.sheets)
+        self._patterns: list[tuple[int, NDArray[np.float32]] | None] = [None] * len(layout.sheets)
+        self._newest_frame_ns = 0
 
-    def patch_start(self, patch: str, cell: int) -> int:
+    def require_cell(self, patch: str, cell: int) -> int:
         """Index of the first cell of a patch; checks that the patch has `cell`.
 
         Raises:
@@ -53,33 +53,33 @@ class SkinState:
             raise ProtocolError(f"unknown patch {patch!r}")
         if not 0 <= cell < self._cells[patch]:
             raise ProtocolError(f"{patch} has cells 0 to {self._cells[patch] - 1}, not {cell}")
-        return self._atlas.first[patch]
+        return self._layout.first_taxel[patch]
 
-    def take_events(self, events: Events) -> None:
+    def apply_events(self, events: Events) -> None:
         """Apply events of level-crossing or send-on-delta encoding."""
-        start = self.patch_start(events.patch, max(events.cell, default=0))
-        if len(events.cell) > _MANY:
+        start = self.require_cell(events.patch, max(events.cell, default=0))
+        if len(events.cell) > _VECTORISE_ABOVE:
             cells = np.array(events.cell) + start
             column = np.array(FIRST_COLUMN)[events.modality] + events.channel
             self.reading[cells, column] = events.value
-            self.told_ns[cells] = events.t_sampled_ns
+            self.sampled_ns[cells] = events.t_sampled_ns
             return
         for cell, t_ns, modality, channel, value in zip(
             events.cell, events.t_sampled_ns, events.modality, events.channel, events.value, strict=True
         ):
             self.reading[start + cell, FIRST_COLUMN[modality] + channel] = value
-            self.told_ns[start + cell] = t_ns
+            self.sampled_ns[start + cell] = t_ns
 
-    def take_stream(self, stream: Stream) -> NDArray[Any]:
+    def apply_stream(self, stream: Stream) -> NDArray[Any]:
         """Apply full readings; return their rows."""
         rows = unpack(stream.rows, STREAM_ROW)
-        start = self.patch_start(stream.patch, int(rows["cell"].max(initial=0)))
+        start = self.require_cell(stream.patch, int(rows["cell"].max(initial=0)))
         cells = start + rows["cell"].astype(np.int64)
         self.reading[cells] = rows["values"]
-        self.told_ns[cells] = rows["t_sampled_ns"]
+        self.sampled_ns[cells] = rows["t_sampled_ns"]
         return rows
 
-    def take_regions(self, regions: Regions) -> list[tuple[int, int, int, float]]:
+    def apply_regions(self, regions: Regions) -> list[tuple[int, int, int, float]]:
         """Apply the contact regions and pressure patterns of boards.
 
         Returns:
@@ -88,7 +88,7 @@ class SkinState:
         Raises:
             ProtocolError: rows and frames do not agree, or a board is unknown.
         """
-        frames, rows = unpack(regions.frames, BOARD_FRAME), unpack(regions.rows, REGION_ROW)
+        frames, rows = unpack(regions.frames, SCAN_FRAME_ROW), unpack(regions.rows, REGION_ROW)
         patterns = unpack(regions.patterns, PATTERN_ROW)
         boards = len(self._regions)
         if int(frames["rows"].sum()) != len(rows):
@@ -100,31 +100,31 @@ class SkinState:
         for t_sampled_ns, t_delivered_ns, _, board, count in frames.tolist():
             start, end = end, end + count
             self._regions[board] = rows[start:end]
-            self._boards_ns = t_sampled_ns
+            self._newest_frame_ns = t_sampled_ns
             told.append((t_sampled_ns, t_delivered_ns, board, max(peaks_kpa[start:end], default=0.0)))
         for pattern in patterns:
             pressure = pattern["pressure_kpa"][: pattern["elements"]]
             self._patterns[pattern["board"]] = int(pattern["t_sampled_ns"]), pressure
         return told
 
-    def lose(self, cells: NDArray[np.int64]) -> None:
+    def mark_unknown(self, cells: NDArray[np.int64]) -> None:
         """Set the readings of cells that left the network to unknown."""
         self.reading[cells] = np.nan
 
-    def values(self, modality: Modality) -> Floats:
+    def displayed_values(self, modality: Modality) -> Floats:
         """Displayed values (spots,) of a modality, NaN where unknown.
 
         Force: the largest of the cell's force readings; for elements, pressure [kPa]. Acceleration: its
         magnitude [g].
         """
-        first, width = FIRST_COLUMN[modality], WIDTH[modality]
+        first, width = FIRST_COLUMN[modality], N_COLUMNS[modality]
         columns = self.reading[:, first : first + width].astype(np.float64)
         if modality is Modality.ACCELERATION:
             of_cells = np.sqrt((columns**2).sum(axis=1))
         else:
             of_cells = np.where(np.isnan(columns), -np.inf, columns).max(axis=1)
             of_cells[np.isneginf(of_cells)] = np.nan
-        unknown = np.full(self._atlas.n_elements, np.nan)
+        unknown = np.full(self._layout.n_elements, np.nan)
         of_elements = self.pressure_kpa() if modality is Modality.FORCE else unknown
         return np.concatenate([of_cells, of_elements])
 
@@ -133,12 +133,12 @@ class SkinState:
 
         The element nearest to the centre of a region has its peak.
         """
-        if not self._atlas.sheets:
+        if not self._layout.sheets:
             return np.empty(0)
         of_sheets = []
-        for board, sheet in enumerate(self._atlas.sheets):
+        for board, sheet in enumerate(self._layout.sheets):
             pattern = self._patterns[board]
-            if pattern is not None and self._boards_ns - pattern[0] < _PATTERN_NS:
+            if pattern is not None and self._newest_frame_ns - pattern[0] < _PATTERN_VALIDITY_NS:
                 of_sheets.append(pattern[1].astype(np.float64))
                 continue
             pressure = np.zeros(sheet.n_elements)
@@ -152,7 +152,7 @@ class SkinState:
             of_sheets.append(pressure)
         return np.concatenate(of_sheets)
 
-    def settle(self, found: NDArray[np.bool_]) -> None:
+    def mark_silent_as_zero(self, connected: NDArray[np.bool_]) -> None:
         """Set unknown force and proximity of connected cells to 0, which silence means."""
-        silent = found[:, None] & np.isnan(self.reading[:, _HEARD])
-        self.reading[:, _HEARD][silent] = 0.0
+        silent = connected[:, None] & np.isnan(self.reading[:, _CONTACT_COLUMNS])
+        self.reading[:, _CONTACT_COLUMNS][silent] = 0.0

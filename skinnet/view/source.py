@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Protocol
 
 from skinnet.deployment.schema import Deployment
-from skinnet.view.state import Scene
+from skinnet.view.state import RunState
 
-__all__ = ["Source"]
+__all__ = ["MessageSource"]
 
 
-class Source(Protocol):
+class MessageSource(Protocol):
     """Message source for a scene.
 
     Attributes:
@@ -24,13 +24,13 @@ class Source(Protocol):
     title: str
 
     @property
-    def over(self) -> str:
+    def end_reason(self) -> str:
         """End reason of the source; empty while it may deliver messages."""
 
-    def feed(self, scene: Scene, now_s: float) -> int:
-        """Deliver to `scene` the messages due by wall time `now_s` [s]; return their number."""
+    def deliver(self, run_state: RunState, now_s: float) -> int:
+        """Deliver to `run_state` the messages due by wall time `now_s` [s]; return their number."""
 
-    def facts(self) -> Mapping[str, str]:
+    def properties(self) -> Mapping[str, str]:
         """Properties of the source, as text by name."""
 
     def close(self) -> None:

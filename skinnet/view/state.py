@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from skinnet.deployment.schema import BOARDS, Deployment
+from skinnet.deployment.schema import BOARD_PROCESS, Deployment
 from skinnet.deployment.session import StateName
 from skinnet.errors import ProtocolError
 from skinnet.messages import (
@@ -25,37 +25,37 @@ from skinnet.messages import (
     Topology,
 )
 from skinnet.network.records import Outcome
-from skinnet.record_messages import Counters, World
+from skinnet.record_messages import Counters, FreeBodyPoses
 from skinnet.sheet_messages import Regions
-from skinnet.view.atlas import Atlas
-from skinnet.view.happenings import FULL_READING, Happenings, Trends
-from skinnet.view.machinery import Machinery
-from skinnet.view.mind import Mind
+from skinnet.view.atlas import SkinLayout
+from skinnet.view.happenings import FULL_READING_KIND, EventHistory, TrafficStatistics
+from skinnet.view.machinery import ProcessStats
+from skinnet.view.mind import ControllerView
 from skinnet.view.network_state import NetworkState
-from skinnet.view.sequence import Numbering
+from skinnet.view.sequence import SequenceGaps
 from skinnet.view.skin_state import SkinState
-from skinnet.watch_messages import LinkLoad, Machine, ProcessLoad
+from skinnet.watch_messages import LinkLoad, ProcessLoad, StateMachineDescription
 
-__all__ = ["RASTER_NS", "TRENDS_NS", "Kept", "Scene", "Told"]
+__all__ = ["CHARTS_NS", "RASTER_NS", "ReceivedMessage", "RunSnapshot", "RunState"]
 
 RASTER_NS = 10_000_000_000
 """Time span of the event raster [ns]."""
-TRENDS_NS = 60_000_000_000
+CHARTS_NS = 60_000_000_000
 """Time span of the charts [ns]."""
 _BIN_NS = 250_000_000
 _NO_LEVEL = 7
-_LOSSES = {outcome.name.lower() for outcome in Outcome} - {Outcome.DELIVERED.name.lower()}
-_STREAM_EVERY_NS = 50_000_000
+_LOSS_OUTCOMES = {outcome.name.lower() for outcome in Outcome} - {Outcome.DELIVERED.name.lower()}
+_RASTER_PERIOD_NS = 50_000_000
 """Shortest time between two raster entries of a streaming cell [ns]."""
-_PRESSED_KPA = (1.0, 5.0, 20.0, 60.0)
+_PRESSURE_LEVELS_KPA = (1.0, 5.0, 20.0, 60.0)
 """Peak pressures [kPa] at which a region counts as level 1 to 4 in the raster *(assumed)*."""
 
 
-_MOST_PACKETS = 1_000_000
-"""Maximum number of packets that wait for `digest`."""
+_MAX_PENDING_PACKETS = 1_000_000
+"""Maximum number of packets that wait for `update_statistics`."""
 
 
-class Told(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """Received message with its channel, key fields and simulated time [ns]."""
 
     channel: str
@@ -64,205 +64,210 @@ class Told(NamedTuple):
     t_ns: int
 
 
-class Kept(NamedTuple):
+class RunSnapshot(NamedTuple):
     """State snapshot for seeking; opaque."""
 
     t_ns: int
     parts: tuple[Any, ...]
 
 
-class Scene:
+class RunState:
     """Run state: the newest published values.
 
     Attributes:
         t_ns: Newest simulated time of a message [ns].
         position_rad: Newest positions of the controlled joints [rad]; the home position before the first.
-        world: Poses (7,) of free bodies, by name.
+        free_body_poses: Poses (7,) of free bodies, by name.
         skin: Skin readings.
         network: Topology and link loads.
-        mind: Controller state.
-        machinery: Process statistics.
-        happenings: Event history.
-        trends: Time series of latency and loss.
-        missed: Messages lost between run and page, by sequence numbers.
-        malformed: Number of invalid messages.
-        last_refusal: Error of the last invalid message.
-        answer: Controller's last answer to a request.
+        controller: Controller state.
+        processes: Process statistics.
+        events: Event history.
+        traffic: Time series of latency and loss.
+        n_missed: Messages lost between run and page, by sequence numbers.
+        n_malformed: Number of invalid messages.
+        last_error: Error of the last invalid message.
+        last_answer: Controller's last answer to a request.
     """
 
-    def __init__(self, deployment: Deployment, atlas: Atlas) -> None:
-        self._deployment, self._atlas = deployment, atlas
+    def __init__(self, deployment: Deployment, layout: SkinLayout) -> None:
+        self._deployment, self._layout = deployment, layout
         body = deployment.body
         self.t_ns = 0
         self.position_rad = [body.home_rad.get(joint, 0.0) for joint in body.joints]
-        self.world: dict[str, list[float]] = {}
-        self.skin = SkinState(atlas)
-        self.network = NetworkState(atlas, deployment.network)
-        self.mind = Mind(_states(deployment))
-        self.machinery = Machinery()
-        self.happenings = Happenings(RASTER_NS)
-        self.trends = Trends(_BIN_NS, TRENDS_NS // _BIN_NS)
-        self.missed = 0
-        self.malformed = 0
-        self.last_refusal = ""
-        self.answer: Answer | None = None
-        self._host = {patch: host for host, patches in deployment.host_patches().items() for patch in patches}
-        self._numbers: dict[str, Numbering] = defaultdict(Numbering)
-        self._packets = array("q"), array("q")
+        self.free_body_poses: dict[str, list[float]] = {}
+        self.skin = SkinState(layout)
+        self.network = NetworkState(layout, deployment.network)
+        self.controller = ControllerView(_state_names(deployment))
+        self.processes = ProcessStats()
+        self.events = EventHistory(RASTER_NS)
+        self.traffic = TrafficStatistics(_BIN_NS, CHARTS_NS // _BIN_NS)
+        self.n_missed = 0
+        self.n_malformed = 0
+        self.last_error = ""
+        self.last_answer: Answer | None = None
+        self._process_of_patch = {
+            patch: host for host, patches in deployment.host_patches().items() for patch in patches
+        }
+        self._sequence_gaps: dict[str, SequenceGaps] = defaultdict(SequenceGaps)
+        self._pending_packets = array("q"), array("q")
         self._lost: dict[str, int] = {}
-        self._streamed_ns = np.full(atlas.n_cells, -_STREAM_EVERY_NS)
+        self._streamed_ns = np.full(layout.n_cells, -_RASTER_PERIOD_NS)
 
-    def take(self, told: Told, now_s: float) -> None:
+    def apply(self, received: ReceivedMessage, now_s: float) -> None:
         """Apply a message received at wall time `now_s` [s]; count it as malformed if it is invalid."""
         try:
-            self._take(told, now_s)
+            self._apply(received, now_s)
         except (ProtocolError, IndexError, ValueError) as error:  # values from outside are unchecked
-            self.refuse(f"{told.channel}: {error}")
+            self.count_malformed(f"{received.channel}: {error}")
             return
-        self.t_ns = max(self.t_ns, told.t_ns)
+        self.t_ns = max(self.t_ns, received.t_ns)
 
-    def refuse(self, why: str) -> None:
+    def count_malformed(self, reason: str) -> None:
         """Count an invalid message."""
-        self.malformed += 1
-        self.last_refusal = why
+        self.n_malformed += 1
+        self.last_error = reason
 
-    def keep(self) -> Kept:
+    def snapshot(self) -> RunSnapshot:
         """Snapshot of the present state, without histories."""
-        parts = self.position_rad, self.world, self.skin, self.network, self.mind
-        return Kept(self.t_ns, copy.deepcopy(parts))
+        parts = self.position_rad, self.free_body_poses, self.skin, self.network, self.controller
+        return RunSnapshot(self.t_ns, copy.deepcopy(parts))
 
-    def recall(self, kept: Kept) -> None:
+    def restore(self, snapshot: RunSnapshot) -> None:
         """Restore a snapshot; clear the histories."""
-        parts = copy.deepcopy(kept.parts)
-        self.position_rad, self.world, self.skin, self.network, self.mind = parts
-        self.t_ns = kept.t_ns
-        self.happenings.clear()
-        self.trends.clear()
-        self._numbers.clear()
+        parts = copy.deepcopy(snapshot.parts)
+        self.position_rad, self.free_body_poses, self.skin, self.network, self.controller = parts
+        self.t_ns = snapshot.t_ns
+        self.events.clear()
+        self.traffic.clear()
+        self._sequence_gaps.clear()
         self._lost.clear()
-        self._streamed_ns[:] = -_STREAM_EVERY_NS
-        self._packets = array("q"), array("q")
-        self.missed = 0
+        self._streamed_ns[:] = -_RASTER_PERIOD_NS
+        self._pending_packets = array("q"), array("q")
+        self.n_missed = 0
 
-    def _take(self, told: Told, now_s: float) -> None:
-        match told.message:
+    def _apply(self, received: ReceivedMessage, now_s: float) -> None:
+        match received.message:
             case Events() as events:
-                self._take_events(events)
+                self._apply_events(events)
             case Joints() as joints:
-                self._take_joints(joints)
-                self.machinery.note("body", told.t_ns, now_s)
+                self._apply_joints(joints)
+                self.processes.on_message("body", received.t_ns, now_s)
             case Stream() as stream:
-                self._take_stream(stream)
-                self.machinery.note(self._host[stream.patch], told.t_ns, now_s)
+                self._apply_stream(stream)
+                self.processes.on_message(self._process_of_patch[stream.patch], received.t_ns, now_s)
             case Regions() as regions:
-                self._take_regions(regions)
-                self.machinery.note(BOARDS, told.t_ns, now_s)
+                self._apply_regions(regions)
+                self.processes.on_message(BOARD_PROCESS, received.t_ns, now_s)
             case Topology() as topology:
-                lost, _ = self.network.take_topology(topology)
-                self.skin.lose(lost)
-                self.skin.settle(self.network.found)
+                lost, _ = self.network.apply_topology(topology)
+                self.skin.mark_unknown(lost)
+                self.skin.mark_silent_as_zero(self.network.connected)
             case ControllerState() as said:
-                self.mind.take_state(said)
-                self.machinery.note("controller", told.t_ns, now_s)
+                self.controller.apply_state(said)
+                self.processes.on_message("controller", received.t_ns, now_s)
             case Command() as command:
-                self.mind.take_stage(command.t_ns, command.stage)
-                self.machinery.note("controller", told.t_ns, now_s)
+                self.controller.apply_stage(command.t_ns, command.stage)
+                self.processes.on_message("controller", received.t_ns, now_s)
             case LinkLoad() as load:
-                self.trends.dropped(load.t_ns, self.network.take_load(load))
-                self.machinery.note(self._host[load.patch], told.t_ns, now_s)
+                self.traffic.add_dropped(load.t_ns, self.network.apply_load(load))
+                self.processes.on_message(self._process_of_patch[load.patch], received.t_ns, now_s)
             case ProcessLoad() as usage:
-                self.machinery.take_load(usage)
-            case Machine() as machine:
-                self.mind.machine = machine
+                self.processes.apply_load(usage)
+            case StateMachineDescription() as machine:
+                self.controller.description = machine
             case Answer() as answer:
-                self.answer = answer
-            case World() as world:
-                self.world = self.world | world.poses
+                self.last_answer = answer
+            case FreeBodyPoses() as world:
+                self.free_body_poses = self.free_body_poses | world.poses
             case Counters() as counters:
-                self._take_counters(counters)
+                self._apply_counters(counters)
 
-    def _take_joints(self, joints: Joints) -> None:
+    def _apply_joints(self, joints: Joints) -> None:
         if len(joints.position_rad) != len(self.position_rad):
             raise ProtocolError(
                 f"joints of {len(joints.position_rad)} angles; this robot has {len(self.position_rad)}"
             )
         self.position_rad = joints.position_rad
 
-    def _take_counters(self, counters: Counters) -> None:
+    def _apply_counters(self, counters: Counters) -> None:
         """Apply a cell process's counters: losses, unless link loads are published."""
         if self.network.measured_ns >= 0:
             return
-        lost = sum(n for name, n in counters.counts.items() if name.rpartition(".")[2] in _LOSSES)
+        lost = sum(n for name, n in counters.counts.items() if name.rpartition(".")[2] in _LOSS_OUTCOMES)
         before = self._lost.get(counters.host)
         self._lost[counters.host] = lost
         if before is not None:
-            self.trends.dropped(counters.t_ns, max(lost - before, 0))
+            self.traffic.add_dropped(counters.t_ns, max(lost - before, 0))
 
-    def digest(self) -> None:
+    def update_statistics(self) -> None:
         """Update losses, time series and inferred loads, which need not follow each message."""
-        missed = sum(numbering.settle() for numbering in self._numbers.values())
-        self.trends.missed(self.t_ns, max(missed - self.missed, 0))
-        self.missed = missed
-        sampled, delivered = (np.array(column, dtype=np.int64) for column in self._packets)
-        self._packets = array("q"), array("q")
-        self.trends.delivered(sampled, delivered)
-        self.network.infer(self.t_ns)
-        self.happenings.tidy()
+        missed = sum(numbering.count_missing() for numbering in self._sequence_gaps.values())
+        self.traffic.add_missed(self.t_ns, max(missed - self.n_missed, 0))
+        self.n_missed = missed
+        sampled, delivered = (np.array(column, dtype=np.int64) for column in self._pending_packets)
+        self._pending_packets = array("q"), array("q")
+        self.traffic.add_delivered(sampled, delivered)
+        self.network.infer_loads(self.t_ns)
+        self.events.drop_old()
 
-    def _take_events(self, events: Events) -> None:
-        self.skin.take_events(events)
-        self._numbers[events.patch].take(events.seq)
-        start = self._atlas.first[events.patch]
+    def _apply_events(self, events: Events) -> None:
+        self.skin.apply_events(events)
+        self._sequence_gaps[events.patch].add(events.seq)
+        start = self._layout.first_taxel[events.patch]
         rows = [start + cell for cell in events.cell]
         kinds = [
             8 * modality + (level if kind == EventKind.LEVEL else _NO_LEVEL)
             for modality, kind, level in zip(events.modality, events.kind, events.level, strict=True)
         ]
-        self.happenings.add(events.t_delivered_ns, rows, kinds)
-        self._note_packets(events.t_sampled_ns, events.t_delivered_ns)
+        self.events.add(events.t_delivered_ns, rows, kinds)
+        self._add_packets(events.t_sampled_ns, events.t_delivered_ns)
         n_bytes = self._deployment.network.event_bytes
-        self.network.note_delivered(events.t_delivered_ns[-1], rows, n_bytes)
+        self.network.on_delivered(events.t_delivered_ns[-1], rows, n_bytes)
 
-    def _take_stream(self, stream: Stream) -> None:
-        rows = self.skin.take_stream(stream)
+    def _apply_stream(self, stream: Stream) -> None:
+        rows = self.skin.apply_stream(stream)
         if not len(rows):
             return
-        self._numbers[stream.patch].take(rows["seq"].tolist())
-        self._note_packets(rows["t_sampled_ns"].tolist(), rows["t_delivered_ns"].tolist())
-        cells = self._atlas.first[stream.patch] + rows["cell"].astype(np.int64)
+        self._sequence_gaps[stream.patch].add(rows["seq"].tolist())
+        self._add_packets(rows["t_sampled_ns"].tolist(), rows["t_delivered_ns"].tolist())
+        cells = self._layout.first_taxel[stream.patch] + rows["cell"].astype(np.int64)
         n_bytes = self._deployment.network.stream_bytes
-        self.network.note_delivered(int(rows["t_delivered_ns"][-1]), cells.tolist(), n_bytes)
-        seldom = rows["t_delivered_ns"] - self._streamed_ns[cells] >= _STREAM_EVERY_NS
+        self.network.on_delivered(int(rows["t_delivered_ns"][-1]), cells.tolist(), n_bytes)
+        seldom = rows["t_delivered_ns"] - self._streamed_ns[cells] >= _RASTER_PERIOD_NS
         if seldom.any():
             t_ns = rows["t_delivered_ns"][seldom]
             self._streamed_ns[cells[seldom]] = t_ns
-            self.happenings.add(t_ns.tolist(), cells[seldom].tolist(), [FULL_READING] * len(t_ns))
+            self.events.add(t_ns.tolist(), cells[seldom].tolist(), [FULL_READING_KIND] * len(t_ns))
 
-    def _take_regions(self, regions: Regions) -> None:
-        frames = self.skin.take_regions(regions)
-        self._numbers[BOARDS].take(range(regions.seq, regions.seq + len(frames)))
+    def _apply_regions(self, regions: Regions) -> None:
+        frames = self.skin.apply_regions(regions)
+        self._sequence_gaps[BOARD_PROCESS].add(range(regions.seq, regions.seq + len(frames)))
         if not frames:
             return
         sampled, delivered, _, _ = zip(*frames, strict=True)
-        self._note_packets(sampled, delivered)
+        self._add_packets(sampled, delivered)
         pressed = [frame for frame in frames if frame[3] > 0.0]
-        self.happenings.add(
+        self.events.add(
             [t_ns for _, t_ns, _, _ in pressed],
-            [self._atlas.n_cells + board for _, _, board, _ in pressed],
+            [self._layout.n_cells + board for _, _, board, _ in pressed],
             [
-                8 * int(Modality.FORCE) + bisect.bisect(_PRESSED_KPA, peak_kpa)
+                8 * int(Modality.FORCE) + bisect.bisect(_PRESSURE_LEVELS_KPA, peak_kpa)
                 for _, _, _, peak_kpa in pressed
             ],
         )
 
-    def _note_packets(self, t_sampled_ns: Sequence[int], t_delivered_ns: Sequence[int]) -> None:
-        self._packets[0].extend(t_sampled_ns)
-        self._packets[1].extend(t_delivered_ns)
-        if len(self._packets[0]) > _MOST_PACKETS:
-            del self._packets[0][: _MOST_PACKETS // 2], self._packets[1][: _MOST_PACKETS // 2]
+    def _add_packets(self, t_sampled_ns: Sequence[int], t_delivered_ns: Sequence[int]) -> None:
+        self._pending_packets[0].extend(t_sampled_ns)
+        self._pending_packets[1].extend(t_delivered_ns)
+        if len(self._pending_packets[0]) > _MAX_PENDING_PACKETS:
+            del (
+                self._pending_packets[0][: _MAX_PENDING_PACKETS // 2],
+                self._pending_packets[1][: _MAX_PENDING_PACKETS // 2],
+            )
 
 
-def _states(deployment: Deployment) -> Iterator[str]:
+def _state_names(deployment: Deployment) -> Iterator[str]:
     """State names of a program of stages, as its controller names them."""
     control = deployment.controller
     if control.program:

@@ -1,6 +1,6 @@
 """Published event-driven and clock-driven rates: Bergner et al. 2015 and 2019 [B15, B19]."""
 
-from skinnet.report.claims import Below, Between, Claim, Equals
+from skinnet.report.claims import Between, Claim, Equals, LessThanMetrics
 
 __all__ = ["CLAIMS"]
 
@@ -12,7 +12,7 @@ _UR5 = (
         "B15",
         "",
         ("delta.unstimulated.share.packets",),
-        Below(("delta.stimulated.share.packets",), "when touched"),
+        LessThanMetrics(("delta.stimulated.share.packets",), "when touched"),
         "the paper's thresholds and motion are not known here",
     ),
     Claim(
@@ -21,7 +21,7 @@ _UR5 = (
         "B15",
         "",
         ("delta.stimulated.share.packets",),
-        Below(("clock.stimulated.share.packets",), "clock-driven"),
+        LessThanMetrics(("clock.stimulated.share.packets",), "clock-driven"),
         "the paper's thresholds and motion are not known here",
     ),
     Claim(

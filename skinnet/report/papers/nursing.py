@@ -1,6 +1,13 @@
 """Published trajectory generation and tactile feedback with a cylinder: Mukai et al. 2011 [R11]."""
 
-from skinnet.report.claims import Against, Below, Between, Claim, Equals, Near
+from skinnet.report.claims import (
+    Between,
+    Claim,
+    ElementwiseInequality,
+    Equals,
+    LessThanMetrics,
+    RelativeTolerance,
+)
 
 __all__ = ["CLAIMS"]
 
@@ -22,7 +29,7 @@ _RIBA = (
 _CONTACTS = tuple(f"{side}_{link}_inside" for link in ("upper_arm", "forearm") for side in ("right", "left"))
 _POSITION = tuple(f"A.position_dev_mm.{contact}" for contact in _CONTACTS)
 _ROTATION = tuple(f"A.rotation_dev_deg.{contact}" for contact in _CONTACTS)
-_FEWER = (("nursing.weights.right_forearm.position", (1.0,)),)
+_FIRST_WEIGHTS = (("nursing.weights.right_forearm.position", (1.0,)),)
 _TENFOLD = (("nursing.weights.right_forearm.position", (10.0,)),)
 _TRAJECTORY = (
     Claim(
@@ -31,7 +38,7 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 9",
         _POSITION[2:],
-        Below(_POSITION[:2], "the upper arms'"),
+        LessThanMetrics(_POSITION[:2], "the upper arms'"),
     ),
     Claim(
         "deviation of position, upper arms",
@@ -47,8 +54,8 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 9",
         _ROTATION[2:],
-        Below(_ROTATION[:2], "the upper arms'"),
-        when=_FEWER,
+        LessThanMetrics(_ROTATION[:2], "the upper arms'"),
+        conditions=_FIRST_WEIGHTS,
     ),
     Claim(
         "deviation of rotation, upper arms",
@@ -56,7 +63,7 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 9",
         _ROTATION[:2],
-        when=_FEWER,
+        conditions=_FIRST_WEIGHTS,
     ),
     Claim(
         "position with ten-fold weights, all four contacts",
@@ -64,8 +71,8 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 10",
         _POSITION,
-        Against((64.2, 60.9, 24.7, 25.0), False, "with the first weights"),
-        when=_TENFOLD,
+        ElementwiseInequality((64.2, 60.9, 24.7, 25.0), False, "with the first weights"),
+        conditions=_TENFOLD,
     ),
     Claim(
         "rotation with ten-fold weights, all four contacts",
@@ -73,15 +80,15 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 10",
         _ROTATION,
-        Against((12.4, 12.4, 1.1, 1.1), True, "with the first weights"),
-        when=_TENFOLD,
+        ElementwiseInequality((12.4, 12.4, 1.1, 1.1), True, "with the first weights"),
+        conditions=_TENFOLD,
     ),
 )
 _SIDES = ("left", "right")
 _START = tuple(f"B.force_n.{side}.start" for side in _SIDES)
-_FELT = (("nursing.feedback", ("position", "position_rotation")),)
-_TURNED = (("nursing.feedback", ("position_rotation",)),)
-_BLIND = (("nursing.feedback", ("none",)),)
+_WITH_FEEDBACK = (("nursing.feedback", ("position", "position_rotation")),)
+_WITH_ROTATION_FEEDBACK = (("nursing.feedback", ("position_rotation",)),)
+_WITHOUT_FEEDBACK = (("nursing.feedback", ("none",)),)
 _CYLINDER = (
     Claim(
         "dropped without feedback",
@@ -91,17 +98,25 @@ _CYLINDER = (
         ("B.dropped",),
         Equals(True),
         "in 22 of 24 seeds; it is a matter of posture and mass",
-        _BLIND,
+        _WITHOUT_FEEDBACK,
     ),
-    Claim("dropped with feedback", "no", "R11", "VI.B, Fig. 12", ("B.dropped",), Equals(False), when=_FELT),
+    Claim(
+        "dropped with feedback",
+        "no",
+        "R11",
+        "VI.B, Fig. 12",
+        ("B.dropped",),
+        Equals(False),
+        conditions=_WITH_FEEDBACK,
+    ),
     Claim(
         "least force, left and right",
         "changes of force were suppressed",
         "R11",
         "VI.B, Fig. 12",
         tuple(f"B.force_n.{side}.min" for side in _SIDES),
-        Near(_START, 0.3, "the force at the start"),
-        when=_FELT,
+        RelativeTolerance(_START, 0.3, "the force at the start"),
+        conditions=_WITH_FEEDBACK,
     ),
     Claim(
         "greatest force, left and right",
@@ -109,8 +124,8 @@ _CYLINDER = (
         "R11",
         "VI.B, Fig. 12",
         tuple(f"B.force_n.{side}.max" for side in _SIDES),
-        Near(_START, 0.3, "the force at the start"),
-        when=_FELT,
+        RelativeTolerance(_START, 0.3, "the force at the start"),
+        conditions=_WITH_FEEDBACK,
     ),
     Claim(
         "centre of pressure at the end, from where it was",
@@ -119,7 +134,7 @@ _CYLINDER = (
         "VI.B, Fig. 13",
         ("B.cop_mm.end",),
         Between(None, 5.0),
-        when=_TURNED,
+        conditions=_WITH_ROTATION_FEEDBACK,
     ),
     Claim(
         "centre of pressure at its farthest",
@@ -129,7 +144,7 @@ _CYLINDER = (
         ("B.cop_mm.peak",),
         None,
         "a curve, no number",
-        _TURNED,
+        _WITH_ROTATION_FEEDBACK,
     ),
     Claim(
         "object from where it was to be, after 0.1 m",
@@ -138,7 +153,7 @@ _CYLINDER = (
         "VI.B",
         ("B.object_error_mm",),
         Between(None, 10.0),
-        when=_FELT,
+        conditions=_WITH_FEEDBACK,
     ),
 )
 

@@ -4,40 +4,40 @@ from pathlib import Path
 from typing import Any
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARDS
-from skinnet.part import Part
-from skinnet.run.figures.grasp import grasp_figures, object_figures
-from skinnet.run.figures.network import network_figures
-from skinnet.run.figures.nursing import board_figures, nursing_figures
-from skinnet.run.figures.self_organisation import map_figures, structure_figures
-from skinnet.run.figures.session import session_figures
-from skinnet.run.figures.teaching import teaching_figures
-from skinnet.run.figures.touch import touch_figures
-from skinnet.run.truth import Truth
+from skinnet.deployment.schema import BOARD_PROCESS
+from skinnet.part import ProcessResult
+from skinnet.run.figures.grasp import grasp_metrics, object_metrics
+from skinnet.run.figures.network import network_metrics
+from skinnet.run.figures.nursing import board_metrics, nursing_metrics
+from skinnet.run.figures.self_organisation import map_metrics, structure_metrics
+from skinnet.run.figures.session import session_metrics
+from skinnet.run.figures.teaching import teaching_metrics
+from skinnet.run.figures.touch import touch_metrics
+from skinnet.run.truth import ModelReference
 
-__all__ = ["Figures", "compute_figures"]
+__all__ = ["Metrics", "compute_metrics"]
 
-Figures = dict[str, Any]
+Metrics = dict[str, Any]
 
 
-def compute_figures(deployment: Deployment, base: Path, parts: dict[str, Part]) -> Figures:
+def compute_metrics(deployment: Deployment, base: Path, results: dict[str, ProcessResult]) -> Metrics:
     """Compute the metrics that the given process results allow, flat by dotted name."""
-    figures: Figures = {}
-    controller, body = parts.get("controller"), parts.get("body")
+    figures: Metrics = {}
+    controller, body = results.get("controller"), results.get("body")
     if controller is not None and deployment.nursing is not None:
-        figures |= nursing_figures(deployment, controller, body)
+        figures |= nursing_metrics(deployment, controller, body)
     elif controller is not None:
-        truth = Truth(deployment, base)
-        figures |= structure_figures(deployment, controller, truth)
-        figures |= map_figures(deployment, controller, truth)
-        figures |= session_figures(controller)
+        truth = ModelReference(deployment, base)
+        figures |= structure_metrics(deployment, controller, truth)
+        figures |= map_metrics(deployment, controller, truth)
+        figures |= session_metrics(controller)
         if body is not None:
-            figures |= touch_figures(deployment, controller, body)
-            figures |= teaching_figures(body)
-            figures |= grasp_figures(deployment, controller, body)
+            figures |= touch_metrics(deployment, controller, body)
+            figures |= teaching_metrics(body)
+            figures |= grasp_metrics(deployment, controller, body)
     if body is not None:
-        figures |= object_figures(body)
-    if BOARDS in parts:
-        figures |= board_figures(parts[BOARDS])
-    figures |= network_figures([part for part in parts.values() if part.role == "cells"])
+        figures |= object_metrics(body)
+    if BOARD_PROCESS in results:
+        figures |= board_metrics(results[BOARD_PROCESS])
+    figures |= network_metrics([part for part in results.values() if part.role == "cells"])
     return figures

@@ -7,36 +7,38 @@ import numpy as np
 
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import ForceSpec
-from skinnet.part import Part
-from skinnet.run.figures.session import StateSpan, state_spans
+from skinnet.part import ProcessResult
+from skinnet.run.figures.session import StateInterval, state_intervals
 
-__all__ = ["EXECUTED", "grasp_figures", "object_figures"]
+__all__ = ["GRASP_STATES", "grasp_metrics", "object_metrics"]
 
-EXECUTED = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
+GRASP_STATES = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
 """States of a grasp, including those that end it."""
-_HELD_S = 5.0
-_STANDS_AGAIN = 0.5
+_MIN_HOLD_S = 5.0
+_SUPPORTED_WEIGHT_FRACTION = 0.5
 """Fraction of its weight that the stand carries at the end if the object is back."""
 _G_M_S2 = 9.81
 
 
-def grasp_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
+def grasp_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
     """Metrics of the last grasp of the run; empty without one."""
-    spans = state_spans(controller)
+    spans = state_intervals(controller)
     begins = [i for i, span in enumerate(spans) if span.state == "open"]
     if not begins:
         return {}
-    grasp = [span for span in spans[begins[-1] :] if span.state in EXECUTED]
+    grasp = [span for span in spans[begins[-1] :] if span.state in GRASP_STATES]
     figures: dict[str, Any] = {"grasp.object": deployment.object, "grasp.attempts": len(begins)}
-    figures |= _course(grasp)
-    figures |= _forces(deployment.cells.force, grasp, controller, body)
+    figures |= _state_metrics(grasp)
+    figures |= _force_metrics(deployment.cells.force, grasp, controller, body)
     thing = body.facts.get("object")
-    carried = thing is not None and _carried(thing, body)
-    figures["grasp.success"] = bool(carried and _three_contacts(grasp) and grasp[-1].event == "pose reached")
+    carried = thing is not None and _was_carried(thing, body)
+    figures["grasp.success"] = bool(
+        carried and _had_three_contacts(grasp) and grasp[-1].event == "pose reached"
+    )
     return figures
 
 
-def _three_contacts(grasp: list[StateSpan]) -> bool:
+def _had_three_contacts(grasp: list[StateInterval]) -> bool:
     """Test for a full grasp: pulled to the chest with all three in contact, held, and released on request."""
     order = [(span.state, span.event) for span in grasp]
     pulled = [span for span in grasp if (span.state, span.event) == ("pull", "object touches the chest")]
@@ -44,14 +46,14 @@ def _three_contacts(grasp: list[StateSpan]) -> bool:
     return bool(pulled) and held and all(cells > 0 for cells in pulled[-1].contacts)
 
 
-def _carried(thing: dict[str, Any], body: Part) -> bool:
+def _was_carried(object_facts: dict[str, Any], body: ProcessResult) -> bool:
     """Test of the object: held for five seconds without the stand, and back on it at the end."""
     stands_n = float(body.arrays["object_on_stand_n"][-1])
-    back = stands_n > _STANDS_AGAIN * thing["mass_kg"] * _G_M_S2
-    return thing["dropped_ns"] is None and thing["carried_away_s"] >= _HELD_S and back
+    back = stands_n > _SUPPORTED_WEIGHT_FRACTION * object_facts["mass_kg"] * _G_M_S2
+    return object_facts["dropped_ns"] is None and object_facts["carried_away_s"] >= _MIN_HOLD_S and back
 
 
-def _course(grasp: list[StateSpan]) -> dict[str, Any]:
+def _state_metrics(grasp: list[StateInterval]) -> dict[str, Any]:
     figures: dict[str, Any] = {}
     for span in grasp:
         key = f"grasp.{span.state}_s"
@@ -67,7 +69,9 @@ def _course(grasp: list[StateSpan]) -> dict[str, Any]:
     return figures
 
 
-def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Part) -> dict[str, Any]:
+def _force_metrics(
+    force: ForceSpec, grasp: list[StateInterval], controller: ProcessResult, body: ProcessResult
+) -> dict[str, Any]:
     """Peak forces of the grasp: ground truth on one force cell, and readings that reached the controller."""
     start_ns, end_ns = grasp[0].start_ns, grasp[-1].end_ns
     t_ns = body.arrays["cell_t_ns"]
@@ -87,7 +91,7 @@ def _forces(force: ForceSpec, grasp: list[StateSpan], controller: Part, body: Pa
     }
 
 
-def object_figures(body: Part) -> dict[str, Any]:
+def object_metrics(body: ProcessResult) -> dict[str, Any]:
     """Object metrics from ground truth: its motion, and contacts with bare links, which have no skin."""
     thing = body.facts.get("object")
     if thing is None:

@@ -5,20 +5,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
-__all__ = ["network_figures", "percentile_us"]
+__all__ = ["network_metrics", "percentile_us"]
 
 _DATA = ("event", "reading")
 
 
-def network_figures(hosts: list[Part]) -> dict[str, Any]:
+def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     """Packet counts over all kinds, and latency of data packets from the sample to the gateway."""
-    if not hosts:
+    if not cell_processes:
         return {}
     total: dict[str, int] = {}
     data = data_dropped = 0
-    for host in hosts:
+    for host in cell_processes:
         for kind, counts in host.facts["network"].items():
             for name, value in counts.items():
                 total[name] = total.get(name, 0) + value
@@ -26,7 +26,7 @@ def network_figures(hosts: list[Part]) -> dict[str, Any]:
                 data += counts["offered"]
                 data_dropped += counts["offered"] - counts["delivered"] - counts["in_flight"]
     offered, delivered, in_flight = (total.pop(name) for name in ("offered", "delivered", "in_flight"))
-    histogram = np.sum([host.arrays["latency_us"] for host in hosts], axis=0)
+    histogram = np.sum([host.arrays["latency_us"] for host in cell_processes], axis=0)
     figures: dict[str, Any] = {
         "network.offered": offered,
         "network.delivered": delivered,
@@ -40,32 +40,32 @@ def network_figures(hosts: list[Part]) -> dict[str, Any]:
     if histogram.sum():
         figures["network.latency_us.p50"] = percentile_us(histogram, 0.50)
         figures["network.latency_us.p99"] = percentile_us(histogram, 0.99)
-        figures["network.latency_us.max"] = max(h.facts["latency_max_ns"] for h in hosts) * 1e-3
-    figures |= _formation_figures(hosts) | _recovery_figures(hosts)
+        figures["network.latency_us.max"] = max(h.facts["latency_max_ns"] for h in cell_processes) * 1e-3
+    figures |= _formation_metrics(cell_processes) | _recovery_metrics(cell_processes)
     return figures
 
 
-def _formation_figures(hosts: list[Part]) -> dict[str, Any]:
+def _formation_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     """Metrics of network formation, and cells outside the network at the end."""
     figures: dict[str, Any] = {}
-    figures["formation.packets"] = sum(host.facts["formation_packets"] for host in hosts)
-    formed_ns = [t_ns for host in hosts for t_ns in host.facts["formed_ns"].values()]
+    figures["formation.packets"] = sum(host.facts["formation_packets"] for host in cell_processes)
+    formed_ns = [t_ns for host in cell_processes for t_ns in host.facts["formed_ns"].values()]
     if None not in formed_ns:
         figures["formation.sim_ms"] = max(formed_ns) * 1e-6
-    figures["formation.repeated_packets"] = sum(host.facts["formation_repeated"] for host in hosts)
-    figures["formation.ignored_packets"] = sum(host.facts["formation_ignored"] for host in hosts)
-    figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in hosts)
-    figures["formation.unreached_cells"] = sum(host.facts["unreached"] for host in hosts)
-    if cut_off := [patch for host in hosts for patch in host.facts["cut_off"]]:
+    figures["formation.repeated_packets"] = sum(host.facts["formation_repeated"] for host in cell_processes)
+    figures["formation.ignored_packets"] = sum(host.facts["formation_ignored"] for host in cell_processes)
+    figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in cell_processes)
+    figures["formation.unreached_cells"] = sum(host.facts["unreached"] for host in cell_processes)
+    if cut_off := [patch for host in cell_processes for patch in host.facts["cut_off"]]:
         figures["formation.cut_off_patches"] = ", ".join(sorted(cut_off))
-    if without_power := sum(host.facts["without_power"] for host in hosts):
+    if without_power := sum(host.facts["without_power"] for host in cell_processes):
         figures["power.cells_off"] = without_power
     return figures
 
 
-def _recovery_figures(hosts: list[Part]) -> dict[str, Any]:
+def _recovery_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     """Recovery metrics for links and cells that failed or returned."""
-    recoveries = [recovery for host in hosts for recovery in host.facts["recoveries"]]
+    recoveries = [recovery for host in cell_processes for recovery in host.facts["recoveries"]]
     if not recoveries:
         return {}
     figures: dict[str, Any] = {
@@ -80,7 +80,7 @@ def _recovery_figures(hosts: list[Part]) -> dict[str, Any]:
     return figures
 
 
-def percentile_us(histogram: NDArray[np.int64], share: float) -> float:
-    """Latency quantile [µs]: at or below it are `share` of the packets; bins of one microsecond."""
+def percentile_us(histogram: NDArray[np.int64], fraction: float) -> float:
+    """Latency quantile [µs]: at or below it are `fraction` of the packets; bins of one microsecond."""
     cumulative = np.cumsum(histogram)
-    return float(np.searchsorted(cumulative, share * cumulative[-1]))
+    return float(np.searchsorted(cumulative, fraction * cumulative[-1]))

@@ -5,13 +5,15 @@ from typing import Any
 import numpy as np
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 from skinnet.run.figures.network import percentile_us
 
-__all__ = ["board_figures", "nursing_figures", "side_of"]
+__all__ = ["board_metrics", "contact_label", "nursing_metrics"]
 
 
-def nursing_figures(deployment: Deployment, controller: Part, body: Part | None) -> dict[str, Any]:
+def nursing_metrics(
+    deployment: Deployment, controller: ProcessResult, body: ProcessResult | None
+) -> dict[str, Any]:
     """Metrics of Figs. 9 to 14 [R11], under the label of the deployment's program."""
     assert deployment.nursing is not None
     label = deployment.nursing.label
@@ -24,7 +26,7 @@ def nursing_figures(deployment: Deployment, controller: Part, body: Part | None)
         figures["reason"] = facts["reason"]
     names = [contact["name"] for contact in facts["contacts"]]
     for contact in facts["contacts"]:
-        name = side_of(contact["name"], names)
+        name = contact_label(contact["name"], names)
         figures[f"position_dev_mm.{name}"] = 1e3 * contact["position_dev_end_m"]
         figures[f"position_dev_mm.{name}.peak"] = 1e3 * contact["position_dev_peak_m"]
         figures[f"rotation_dev_deg.{name}"] = float(np.degrees(contact["rotation_dev_end_rad"]))
@@ -36,11 +38,11 @@ def nursing_figures(deployment: Deployment, controller: Part, body: Part | None)
         figures["cop_mm.end"] = 1e3 * max(contact["cop_end_m"] for contact in facts["contacts"])
         figures["peak_pressure_kpa"] = facts["peak_kpa"]
     if body is not None and "payload" in body.facts:
-        figures |= _object_figures(deployment, controller, body)
+        figures |= _object_metrics(deployment, controller, body)
     return {f"{label}.{name}": value for name, value in figures.items()}
 
 
-def board_figures(boards: Part) -> dict[str, Any]:
+def board_metrics(boards: ProcessResult) -> dict[str, Any]:
     """Network metrics of the boards: messages, drops by cause, latency."""
     total: dict[str, int] = {}
     for counts in boards.facts["boards"].values():
@@ -63,14 +65,14 @@ def board_figures(boards: Part) -> dict[str, Any]:
     return figures
 
 
-def side_of(contact: str, contacts: list[str]) -> str:
+def contact_label(contact: str, contacts: list[str]) -> str:
     """Display name of a contact: its side, if there is exactly one on each side."""
     sides = [name.split("_")[0] for name in contacts]
     side = contact.split("_")[0]
     return side if sorted(sides) == ["left", "right"] else contact
 
 
-def _object_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
+def _object_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
     """Ground truth of the object: dropped, slip, and distance from its target position."""
     assert deployment.nursing is not None
     truth = body.facts["payload"]

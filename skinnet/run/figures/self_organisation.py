@@ -6,25 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
-from skinnet.run.figures.stages import stage_spans
-from skinnet.run.truth import Truth
+from skinnet.part import ProcessResult
+from skinnet.run.figures.stages import stage_intervals
+from skinnet.run.truth import ModelReference
 
-__all__ = ["map_figures", "structure_figures"]
+__all__ = ["map_metrics", "structure_metrics"]
 
-_LARGE = 0.1
+_MIN_COMPARED_WEIGHT = 0.1
 """Smallest true weight of a unit row whose sign is compared."""
 
 
-def structure_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:
+def structure_metrics(
+    deployment: Deployment, controller: ProcessResult, reference: ModelReference
+) -> dict[str, Any]:
     """Metrics of structural exploration: wrong entries of the activity matrix, size of the tree, duration."""
     if "structure" not in controller.facts:
         return {}
     found = controller.facts["structure"]
     activity = controller.arrays["activity"]
-    spans = stage_spans(deployment, controller, "structure")
+    spans = stage_intervals(deployment, controller, "structure")
     return {
-        "structure.wrong_entries": int(np.count_nonzero(activity != truth.activity)),
+        "structure.wrong_entries": int(np.count_nonzero(activity != reference.activity)),
         "structure.entries": int(activity.size),
         "structure.body_parts": len(found["parts"]),
         "structure.joints": len(found["joints"]),
@@ -34,7 +36,9 @@ def structure_figures(deployment: Deployment, controller: Part, truth: Truth) ->
     }
 
 
-def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[str, Any]:
+def map_metrics(
+    deployment: Deployment, controller: ProcessResult, reference: ModelReference
+) -> dict[str, Any]:
     """Agreement of the explored map with the analytic normal Jacobian, in the poses where it was explored.
 
     The reference goes through the same equations of [M14]: (2) takes the fraction of the normal among the
@@ -44,11 +48,11 @@ def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[
     if "map" not in controller.arrays:
         return {}
     maps, poses = controller.arrays["map"], controller.arrays["map_pose_rad"]
-    jacobians = [truth.cell_jacobian(pose) for pose in poses]
+    jacobians = [reference.cell_jacobian(pose) for pose in poses]
     kept = np.abs(maps).sum(axis=2, keepdims=True) > 0.0
-    shares = np.array([_unit_rows(_normal_share(jacobian)) for jacobian in jacobians]) * kept
+    shares = np.array([_unit_rows(_normal_fraction(jacobian)) for jacobian in jacobians]) * kept
     plain = np.array([_unit_rows(-jacobian[:, :, 2]) for jacobian in jacobians]) * kept
-    large = np.abs(shares) > _LARGE
+    large = np.abs(shares) > _MIN_COMPARED_WEIGHT
     return {
         "smm.sign_agreement": float(np.mean(np.sign(maps[large]) == np.sign(shares[large]))),
         "smm.correlation": float(np.corrcoef(maps.ravel(), shares.ravel())[0, 1]),
@@ -59,7 +63,7 @@ def map_figures(deployment: Deployment, controller: Part, truth: Truth) -> dict[
     }
 
 
-def _normal_share(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normal_fraction(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
     """Normal fraction of the true motion by equation (2) of [M14]; positive is inwards, as in the map."""
     total = np.abs(jacobian).sum(axis=2)
     share: NDArray[np.float64] = np.divide(

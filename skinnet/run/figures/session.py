@@ -2,12 +2,12 @@
 
 from typing import Any, NamedTuple
 
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
-__all__ = ["StateSpan", "session_figures", "state_spans"]
+__all__ = ["StateInterval", "session_metrics", "state_intervals"]
 
 
-class StateSpan(NamedTuple):
+class StateInterval(NamedTuple):
     """State interval [ns], the event that ended it, and the cells in contact then, by arm, then chest.
 
     `argument` is that of the request that began it.
@@ -21,7 +21,7 @@ class StateSpan(NamedTuple):
     contacts: tuple[int, ...]
 
 
-def state_spans(controller: Part) -> list[StateSpan]:
+def state_intervals(controller: ProcessResult) -> list[StateInterval]:
     """State intervals in order; the last one ends with the run, without an event."""
     log: list[dict[str, Any]] = controller.facts.get("session", [])
     if not log:
@@ -30,26 +30,26 @@ def state_spans(controller: Part) -> list[StateSpan]:
     start_ns, argument = _begin_ns(controller), ""
     for entry in log:
         spans.append(
-            StateSpan(
+            StateInterval(
                 entry["state"], start_ns, entry["t_ns"], entry["event"], argument, tuple(entry["contacts"])
             )
         )
         start_ns, argument = entry["t_ns"], entry["argument"]
     end_ns = controller.facts["end_ns"]
     if log[-1]["to"] != "ended":
-        spans.append(StateSpan(log[-1]["to"], start_ns, end_ns, "", argument, ()))
+        spans.append(StateInterval(log[-1]["to"], start_ns, end_ns, "", argument, ()))
     return spans
 
 
-def _begin_ns(controller: Part) -> int:
+def _begin_ns(controller: ProcessResult) -> int:
     """Start of the session's stage [ns]: the last stage that began before its first transition."""
     first_ns = controller.facts["session"][0]["t_ns"]
     return max((t_ns for _, t_ns in controller.facts["stages"] if t_ns <= first_ns), default=0)
 
 
-def session_figures(controller: Part) -> dict[str, Any]:
+def session_metrics(controller: ProcessResult) -> dict[str, Any]:
     """Metrics of a session: poses, areas, refused requests, and the time in each state."""
-    spans = state_spans(controller)
+    spans = state_intervals(controller)
     if not spans:
         return {}
     figures: dict[str, Any] = {

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import StageSpec
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
-__all__ = ["StageSpan", "stage_spans"]
+__all__ = ["StageInterval", "stage_intervals"]
 
 
-class StageSpan(NamedTuple):
+class StageInterval(NamedTuple):
     """Stage interval, from its first tick to that of the next stage [ns]."""
 
     name: str
@@ -18,12 +18,12 @@ class StageSpan(NamedTuple):
     spec: StageSpec
 
 
-def stage_spans(deployment: Deployment, controller: Part, kind: str) -> list[StageSpan]:
+def stage_intervals(deployment: Deployment, controller: ProcessResult, kind: str) -> list[StageInterval]:
     """Intervals of the stages of one kind that were begun, in order."""
     log = controller.facts["stages"]
     begins = [t_ns for _, t_ns in log] + [controller.facts["end_ns"]]
     spans = [
-        StageSpan(name, begins[i], begins[i + 1], deployment.controller.stages[name])
+        StageInterval(name, begins[i], begins[i + 1], deployment.controller.stages[name])
         for i, (name, _) in enumerate(log)
     ]
     return [span for span in spans if span.spec.kind == kind]

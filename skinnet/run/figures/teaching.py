@@ -2,17 +2,17 @@
 
 from typing import Any
 
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
-__all__ = ["teaching_figures"]
+__all__ = ["teaching_metrics"]
 
 
-def teaching_figures(body: Part) -> dict[str, Any]:
+def teaching_metrics(body: ProcessResult) -> dict[str, Any]:
     """Metrics of lessons and strokes, if any; lists have an entry for each, in order."""
-    return _lesson_figures(body.facts["lessons"]) | _stroke_figures(body.facts["strokes"])
+    return _lesson_metrics(body.facts["lessons"]) | _stroke_metrics(body.facts["strokes"])
 
 
-def _lesson_figures(lessons: list[dict[str, Any]]) -> dict[str, Any]:
+def _lesson_metrics(lessons: list[dict[str, Any]]) -> dict[str, Any]:
     if not lessons:
         return {}
     nearest_m = [lesson["nearest_m"] for lesson in lessons if lesson["nearest_m"] is not None]
@@ -32,7 +32,7 @@ def _duration_s(lesson: dict[str, Any]) -> float | None:
     return None if lesson["end_ns"] is None else round(1e-9 * (lesson["end_ns"] - lesson["begin_ns"]), 2)
 
 
-def _stroke_figures(strokes: list[dict[str, Any]]) -> dict[str, Any]:
+def _stroke_metrics(strokes: list[dict[str, Any]]) -> dict[str, Any]:
     if not strokes:
         return {}
     return {

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
 from skinnet.deployment.schema import StageSpec
-from skinnet.part import Part
-from skinnet.run.figures.stages import stage_spans
+from skinnet.part import ProcessResult
+from skinnet.run.figures.stages import stage_intervals
 
-__all__ = ["Reaction", "reactions", "touch_figures"]
+__all__ = ["Reaction", "reactions", "touch_metrics"]
 
 _HELD_READING = 0.14
-_HELD_WITHIN = 0.005
+_HELD_TOLERANCE = 0.005
 _PROXIMITY_CHANNEL = 3
-_ANSWER_NS = 100_000_000
+_MAX_REACTION_NS = 100_000_000
 """Longest time from a crossing to a sample that counts as its reaction [ns]."""
 
 
@@ -31,34 +31,36 @@ class Reaction(NamedTuple):
     effect_ns: int
 
 
-def touch_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
+def touch_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
     """Metrics of reaction latencies and their components, peak forces, and guidance."""
     figures: dict[str, Any] = {}
-    figures |= _latency_figures(*reactions(deployment, controller, body))
-    figures |= _force_figures(body)
-    figures |= _guidance_figures(deployment, controller, body)
-    figures |= _proximity_figures(deployment, controller, body)
+    figures |= _latency_metrics(*reactions(deployment, controller, body))
+    figures |= _force_metrics(body)
+    figures |= _guidance_metrics(deployment, controller, body)
+    figures |= _proximity_metrics(deployment, controller, body)
     return figures
 
 
-def reactions(deployment: Deployment, controller: Part, body: Part) -> tuple[list[Reaction], int]:
+def reactions(
+    deployment: Deployment, controller: ProcessResult, body: ProcessResult
+) -> tuple[list[Reaction], int]:
     """Reactions to true threshold crossings: the first sample after each crossing that drove the robot.
 
     Samples before the crossing do not count, though noise lets some of them react early. Return also the
     number of crossings without a reaction, because the touch ended before a sample exceeded the threshold.
     """
     stages = [deployment.controller.stages[name] for name, _ in controller.facts["stages"]]
-    spans = stage_spans(deployment, controller, "guide")
+    spans = stage_intervals(deployment, controller, "guide")
     drives = controller.arrays["drives"]
     delay_ns = controller.facts["command_delay_ns"]
     found = []
     unanswered = 0
     for t_ns, cell, channel, reading in body.facts["reaction_crossings"]:
-        if not any(s.start_ns <= t_ns < s.end_ns and _reacts(s.spec, channel, reading) for s in spans):
+        if not any(s.start_ns <= t_ns < s.end_ns and _has_threshold(s.spec, channel, reading) for s in spans):
             continue
         mine = drives[(drives["cell"] == cell) & (drives["channel"] == channel)]
-        after = mine[(mine["t_sampled_ns"] >= t_ns) & (mine["t_sampled_ns"] < t_ns + _ANSWER_NS)]
-        after = [d for d in after if _reacts(stages[d["stage"]], channel, reading)]
+        after = mine[(mine["t_sampled_ns"] >= t_ns) & (mine["t_sampled_ns"] < t_ns + _MAX_REACTION_NS)]
+        after = [d for d in after if _has_threshold(stages[d["stage"]], channel, reading)]
         if not after:
             unanswered += 1
             continue
@@ -69,14 +71,14 @@ def reactions(deployment: Deployment, controller: Part, body: Part) -> tuple[lis
     return found, unanswered
 
 
-def _reacts(spec: StageSpec, channel: int, reading: float) -> bool:
+def _has_threshold(spec: StageSpec, channel: int, reading: float) -> bool:
     """Test whether a stage reacts to a channel from exactly this threshold on."""
     if channel == _PROXIMITY_CHANNEL:
         return spec.proximity_gain > 0.0 and spec.proximity_threshold == reading
     return spec.force_gain > 0.0 and spec.force_threshold == reading
 
 
-def _latency_figures(found: list[Reaction], unanswered: int) -> dict[str, Any]:
+def _latency_metrics(found: list[Reaction], unanswered: int) -> dict[str, Any]:
     if not found:
         return {"reaction.count": 0, "reaction.unanswered": unanswered}
     t_ms = np.array([reaction[2:] for reaction in found], dtype=np.float64) * 1e-6
@@ -95,13 +97,15 @@ def _latency_figures(found: list[Reaction], unanswered: int) -> dict[str, Any]:
     return figures
 
 
-def _force_figures(body: Part) -> dict[str, Any]:
+def _force_metrics(body: ProcessResult) -> dict[str, Any]:
     """Peak force of the touches that follow a path; those under force control set it themselves."""
     pushed = [touch["peak_n"] for touch in body.facts["touches"] if touch["by_depth"]]
     return {"contact.peak_force_n": max(pushed)} if pushed else {}
 
 
-def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
+def _guidance_metrics(
+    deployment: Deployment, controller: ProcessResult, body: ProcessResult
+) -> dict[str, Any]:
     """Commanded and measured joint velocity while a single force cell holds a reading of 0.14 [M14, VI.B]."""
     t_ns, touch = controller.arrays["touch_t_ns"], controller.arrays["touch"].astype(np.float64)
     if not len(t_ns):
@@ -109,14 +113,14 @@ def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> d
     ticks = np.searchsorted(controller.arrays["t_ns"], t_ns)
     velocity = controller.arrays["velocity_rad_s"][ticks].astype(np.float64)
     held = np.zeros(len(t_ns), dtype=np.bool_)
-    for span in stage_spans(deployment, controller, "guide"):
+    for span in stage_intervals(deployment, controller, "guide"):
         stage = span.spec
         if stage.force_gain == 0.0 or stage.proximity_gain != 0.0:
             continue
         within = (t_ns >= span.start_ns) & (t_ns < span.end_ns)
         force = touch[:, :, :_PROXIMITY_CHANNEL].reshape(len(t_ns), -1)
         alone = (force > stage.force_threshold).sum(axis=1) == 1
-        held |= within & alone & (np.abs(force.max(axis=1, initial=0.0) - _HELD_READING) < _HELD_WITHIN)
+        held |= within & alone & (np.abs(force.max(axis=1, initial=0.0) - _HELD_READING) < _HELD_TOLERANCE)
     if not held.any():
         return {}
     force = touch[held, :, :_PROXIMITY_CHANNEL].reshape(int(held.sum()), -1)
@@ -130,7 +134,7 @@ def _guidance_figures(deployment: Deployment, controller: Part, body: Part) -> d
     }
 
 
-def _measured_velocity(body: Part, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+def _measured_velocity(body: ProcessResult, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """Joint velocities (n, D) [rad/s] at `t_ns`, from the positions 50 ms before and after."""
     trace_ns, trace_rad = body.arrays["joint_t_ns"], body.arrays["joint_rad"].astype(np.float64)
     half_ns = 50_000_000
@@ -142,9 +146,11 @@ def _measured_velocity(body: Part, t_ns: NDArray[np.int64]) -> NDArray[np.float6
     return velocity
 
 
-def _proximity_figures(deployment: Deployment, controller: Part, body: Part) -> dict[str, Any]:
+def _proximity_metrics(
+    deployment: Deployment, controller: ProcessResult, body: ProcessResult
+) -> dict[str, Any]:
     """Proximity guidance: joint motion before contact, contacts, and peak force of the finger."""
-    spans = stage_spans(deployment, controller, "guide")
+    spans = stage_intervals(deployment, controller, "guide")
     stages = {span.name for span in spans if span.spec.proximity_gain > 0.0}
     touches = [touch for touch in body.facts["touches"] if touch["stage"] in stages]
     if not touches:

@@ -6,19 +6,19 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 from skinnet.run.outcome import Outcome
 from skinnet.run.plots.grasp import plot_grasp
 from skinnet.run.plots.network import plot_latency
 from skinnet.run.plots.nursing import plot_deviations, plot_feedback, plot_object, plot_patterns
-from skinnet.run.plots.picture import draw_picture
+from skinnet.run.plots.picture import draw_body
 from skinnet.run.plots.self_organisation import plot_activity, plot_map, plot_tree
 from skinnet.run.plots.touch import plot_reactions, plot_touch
 
-__all__ = ["draw"]
+__all__ = ["draw_plots"]
 
 _DPI = 130
-_Plot = Callable[[Deployment, dict[str, Part]], Figure | None]
+_Plot = Callable[[Deployment, dict[str, ProcessResult]], Figure | None]
 _PLOTS: tuple[tuple[str, _Plot], ...] = (
     ("activity_matrix", plot_activity),
     ("kinematic_tree", plot_tree),
@@ -36,15 +36,15 @@ _NURSING: tuple[tuple[str, _Plot], ...] = (
 )
 
 
-def draw(deployment: Deployment, base: Path, outcome: Outcome, out: Path) -> list[str]:
+def draw_plots(deployment: Deployment, base: Path, outcome: Outcome, out: Path) -> list[str]:
     """Draw the plots that the process results allow into `out`; return messages about those that failed."""
-    parts = {part.name: part for part in outcome.parts}
+    parts = {part.name: part for part in outcome.results}
     told = []
     for name, plot in _PLOTS if deployment.nursing is None else _NURSING:
         figure = plot(deployment, parts)
         if figure is not None:
             figure.savefig(out / f"{name}.png", dpi=_DPI)
-    problem = draw_picture(deployment, base, parts, out)
+    problem = draw_body(deployment, base, parts, out)
     if problem is not None:
         told.append(f"no picture of the body: {problem}")
     return told

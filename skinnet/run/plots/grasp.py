@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
-from skinnet.run.figures.grasp import EXECUTED
-from skinnet.run.figures.session import StateSpan, state_spans
+from skinnet.part import ProcessResult
+from skinnet.run.figures.grasp import GRASP_STATES
+from skinnet.run.figures.session import StateInterval, state_intervals
 
 __all__ = ["plot_grasp"]
 
@@ -16,35 +16,37 @@ _PAIN = 0.45
 _MARGIN_S = 1.0
 
 
-def plot_grasp(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_grasp(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the last grasp of the run, with its states shaded; None without one."""
-    controller, body = parts.get("controller"), parts.get("body")
+    controller, body = results.get("controller"), results.get("body")
     if controller is None or body is None:
         return None
-    spans = state_spans(controller)
+    spans = state_intervals(controller)
     begins = [i for i, span in enumerate(spans) if span.state == "open"]
     if not begins:
         return None
-    grasp = [span for span in spans[begins[-1] :] if span.state in EXECUTED]
+    grasp = [span for span in spans[begins[-1] :] if span.state in GRASP_STATES]
     span_s = (grasp[0].start_ns * 1e-9 - _MARGIN_S, grasp[-1].end_ns * 1e-9 + _MARGIN_S)
     with_object = body.facts.get("object") is not None
     figure = Figure(figsize=(12.0, 12.5 if with_object else 10.0), layout="constrained")
     rows = list(figure.subplots(5 if with_object else 4, sharex=True))
-    _joints(deployment, body, rows[:2], span_s)
-    _felt(deployment, controller, rows[2:4], span_s)
+    _plot_joints(deployment, body, rows[:2], span_s)
+    _plot_patch_readings(deployment, controller, rows[2:4], span_s)
     if with_object:
-        _object(body, rows[4], span_s, grasp[0].end_ns * 1e-9)
+        _plot_object(body, rows[4], span_s, grasp[0].end_ns * 1e-9)
     for axes in rows:
         _shade(axes, grasp)
         axes.grid(alpha=0.3)
-    _name(rows[0], grasp)
+    _label_states(rows[0], grasp)
     rows[-1].set_xlim(span_s)
     rows[-1].set_xlabel("simulated time [s]")
     figure.suptitle(f"Grasp of {deployment.object}", fontsize=13)
     return figure
 
 
-def _joints(deployment: Deployment, body: Part, rows: list[Axes], span_s: tuple[float, float]) -> None:
+def _plot_joints(
+    deployment: Deployment, body: ProcessResult, rows: list[Axes], span_s: tuple[float, float]
+) -> None:
     t_s = body.arrays["joint_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
     names = list(enumerate(deployment.body.joints))
@@ -56,7 +58,9 @@ def _joints(deployment: Deployment, body: Part, rows: list[Axes], span_s: tuple[
         axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
-def _felt(deployment: Deployment, controller: Part, rows: list[Axes], span_s: tuple[float, float]) -> None:
+def _plot_patch_readings(
+    deployment: Deployment, controller: ProcessResult, rows: list[Axes], span_s: tuple[float, float]
+) -> None:
     """Plot the largest reading of each patch that exceeds the display threshold."""
     t_s = controller.arrays["patch_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
@@ -73,7 +77,7 @@ def _felt(deployment: Deployment, controller: Part, rows: list[Axes], span_s: tu
     rows[1].annotate("pain", (span_s[0], _PAIN), color="firebrick", fontsize=8, va="bottom")
 
 
-def _object(body: Part, axes: Axes, span_s: tuple[float, float], zero_s: float) -> None:
+def _plot_object(body: ProcessResult, axes: Axes, span_s: tuple[float, float], zero_s: float) -> None:
     """Plot the object's displacement forward and up, and the stand's, from their positions at `zero_s`."""
     t_s = body.arrays["object_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
@@ -88,12 +92,12 @@ def _object(body: Part, axes: Axes, span_s: tuple[float, float], zero_s: float) 
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
-def _shade(axes: Axes, grasp: list[StateSpan]) -> None:
+def _shade(axes: Axes, grasp: list[StateInterval]) -> None:
     for index, span in enumerate(grasp):
         axes.axvspan(span.start_ns * 1e-9, span.end_ns * 1e-9, color=_SHADES[index % 2], zorder=0)
 
 
-def _name(axes: Axes, grasp: list[StateSpan]) -> None:
+def _label_states(axes: Axes, grasp: list[StateInterval]) -> None:
     for index, span in enumerate(grasp):
         height = 1.02 + 0.09 * (index % 4)  # labels of short states would overlap
         axes.annotate(

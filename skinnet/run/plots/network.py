@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 from skinnet.run.figures.network import percentile_us
 
 __all__ = ["plot_latency"]
@@ -12,9 +12,9 @@ __all__ = ["plot_latency"]
 _TAIL = 0.9999
 
 
-def plot_latency(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_latency(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the histogram and cumulative distribution of packet latencies."""
-    hosts = [part for part in parts.values() if part.role == "cells"]
+    hosts = [part for part in results.values() if part.role == "cells"]
     if not hosts:
         return None
     histogram = np.sum([host.arrays["latency_us"] for host in hosts], axis=0)

@@ -8,23 +8,23 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARDS
-from skinnet.part import Part
-from skinnet.run.figures.nursing import side_of
+from skinnet.deployment.schema import BOARD_PROCESS
+from skinnet.part import ProcessResult
+from skinnet.run.figures.nursing import contact_label
 from skinnet.skin.sheet import place_sheets
 
 __all__ = ["plot_deviations", "plot_feedback", "plot_object", "plot_patterns"]
 
 _COLOURS = ("#1f4e79", "#b3261e", "#2e7d5b", "#b7791f", "#6b4fa0", "#5f6b76")
-_STATE = "#9aa5b1"
+_STATE_COLOUR = "#9aa5b1"
 
 
-def plot_deviations(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_deviations(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot displacement, evaluation function, and deviations of position and rotation (Figs. 9, 10)."""
-    controller = _controller(deployment, parts)
+    controller = _controller(deployment, results)
     if controller is None:
         return None
-    arrays, names = controller.arrays, _names(controller)
+    arrays, names = controller.arrays, _contact_labels(controller)
     t_s = arrays["t_ns"] * 1e-9
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     top, middle, bottom = figure.subplots(3, sharex=True)
@@ -33,27 +33,27 @@ def plot_deviations(deployment: Deployment, parts: dict[str, Part]) -> Figure | 
     top.set_ylabel("displacement [mm]")
     top.legend(loc="upper left", ncols=3, frameon=False)
     right = top.twinx()
-    right.plot(t_s, arrays["evaluation"], color=_STATE, linewidth=1.0)
+    right.plot(t_s, arrays["evaluation"], color=_STATE_COLOUR, linewidth=1.0)
     right.set_ylabel("evaluation function E", color="#5f6b76")
-    _curves(middle, t_s, 1e3 * arrays["position_dev_m"], names, "deviation of position [mm]")
-    _curves(bottom, t_s, np.degrees(arrays["rotation_dev_rad"]), names, "deviation of rotation [°]")
-    _states(controller, (top, middle, bottom))
+    _plot_curves(middle, t_s, 1e3 * arrays["position_dev_m"], names, "deviation of position [mm]")
+    _plot_curves(bottom, t_s, np.degrees(arrays["rotation_dev_rad"]), names, "deviation of rotation [°]")
+    _mark_states(controller, (top, middle, bottom))
     bottom.set_xlabel("time [s]")
     figure.suptitle("Object, evaluation function and deviations of the contacts")
     return figure
 
 
-def plot_feedback(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_feedback(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot contact forces, centres of pressure, and the adjustments by feedback (Figs. 12, 13)."""
-    controller = _controller(deployment, parts)
+    controller = _controller(deployment, results)
     if controller is None or not controller.arrays["force_n"].any():
         return None
-    arrays, names = controller.arrays, _names(controller)
+    arrays, names = controller.arrays, _contact_labels(controller)
     t_s = arrays["t_ns"] * 1e-9
     figure = Figure(figsize=(8.0, 9.5), layout="constrained")
     axes = figure.subplots(4, sharex=True)
-    _curves(axes[0], t_s, arrays["force_n"], names, "normal force f [N]")
-    _curves(axes[1], t_s, 1e3 * arrays["s_m"], names, "adjustment s [mm]")
+    _plot_curves(axes[0], t_s, arrays["force_n"], names, "normal force f [N]")
+    _plot_curves(axes[1], t_s, 1e3 * arrays["s_m"], names, "adjustment s [mm]")
     for axis, key, scale, label in (
         (axes[2], "cop_m", 1e3, "centre of pressure ξ − ξ(0) [mm]"),
         (axes[3], "alpha_rad", 180.0 / np.pi, "adjustment α [°]"),
@@ -69,15 +69,15 @@ def plot_feedback(deployment: Deployment, parts: dict[str, Part]) -> Figure | No
                 )
         axis.set_ylabel(label)
         axis.legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
-    _states(controller, axes)
+    _mark_states(controller, axes)
     axes[-1].set_xlabel("time [s]")
     figure.suptitle(f"Tactile feedback: {deployment.nursing.feedback if deployment.nursing else ''}")
     return figure
 
 
-def plot_object(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_object(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the object's true displacement and slip."""
-    controller, body = _controller(deployment, parts), parts.get("body")
+    controller, body = _controller(deployment, results), results.get("body")
     if controller is None or body is None or "object_pose" not in body.arrays:
         return None
     t_s, pose = body.arrays["object_t_ns"] * 1e-9, body.arrays["object_pose"]
@@ -90,15 +90,15 @@ def plot_object(deployment: Deployment, parts: dict[str, Part]) -> Figure | None
     bottom.plot(t_s, 1e3 * body.arrays["object_slid_m"], color=_COLOURS[3])
     bottom.set_ylabel("slip [mm]")
     bottom.set_xlabel("time [s]")
-    _states(controller, (top, bottom))
+    _mark_states(controller, (top, bottom))
     dropped = body.facts["payload"]["dropped_ns"] is not None
     figure.suptitle("The object: dropped" if dropped else "The object")
     return figure
 
 
-def plot_patterns(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_patterns(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot pressure patterns of the sheets in contact at the start, midway and end of motion (Fig. 14)."""
-    controller, boards = _controller(deployment, parts), parts.get(BOARDS)
+    controller, boards = _controller(deployment, results), results.get(BOARD_PROCESS)
     if controller is None or boards is None or not boards.arrays["pattern_kpa"].any():
         return None
     sheets = place_sheets(deployment.surfaces, deployment.sheets)
@@ -119,7 +119,7 @@ def plot_patterns(deployment: Deployment, parts: dict[str, Part]) -> Figure | No
             at = int(np.clip(np.searchsorted(t_ns, moment), 0, len(t_ns) - 1))
             pressure = kpa[at, first[index] : first[index + 1]]
             axes = grid[row, column]
-            axes.scatter(*(1e3 * sheet.xi_m.T), s=3, color=_STATE)
+            axes.scatter(*(1e3 * sheet.xi_m.T), s=3, color=_STATE_COLOUR)
             side = 150.0 * np.log1p(pressure) / largest
             axes.scatter(*(1e3 * sheet.xi_m.T), s=side, marker="s", color=_COLOURS[0])
             axes.set_aspect("equal")
@@ -132,30 +132,30 @@ def plot_patterns(deployment: Deployment, parts: dict[str, Part]) -> Figure | No
     return figure
 
 
-def _controller(deployment: Deployment, parts: dict[str, Part]) -> Part | None:
-    controller = parts.get("controller")
+def _controller(deployment: Deployment, results: dict[str, ProcessResult]) -> ProcessResult | None:
+    controller = results.get("controller")
     if deployment.nursing is None or controller is None or not len(controller.arrays.get("t_ns", ())):
         return None
     return controller
 
 
-def _names(controller: Part) -> list[str]:
+def _contact_labels(controller: ProcessResult) -> list[str]:
     names = [contact["name"] for contact in controller.facts["contacts"]]
-    return [side_of(name, names) for name in names]
+    return [contact_label(name, names) for name in names]
 
 
-def _curves(axes: Axes, t_s: NDArray[Any], values: NDArray[Any], names: list[str], label: str) -> None:
+def _plot_curves(axes: Axes, t_s: NDArray[Any], values: NDArray[Any], names: list[str], label: str) -> None:
     for c, name in enumerate(names):
         axes.plot(t_s, values[:, c], color=_COLOURS[c % len(_COLOURS)], label=name)
     axes.set_ylabel(label)
     axes.legend(loc="upper left", ncols=2, frameon=False, fontsize=8)
 
 
-def _states(controller: Part, plots: Any) -> None:
+def _mark_states(controller: ProcessResult, plots: Any) -> None:
     """Mark the state transitions of the program."""
     for index, axes in enumerate(plots):
         for state, t_ns in controller.facts["states"]:
-            axes.axvline(t_ns * 1e-9, color=_STATE, linewidth=0.8, linestyle=":")
+            axes.axvline(t_ns * 1e-9, color=_STATE_COLOUR, linewidth=0.8, linestyle=":")
             if index == 0 and state != "record":  # too short for a label
                 at = (t_ns * 1e-9, 1.0)
                 axes.annotate(f" {state}", at, xycoords=("data", "axes fraction"), fontsize=8, va="bottom")

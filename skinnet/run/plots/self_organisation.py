@@ -6,7 +6,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
+from skinnet.part import ProcessResult
 
 __all__ = ["patch_ticks", "plot_activity", "plot_map", "plot_tree"]
 
@@ -14,9 +14,9 @@ _LEVEL_GAP = 1.0
 _INK = "#1f3b57"
 
 
-def plot_activity(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_activity(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the activity matrix: DoFs against the cells that they move."""
-    controller = parts.get("controller")
+    controller = results.get("controller")
     if controller is None or "activity" not in controller.arrays:
         return None
     figure = Figure(figsize=(6.4, 8.0), layout="constrained")
@@ -33,9 +33,9 @@ def plot_activity(deployment: Deployment, parts: dict[str, Part]) -> Figure | No
     return figure
 
 
-def plot_map(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_map(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the sensory-motor map of every explored pose, side by side."""
-    controller = parts.get("controller")
+    controller = results.get("controller")
     if controller is None or "map" not in controller.arrays:
         return None
     maps = controller.arrays["map"]
@@ -50,9 +50,9 @@ def plot_map(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     return figure
 
 
-def plot_tree(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_tree(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the explored kinematic tree of body parts and joints, from the reference part outwards."""
-    controller = parts.get("controller")
+    controller = results.get("controller")
     if controller is None or "structure" not in controller.facts:
         return None
     found = controller.facts["structure"]
@@ -61,7 +61,7 @@ def plot_tree(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     axes = figure.add_subplot()
     axes.set_axis_off()
     axes.set_title("Kinematic tree found by the skin: body parts (boxes) and joints (DoFs on the lines)")
-    spots = _spots(found["parent_part"])
+    spots = _tree_layout(found["parent_part"])
     for part, (x, y) in spots.items():
         parent = found["parent_part"][part]
         if parent in spots:
@@ -102,7 +102,7 @@ def _draw_joint(
     )
 
 
-def _spots(parent_part: list[int]) -> dict[int, tuple[float, float]]:
+def _tree_layout(parent_part: list[int]) -> dict[int, tuple[float, float]]:
     """Layout of the tree: depth downwards, leaves side by side, parents centred above their children."""
     children: dict[int, list[int]] = {}
     roots = []

@@ -7,8 +7,8 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from skinnet.deployment import Deployment
-from skinnet.part import Part
-from skinnet.run.figures.stages import stage_spans
+from skinnet.part import ProcessResult
+from skinnet.run.figures.stages import stage_intervals
 from skinnet.run.figures.touch import reactions
 from skinnet.run.plots.self_organisation import patch_ticks
 
@@ -18,15 +18,15 @@ _COLUMNS = 500
 _PROXIMITY = 3
 
 
-def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_touch(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot force and proximity of every cell over time, and joint motion below, during guidance."""
-    controller, body = parts.get("controller"), parts.get("body")
+    controller, body = results.get("controller"), results.get("body")
     if controller is None or body is None:
         return None
-    span_s = _guided_s(deployment, controller)
+    span_s = _guidance_interval_s(deployment, controller)
     if span_s is None:
         return None
-    touch = _on_every_tick(controller, span_s)
+    touch = _readings_per_tick(controller, span_s)
     figure = Figure(figsize=(12.0, 13.0), layout="constrained")
     grid = figure.add_gridspec(4, 2, width_ratios=[1.0, 0.15], height_ratios=[2.2, 2.2, 1.3, 1.3])
     main = [figure.add_subplot(grid[0, 0])]
@@ -40,7 +40,7 @@ def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
     for row, (image, name, colours, most) in enumerate(
         ((force, "force", "Reds", 0.3), (touch[:, :, _PROXIMITY], "proximity", "Blues", 0.5))
     ):
-        shown = _raster(main[row], image, span_s, colours, most)
+        shown = _plot_raster(main[row], image, span_s, colours, most)
         figure.colorbar(
             shown, ax=side[row], label=f"{name} reading", fraction=0.9, aspect=25, location="left"
         )
@@ -53,7 +53,11 @@ def plot_touch(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
 
 
 def _plot_joints(
-    deployment: Deployment, body: Part, span_s: tuple[float, float], main: list[Axes], side: list[Axes]
+    deployment: Deployment,
+    body: ProcessResult,
+    span_s: tuple[float, float],
+    main: list[Axes],
+    side: list[Axes],
 ) -> None:
     """Plot joint motion since the start of the span, the first half of the joints above the other."""
     t_s, position_rad = body.arrays["joint_t_ns"] * 1e-9, body.arrays["joint_rad"]
@@ -71,7 +75,7 @@ def _plot_joints(
             legend_axes.legend(handles, labels, fontsize=7, loc="upper left", frameon=False)
 
 
-def _mark_stages(axes: Axes, controller: Part, span_s: tuple[float, float]) -> None:
+def _mark_stages(axes: Axes, controller: ProcessResult, span_s: tuple[float, float]) -> None:
     """Label the stages above the first plot, in two alternating rows so that short ones do not overlap."""
     stages = [(name, t_ns * 1e-9) for name, t_ns in controller.facts["stages"]]
     inside = [(name, t_s) for name, t_s in stages if span_s[0] <= t_s <= span_s[1]]
@@ -81,7 +85,7 @@ def _mark_stages(axes: Axes, controller: Part, span_s: tuple[float, float]) -> N
         axes.annotate(name, (t_s, height), xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
 
 
-def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.float32]:
+def _readings_per_tick(controller: ProcessResult, span_s: tuple[float, float]) -> NDArray[np.float32]:
     """Readings in the span (ticks, S, 4); 0 between the stages that react."""
     t_s = controller.arrays["t_ns"] * 1e-9
     ticks = controller.arrays["t_ns"][(t_s >= span_s[0]) & (t_s <= span_s[1])]
@@ -91,13 +95,13 @@ def _on_every_tick(controller: Part, span_s: tuple[float, float]) -> NDArray[np.
     return touch
 
 
-def _guided_s(deployment: Deployment, controller: Part) -> tuple[float, float] | None:
+def _guidance_interval_s(deployment: Deployment, controller: ProcessResult) -> tuple[float, float] | None:
     """Interval of guidance [s], from its first to its last moment."""
-    spans = stage_spans(deployment, controller, "guide")
+    spans = stage_intervals(deployment, controller, "guide")
     return (spans[0].start_ns * 1e-9, spans[-1].end_ns * 1e-9) if spans else None
 
 
-def _raster(
+def _plot_raster(
     axes: Axes, readings: NDArray[np.float32], span_s: tuple[float, float], colours: str, most: float
 ) -> AxesImage:
     """Raster image of cells over time; each column shows the largest reading of its slice."""
@@ -115,9 +119,9 @@ def _raster(
     )
 
 
-def plot_reactions(deployment: Deployment, parts: dict[str, Part]) -> Figure | None:
+def plot_reactions(deployment: Deployment, results: dict[str, ProcessResult]) -> Figure | None:
     """Plot the latency components of each reaction, from the stimulus to the command in effect."""
-    controller, body = parts.get("controller"), parts.get("body")
+    controller, body = results.get("controller"), results.get("body")
     if controller is None or body is None:
         return None
     found, _ = reactions(deployment, controller, body)

@@ -7,10 +7,10 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["data_url", "png"]
+__all__ = ["encode_png", "png_data_url"]
 
 
-def png(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
+def encode_png(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
     """Encode a PNG from `pixels` (height, width), indices into `palette` (n, 3)."""
     height, width = pixels.shape
     lines = np.zeros((height, width + 1), dtype=np.uint8)  # each line begins with its filter type, none
@@ -28,6 +28,6 @@ def png(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
     )
 
 
-def data_url(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str:
+def png_data_url(pixels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str:
     """Data URL of the PNG, for HTML."""
-    return "data:image/png;base64," + base64.b64encode(png(pixels, palette)).decode()
+    return "data:image/png;base64," + base64.b64encode(encode_png(pixels, palette)).decode()

@@ -3,9 +3,9 @@
 import html
 from collections.abc import Mapping
 
-from skinnet.view.machinery import Machinery, Process
+from skinnet.view.machinery import ProcessStats, ProcessUsage
 
-__all__ = ["draw"]
+__all__ = ["render"]
 
 _STYLE = (
     "<style>.sk-proc{border-collapse:collapse;width:calc(100% - 16px);margin:6px 8px}"
@@ -19,13 +19,14 @@ _STYLE = (
 _BAR_PX = 70
 
 
-def draw(machinery: Machinery, own: Mapping[str, str]) -> str:
-    """Process table as HTML, followed by the page's own statistics `own`, by name."""
-    rows = "".join(_row(process) for process in machinery.processes.values())
+def render(processes: ProcessStats, page_statistics: Mapping[str, str]) -> str:
+    """Process table as HTML, followed by the page's own statistics `page_statistics`, by name."""
+    rows = "".join(_row(process) for process in processes.processes.values())
     if not rows:
         rows = '<tr><td colspan="5">nothing was told of the processes yet</td></tr>'
     facts = "".join(
-        f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>" for name, value in own.items()
+        f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>"
+        for name, value in page_statistics.items()
     )
     return (
         f'{_STYLE}<table class="sk-proc"><thead><tr><th>process</th><th>pid</th><th>cores</th><th>memory</th>'
@@ -35,13 +36,13 @@ def draw(machinery: Machinery, own: Mapping[str, str]) -> str:
     )
 
 
-def _row(process: Process) -> str:
+def _row(process: ProcessUsage) -> str:
     cores = "" if process.cores is None else f"{process.cores:.2f}"
     width = _BAR_PX * min(process.cores or 0.0, 1.0)
     memory = (
         "" if process.memory_mb is None else f"{process.memory_mb:.0f} MB" if process.memory_mb else "gone"
     )
-    rate = "" if process.rate is None else f"{process.rate:.2f}"
+    rate = "" if process.real_time_factor is None else f"{process.real_time_factor:.2f}"
     return (
         f"<tr><td>{html.escape(process.name)}</td><td>{process.pid or ''}</td>"
         f'<td><span class="sk-bar" style="width:{width:.0f}px"></span>{cores}</td>'
