@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from cells.boards_host import BoardProcess
-from cells.host import CellProcess
+from cells.cell_process import CellProcess
+from cells.sheets.board_process import BoardProcess
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARD_PROCESS, EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
-from skinnet.messages import STIMULUS_NAMES, Stimulus, encode
+from skinnet.deployment.deployment import BOARD_PROCESS, EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.protocol.messages import STIMULUS_NAMES, Stimulus, encode
 
 __all__ = ["build", "warm_up"]
 

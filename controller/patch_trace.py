@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.touch.fusion import TactileState
+from controller.touch.tactile_state import TactileState
 
 __all__ = ["PatchTrace"]
 

@@ -11,23 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.brain import Controller, TickOutput
-from controller.grasping.memory import LongTermMemory
-from controller.grasping.report import teach_and_grasp_facts
-from controller.offers import Capabilities
-from controller.outside import ExternalVelocityInput
+from controller.capabilities import Capabilities
+from controller.cell_input import CellInput, CellRows
+from controller.controller import Controller, TickOutput
+from controller.external_velocity import ExternalVelocityInput
+from controller.grasping.long_term_memory import LongTermMemory
+from controller.grasping.stage_facts import teach_and_grasp_facts
 from controller.patch_trace import PatchTrace
-from controller.rehearsal import warm_up
-from controller.requests import RequestQueue
-from controller.skin_input import CellInput, CellRows
-from controller.state_record import StateRecorder
-from controller.trace import RunTrace
-from skinnet.channels import RECORDER, Keys, Role
+from controller.request_queue import RequestQueue
+from controller.run_trace import RunTrace
+from controller.state_recorder import StateRecorder
+from controller.warm_up import warm_up
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
-from skinnet.loop import LogicalProcess, Put
-from skinnet.messages import (
+from skinnet.protocol.channels import RECORDER, Keys, Role
+from skinnet.protocol.messages import (
     FOREVER_NS,
     Command,
     Config,
@@ -41,8 +40,9 @@ from skinnet.messages import (
     decode,
     encode,
 )
-from skinnet.part import ProcessResult
-from skinnet.upstream import Upstream
+from skinnet.runtime.loop import LogicalProcess, Put
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.upstream import Upstream
 
 __all__ = ["ControllerProcess", "build"]
 

@@ -18,14 +18,19 @@ import numpy as np
 from msgspec import NODEFAULT, Struct, to_builtins
 from msgspec import inspect as reflect
 
-from controller.grasping.directives import Area, ReactionParameters, StateParameters, merge_state_parameters
 from controller.grasping.state_machine import State, mermaid_diagram
-from skinnet.channels import ALIVE, CHANNELS, Keys, Role
-from skinnet.deployment.schema import Deployment
-from skinnet.deployment.session import TeachAndGraspSpec
-from skinnet.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
-from skinnet.outside_messages import DeploymentInfo
-from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW
+from controller.grasping.state_parameters import (
+    Area,
+    ReactionParameters,
+    StateParameters,
+    merge_state_parameters,
+)
+from skinnet.deployment.controller.teach_and_grasp import TeachAndGraspSpec
+from skinnet.deployment.deployment import Deployment
+from skinnet.protocol.channels import ALIVE, CHANNELS, Keys, Role
+from skinnet.protocol.external_messages import DeploymentInfo
+from skinnet.protocol.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
+from skinnet.protocol.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW
 
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
 

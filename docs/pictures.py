@@ -19,9 +19,9 @@ import msgspec
 from msgspec import Meta, Struct
 from PIL import Image
 
+from skinnet.analysis.report.pictures import read_pictures
 from skinnet.files import write_bytes
 from skinnet.recording.format import FILE_NAME
-from skinnet.report.pictures import read_pictures
 
 __all__ = ["MANIFEST", "Drawn", "Entry", "Script", "make", "read"]
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skinnet.messages import Modality
+from skinnet.protocol.messages import Modality
 
 __all__ = ["ARGUMENTS", "CHROMIUM", "Shot", "take"]
 

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.load import load
-from skinnet.deployment.schema import (
+from skinnet.deployment.deployment import (
     BodySpec,
     CellPoseSpec,
     CellSpec,
@@ -17,6 +16,7 @@ from skinnet.deployment.schema import (
     TeacherSpec,
     TouchSpec,
 )
+from skinnet.deployment.load import load
 
 DEPLOYMENTS = Path(__file__).parent.parent / "deployments"
 HRP2 = DEPLOYMENTS / "hrp2_touch.toml"

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from skinnet.body.shapes import VisualModel
+from skinnet.body.visual_shapes import VisualModel
 from skinnet.deployment import Deployment
-from skinnet.view.atlas import SkinLayout, build_skin_layout
-from skinnet.view.gate import AuthProxy
-from skinnet.view.page import Page
-from skinnet.view.source import MessageSource
-from skinnet.view.state import ReceivedMessage, RunState
+from skinnet.view.page.auth_proxy import AuthProxy
+from skinnet.view.page.page import Page
+from skinnet.view.sources.source import MessageSource
+from skinnet.view.state.run_state import ReceivedMessage, RunState
+from skinnet.view.state.skin_layout import SkinLayout, build_skin_layout
 
 _SCREENSHOTS = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "screenshots.py"))
 CHROMIUM: str | None = _SCREENSHOTS["CHROMIUM"]

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from skinnet.body.evasion import ideal_sensory_motor_map
-from skinnet.body.kinematics import cell_jacobian
-from skinnet.deployment.schema import CellSpec
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.body.ground_truth.cell_kinematics import cell_jacobian
+from skinnet.body.teacher.evasion import ideal_sensory_motor_map
+from skinnet.deployment.deployment import CellSpec
+from skinnet.protocol.messages import STIMULUS_NAMES
 
 MS = 1_000_000
 _DISTANCE = STIMULUS_NAMES.index("distance_m")

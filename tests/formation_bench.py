@@ -8,11 +8,11 @@ from functools import cache
 
 import numpy as np
 
-from cells.formation import CellAgent
-from cells.formation_gateway import FormationPhase, GatewayAgent
-from cells.formation_packets import FormationPacket, FormationPacketKind
-from skinnet.deployment.schema import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
-from skinnet.messages import Topology
+from cells.formation.cell_agent import CellAgent
+from cells.formation.gateway_agent import FormationPhase, GatewayAgent
+from cells.formation.packets import FormationPacket, FormationPacketKind
+from skinnet.deployment.deployment import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.protocol.messages import Topology
 from skinnet.skin.placement import place_patch
 
 SERIAL_NS, DELAY_NS, REACTION_NS, DETECT_NS = 40_000, 185_000, 50_000, 500_000

@@ -8,8 +8,8 @@ import numpy as np
 from body_scenes import deployment_of
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.schema import Deployment, InterfaceSpec, LatticeSpec, PatchSpec
-from skinnet.deployment.things import OBJECTS, ObjectName
+from skinnet.deployment.deployment import Deployment, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.environment.objects import OBJECTS, ObjectName
 
 S = 1_000_000_000
 MS = 1_000_000

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from skinnet.memory.record import KeyPose, MemoryContents, RobotIdentity
+from skinnet.memory.contents import KeyPose, MemoryContents, RobotIdentity
 
 ROBOT = RobotIdentity("bot", ("elbow", "wrist pitch/2"), {"arm": 3, "hand": 2})
 

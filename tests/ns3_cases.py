@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.bench import ns3_network
-from skinnet.bench.heapq_network import simulate
-from skinnet.bench.patches import Workload
 from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
 from skinnet.network.topology import Topology
+from skinnet.tools.bench import ns3_network
+from skinnet.tools.bench.reference_network import simulate
+from skinnet.tools.bench.workload import Workload
 
 GOLDEN = Path(__file__).parent / "ns3" / "golden"
 UNTIL_NS = 200_000_000

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.nursing.contacts import Region, Sheet
-from controller.nursing.kinematics import Kinematics
+from controller.nursing.contacts.contact_frames import Region, Sheet
+from controller.nursing.kinematics.robot_model import Kinematics
 
 Floats = NDArray[np.float64]
 

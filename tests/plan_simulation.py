@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.schema import NetworkSpec
-from skinnet.network.network import PacketNetwork
+from skinnet.deployment.deployment import NetworkSpec
+from skinnet.network.packet_network import PacketNetwork
 from skinnet.network.records import Outcome
 from skinnet.network.routes import min_hop_routes
 from skinnet.network.topology import Topology
-from skinnet.plan.forest import RoutingForest
+from skinnet.tools.plan.routing_forest import RoutingForest
 
 Ints = NDArray[np.int64]
 

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.seeding import generator
+from skinnet.random_streams import generator
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from small_robot import small
 
-from cells.boards_host import BoardProcess
-from controller.nursing.skin_input import BoardInput, sheet_surfaces
-from skinnet.channels import Keys
+from cells.sheets.board_process import BoardProcess
+from controller.nursing.contacts.board_input import BoardInput, sheet_surfaces
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks import check
+from skinnet.deployment.checks.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.messages import Config, decode, encode, unpack
-from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW, Pressures, Regions
-from skinnet.skin.sheet import place_sheets
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import Config, decode, encode, unpack
+from skinnet.protocol.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW, Pressures, Regions
+from skinnet.skin.tactile_sheets import place_sheets
 
 PERIOD_NS = 4_000_000
 SURFACES = (

@@ -6,8 +6,13 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.surface import N_SAMPLES_PER_CELL, force_cell_centre_m, hexagon_m, sample_points_m
-from skinnet.deployment.schema import FoamSpec
+from skinnet.body.contact.skin_surface import (
+    N_SAMPLES_PER_CELL,
+    force_cell_centre_m,
+    hexagon_m,
+    sample_points_m,
+)
+from skinnet.deployment.deployment import FoamSpec
 
 PLATE = """
 <mujoco>

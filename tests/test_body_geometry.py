@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from skinnet.body import geometry
+from skinnet.body.contact import ray_casting as geometry
 
 NO_TRIANGLES = np.zeros((0, 3, 3))
 NAMES = ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from skinnet.body.kinematics import activity_matrix, cell_jacobian, cell_poses
-from skinnet.body.surface import hexagon_m
-from skinnet.deployment.schema import SwaySpec, TouchSpec
+from skinnet.body.contact.skin_surface import hexagon_m
+from skinnet.body.ground_truth.cell_kinematics import activity_matrix, cell_jacobian, cell_poses
+from skinnet.deployment.deployment import SwaySpec, TouchSpec
 from skinnet.errors import DeploymentError, ModelError
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.protocol.messages import STIMULUS_NAMES
 
 DISTANCE = STIMULUS_NAMES.index("distance_m")
 

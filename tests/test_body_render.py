@@ -4,7 +4,7 @@ import body_scenes
 import matplotlib.image
 import numpy as np
 
-from skinnet.body.render import render_body
+from skinnet.body.rendering import render_body
 
 
 def test_the_picture_shows_the_cells_in_their_colours(tmp_path):

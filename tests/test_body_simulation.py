@@ -6,10 +6,14 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.truth import CrossingDetector, distance_thresholds_m, force_thresholds_n
-from skinnet.deployment.schema import ForceSpec, ProximitySpec, TouchSpec
+from skinnet.body.ground_truth.contact_onsets import (
+    CrossingDetector,
+    distance_thresholds_m,
+    force_thresholds_n,
+)
+from skinnet.deployment.deployment import ForceSpec, ProximitySpec, TouchSpec
 from skinnet.errors import ModelError
-from skinnet.messages import STIMULUS_NAMES, Modality
+from skinnet.protocol.messages import STIMULUS_NAMES, Modality
 
 MS = 1_000_000
 TOUCH = TouchSpec(cell="skin/0", stage="guide", start_s=0.0, approach_m=0.08, speed_m_s=0.1, depth_m=0.010)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from body_scenes import ARM_CELLS
 
+from skinnet.body.contact.contact_scene import build_contact_scene
 from skinnet.body.model import FINGER
-from skinnet.body.scene import build_contact_scene
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.protocol.messages import STIMULUS_NAMES
 
 DISTANCE = STIMULUS_NAMES.index("distance_m")
 ACCELERATION = slice(4, 7)

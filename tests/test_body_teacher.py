@@ -6,9 +6,9 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.teacher import FingerPhase
-from skinnet.deployment.schema import TouchSpec
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.body.teacher.teacher import FingerPhase
+from skinnet.deployment.deployment import TouchSpec
+from skinnet.protocol.messages import STIMULUS_NAMES
 
 MS = 1_000_000
 DISTANCE = STIMULUS_NAMES.index("distance_m")

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import small
 
-from controller.brain import Controller, TickOutput
+from controller.cell_input import CellInput
+from controller.controller import Controller, TickOutput
 from controller.process import ControllerProcess
-from controller.skin_input import CellInput
-from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
-from skinnet.messages import (
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import (
     STREAM_ROW,
     Command,
     Config,
@@ -33,7 +33,7 @@ from skinnet.messages import (
     decode,
     encode,
 )
-from skinnet.part import ProcessResult
+from skinnet.runtime.process_result import ProcessResult
 
 Floats = NDArray[np.float64]
 TICK_NS = 5_000_000

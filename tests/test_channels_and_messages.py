@@ -13,10 +13,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.channels import CHANNELS, OBSERVERS, Channel, Keys, Role, channel
 from skinnet.errors import ProtocolError
-from skinnet.messages import SCHEMA, STREAM_ROW, Events, Joints, Message, Stream, decode, encode, pack, unpack
-from skinnet.transport.base import key_matches
+from skinnet.protocol.channels import CHANNELS, OBSERVERS, Channel, Keys, Role, channel
+from skinnet.protocol.messages import (
+    SCHEMA,
+    STREAM_ROW,
+    Events,
+    Joints,
+    Message,
+    Stream,
+    decode,
+    encode,
+    pack,
+    unpack,
+)
+from skinnet.transport.interface import key_matches
 
 KEYS = Keys("bot")
 names = st.text("abcXYZ019_-", min_size=1, max_size=12) | st.sampled_from(

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_robot import patch, small
 
-from cells.damage import Impairment, impairments, outages_of
-from cells.outages import Outage
-from cells.wiring import Wiring, wire_cells
-from skinnet.messages import FOREVER_NS
-from skinnet.network.faults import FaultSpan, fault_schedule, gilbert_elliott_phases
+from cells.networking.link_faults import Impairment, impairments, outages_of
+from cells.networking.outages import Outage
+from cells.networking.wiring import Wiring, wire_cells
+from skinnet.network.faults.fault_schedule import FaultSpan, fault_schedule, gilbert_elliott_phases
+from skinnet.protocol.messages import FOREVER_NS
 from skinnet.skin.placement import place_patches, resolve_bridges
 
 S = 1_000_000_000

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from launching import ROOT, TOUCH, run
 
+from skinnet.analysis.report.claims import Verdict
+from skinnet.analysis.report.run_folder import RunResults, read_run_folder
 from skinnet.deployment import load
-from skinnet.report.claims import Verdict
-from skinnet.report.collect import RunResults, read_run_folder
 
 pytestmark = pytest.mark.timeout(400)
 DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))

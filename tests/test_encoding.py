@@ -8,9 +8,9 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from cells.encoding import ENCODINGS, Encoder, EncoderOutput
-from cells.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
-from skinnet.deployment.schema import (
+from cells.sensing.encoding import ENCODINGS, Encoder, EncoderOutput
+from cells.sensing.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
+from skinnet.deployment.deployment import (
     AccelerometerSpec,
     CellSpec,
     EncodingSpec,
@@ -19,7 +19,7 @@ from skinnet.deployment.schema import (
     TemperatureSpec,
 )
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.messages import READING_NAMES, Config, EventKind, Modality
+from skinnet.protocol.messages import READING_NAMES, Config, EventKind, Modality
 
 PROXIMITY = (0.01, 0.02, 0.10, 0.80)
 Event = tuple[int, int, int, int, int, float]

@@ -4,8 +4,13 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.evasion import Evasion, ideal_sensory_motor_map
-from skinnet.body.kinematics import activity_matrix, cell_jacobian, cell_poses, set_joint_positions
+from skinnet.body.ground_truth.cell_kinematics import (
+    activity_matrix,
+    cell_jacobian,
+    cell_poses,
+    set_joint_positions,
+)
+from skinnet.body.teacher.evasion import Evasion, ideal_sensory_motor_map
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,10 @@ from rich.console import Console
 from small_robot import patch
 from test_skin_life import FAST, Streaming, cut
 
-from cells.formation_gateway import FormationPhase
-from cells.outages import Outage
+from cells.formation.gateway_agent import FormationPhase
+from cells.networking.outages import Outage
 from skinnet.cli.main import main
-from skinnet.deployment.faults import FaultRule
+from skinnet.deployment.experiment.faults import FaultRule
 from skinnet.network.records import Outcome
 from skinnet.run.launch import RunOptions, load_and_check, run_once
 from skinnet.run.progress import ProgressDisplay

@@ -17,17 +17,17 @@ from small_robot import SHIPPED, patch, small
 
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks import check
-from skinnet.deployment.faults import FaultRule, SensorChannel
+from skinnet.deployment.checks.checks import check
+from skinnet.deployment.experiment.faults import FaultRule, SensorChannel
 from skinnet.deployment.load import from_document
-from skinnet.messages import FOREVER_NS, READING_NAMES
-from skinnet.network.faults import (
+from skinnet.network.faults.fault_schedule import (
     FaultLocation,
     FaultSpan,
     check_targets,
     fault_schedule,
     gilbert_elliott_phases,
 )
+from skinnet.protocol.messages import FOREVER_NS, READING_NAMES
 from skinnet.skin.placement import PlacedPatch, place_patches
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"

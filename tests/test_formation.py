@@ -18,10 +18,10 @@ from formation_bench import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cells.formation import CellAgent
-from cells.formation_gateway import FormationPhase, GatewayAgent
-from cells.formation_packets import FormationPacket, FormationPacketKind, is_newer, max_round_trip_ns
-from skinnet.deployment.schema import NetworkSpec
+from cells.formation.cell_agent import CellAgent
+from cells.formation.gateway_agent import FormationPhase, GatewayAgent
+from cells.formation.packets import FormationPacket, FormationPacketKind, is_newer, max_round_trip_ns
+from skinnet.deployment.deployment import NetworkSpec
 from skinnet.errors import DeploymentError, ProtocolError
 
 

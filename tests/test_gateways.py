@@ -12,12 +12,17 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 from small_robot import lattice, patch, small
 
-from skinnet.deployment.schema import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.deployment import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.gateways import choose_gateway_ports, free_ports, place_gateways, with_placed_gateways
+from skinnet.skin.gateway_placement import (
+    choose_gateway_ports,
+    free_ports,
+    place_gateways,
+    with_placed_gateways,
+)
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import PlacedPatch, place_patch, place_patches, resolve_bridges
-from skinnet.skin.whole import join_patches
+from skinnet.skin.whole_skin import join_patches
 
 CELLS = CellSpec()
 
@@ -119,7 +124,9 @@ def test_the_whole_skin_keeps_every_wire() -> None:
     assert (skin.n_cells, skin.first_cell.tolist()) == (12, [0, 6, 10, 12])
     assert skin.bridges.tolist() == [[2, 0, 6, 3]]
     assert (
-        skin.component_of_patch.tolist()[0] == skin.component_of_patch.tolist()[1] != skin.component_of_patch.tolist()[2]
+        skin.component_of_patch.tolist()[0]
+        == skin.component_of_patch.tolist()[1]
+        != skin.component_of_patch.tolist()[2]
     )
     assert skin.gateways.tolist() == [[0, 2], [6, 2], [10, 2]]
     assert [skin.cell_name(cell) for cell in (0, 5, 6, 11)] == ["arm/0", "arm/5", "hand/0", "leg/1"]

@@ -10,8 +10,8 @@ import pytest
 from launching import ROOT, child, launched, run, wait_for
 from rich.console import Console
 
-from skinnet.memory.exchange import to_json
-from skinnet.memory.store import read_memory
+from skinnet.memory.json_export import to_json
+from skinnet.memory.sqlite_store import read_memory
 from skinnet.run.launch import RunOptions, load_and_check, run_once
 from skinnet.run.progress import ProgressDisplay
 

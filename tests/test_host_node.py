@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 from small_robot import SHIPPED, patch, small
 
-from cells.host import CellProcess
+from cells.cell_process import CellProcess
 from cells.process import warm_up
-from cells.transducers import phases_ns
-from skinnet.channels import Keys
+from cells.sensing.transducers import phases_ns
 from skinnet.deployment import Deployment, load
 from skinnet.errors import ProtocolError
-from skinnet.messages import (
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import (
     STREAM_ROW,
     Config,
     Events,
@@ -29,7 +29,7 @@ from skinnet.messages import (
     pack,
     unpack,
 )
-from skinnet.seeding import generator, stream_key
+from skinnet.random_streams import generator, stream_key
 
 MS = 1_000_000
 Floats = NDArray[np.float64]
@@ -242,9 +242,7 @@ def test_thresholds_and_encoding_of_one_cell() -> None:
     host.send_config(Config(patch="arm", cell=1, t_ns=32 * MS, levels={"force": [], "proximity": []}))
     host.send_config(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="clock"))
     host.run(40)
-    events = [
-        cell for message in host.published(Events) if message.patch == "arm" for cell in message.cell
-    ]
+    events = [cell for message in host.published(Events) if message.patch == "arm" for cell in message.cell]
     assert set(events) == {0, 3, 4, 5}
     assert {cell for cell, _ in streamed(host)} == {2}
 

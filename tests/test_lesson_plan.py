@@ -4,9 +4,9 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.kinematics import set_joint_positions
-from skinnet.body.lesson_plan import PositionGoals, plan_motions_rad
-from skinnet.deployment.teacher import GoalSpec
+from skinnet.body.ground_truth.cell_kinematics import set_joint_positions
+from skinnet.body.teacher.lesson_plan import PositionGoals, plan_motions_rad
+from skinnet.deployment.environment.teacher import GoalSpec
 from skinnet.errors import ModelError
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from evading import MS, Evader
 
-from skinnet.body.finger import FingerPhase
+from skinnet.analysis.metrics.teaching import teaching_metrics
 from skinnet.body.simulation import BodySimulation
+from skinnet.body.teacher.finger import FingerPhase
+from skinnet.deployment.deployment import CellPoseSpec, InterfaceSpec, PatchSpec
+from skinnet.deployment.environment.teacher import GoalSpec, LessonSpec, TeacherSpec
 from skinnet.deployment.load import load
-from skinnet.deployment.schema import CellPoseSpec, InterfaceSpec, PatchSpec
-from skinnet.deployment.teacher import GoalSpec, LessonSpec, TeacherSpec
-from skinnet.part import ProcessResult
-from skinnet.run.figures.teaching import teaching_metrics
+from skinnet.runtime.process_result import ProcessResult
 
 S = 1000 * MS
 TIP_M = (0.45, 0.0, 0.0)

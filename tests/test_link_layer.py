@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from small_robot import patch
 from test_skin_life import FAST, Streaming
 
-from cells.formation_packets import FormationPacket, FormationPacketKind
-from cells.link_layer import LinkLayer
+from cells.formation.link_layer import LinkLayer
+from cells.formation.packets import FormationPacket, FormationPacketKind
 
 SERIAL_NS, DETECT_NS, REACTION_NS, LONGEST_NS = 40_000, 500_000, 50_000, 185_000
 RESEND_NS = 4 * (SERIAL_NS + LONGEST_NS + REACTION_NS)

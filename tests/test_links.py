@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinnet.body.kinematics import cell_poses, set_joint_positions
-from skinnet.body.links import LinkKinematics, LinkPoses
+from skinnet.body.ground_truth.cell_kinematics import cell_poses, set_joint_positions
+from skinnet.body.link_kinematics import LinkKinematics, LinkPoses
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import load
-from skinnet.ros2.places import CellPoses
+from skinnet.ros2.cell_poses import CellPoses
 
 DEPLOYMENTS = sorted((Path(__file__).parents[1] / "deployments").glob("*.toml"))
 ARM = Path(__file__).parents[1] / "deployments" / "two_link_arm.toml"

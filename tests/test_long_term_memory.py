@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from small_robot import small
 
-from controller.grasping.memory import MEMORY_FILE, LongTermMemory, restore_self_model
-from controller.knowledge import SelfModel
+from controller.grasping.long_term_memory import MEMORY_FILE, LongTermMemory, restore_self_model
+from controller.self_model import SelfModel
+from controller.selforganisation.kinematic_structure import find_structure
 from controller.selforganisation.sensory_motor_map import SensoryMotorMap
-from controller.selforganisation.structure import find_structure
 from skinnet.errors import MemoryFileError
-from skinnet.memory.record import KeyPose, MemoryContents
-from skinnet.memory.store import read_memory, write_memory
+from skinnet.memory.contents import KeyPose, MemoryContents
+from skinnet.memory.sqlite_store import read_memory, write_memory
 from skinnet.run import in_process
 from skinnet.run.in_process import run_in_process
 from skinnet.run.progress import ProgressDisplay

@@ -17,11 +17,11 @@ from memory_robot import ROBOT, known, memories, same
 
 from skinnet.cli.main import main
 from skinnet.deployment import load
-from skinnet.deployment.recall import robot_description
+from skinnet.deployment.memory_loading import robot_description
 from skinnet.errors import DeploymentError, MemoryFileError
-from skinnet.memory.exchange import from_json, to_json
-from skinnet.memory.record import KeyPose, MemoryContents
-from skinnet.memory.store import MemoryStore, read_memory, write_memory
+from skinnet.memory.contents import KeyPose, MemoryContents
+from skinnet.memory.json_export import from_json, to_json
+from skinnet.memory.sqlite_store import MemoryStore, read_memory, write_memory
 from skinnet.run.launch import RunOptions, load_and_check
 
 

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from memory_robot import ROBOT, known, memories, names, numbered, same
 
 from skinnet.errors import MemoryFileError
-from skinnet.memory import store as store_module
-from skinnet.memory.record import KeyPose, MemoryContents, RobotIdentity, check_joint_limits
-from skinnet.memory.store import VERSION, MemoryStore, read_memory, write_memory
+from skinnet.memory import sqlite_store as store_module
+from skinnet.memory.contents import KeyPose, MemoryContents, RobotIdentity, check_joint_limits
+from skinnet.memory.sqlite_store import VERSION, MemoryStore, read_memory, write_memory
 
 
 @pytest.fixture
@@ -123,9 +123,7 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
             with pytest.raises(MemoryFileError, match="in use by another process"):
                 attempt()
         first.store_parameters({"still": 1.0})
-        code = (
-            f"from skinnet.memory.store import *; from pathlib import Path; read_memory(Path({str(path)!r}))"
-        )
+        code = f"from skinnet.memory.sqlite_store import *; from pathlib import Path; read_memory(Path({str(path)!r}))"
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert "MemoryFileError" in done.stderr
         assert "in use by another process" in done.stderr

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from memory_robot import numbered, same
 
-from skinnet.memory.record import RobotIdentity
-from skinnet.memory.store import MemoryStore, read_memory, write_memory
+from skinnet.memory.contents import RobotIdentity
+from skinnet.memory.sqlite_store import MemoryStore, read_memory, write_memory
 
 ROBOT = RobotIdentity("bot", tuple(f"joint{i}" for i in range(7)), {"arm": 12, "hand": 8})
 KILLS = 12
@@ -20,7 +20,7 @@ import os, signal, sys
 from pathlib import Path
 from memory_robot import numbered
 from test_memory_kill import ROBOT
-from skinnet.memory.store import MemoryStore
+from skinnet.memory.sqlite_store import MemoryStore
 
 path, first, steps, itself = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4] == "itself"
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skinnet.bench import heapq_network, network
-from skinnet.bench.patches import CELLS_PER_PATCH, PERIOD_NS, make_workload
 from skinnet.cli.main import main
+from skinnet.tools.bench import kernel_benchmark as network
+from skinnet.tools.bench import reference_network as heapq_network
+from skinnet.tools.bench.workload import CELLS_PER_PATCH, PERIOD_NS, make_workload
 
 CELLS = 60  # a full patch and a part of one
 

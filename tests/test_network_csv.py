@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skinnet.bench.heapq_network import simulate as plain
 from skinnet.cli.main import main
 from skinnet.errors import DeploymentError
-from skinnet.network import csv_files
-from skinnet.network.ledger import IdSet, PacketSlots
+from skinnet.network.csv import csv_tables as csv_files
+from skinnet.network.csv.csv_simulation import SimulationFiles, simulate_csv
+from skinnet.network.packet_ids import IdSet, PacketSlots
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
-from skinnet.network.simulate import SimulationFiles, simulate_csv
 from skinnet.network.topology import Topology
+from skinnet.tools.bench.reference_network import simulate as plain
 
 LINKS = "src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets\n"
 PACKETS = "id,t_ns,node,dest,size_bytes\n"

@@ -9,11 +9,11 @@ import simpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinnet.bench.heapq_network import simulate
-from skinnet.network.network import EndedPackets, PacketNetwork
+from skinnet.network.packet_network import EndedPackets, PacketNetwork
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
 from skinnet.network.topology import Topology
+from skinnet.tools.bench.reference_network import simulate
 
 NS = 1_000_000_000
 END_NS = 10**12

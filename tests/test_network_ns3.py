@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from ns3_cases import CASES, GOLDEN, INPUTS, UNTIL_NS, make
 
-from skinnet.bench import ns3_network, simpy_network
-from skinnet.bench.heapq_network import OfferedPacket
-from skinnet.bench.patches import Workload
-from skinnet.network.network import EndedPackets, PacketNetwork
+from skinnet.network.csv.csv_simulation import SimulationFiles, simulate_csv
+from skinnet.network.packet_network import EndedPackets, PacketNetwork
 from skinnet.network.records import Outcome
 from skinnet.network.routes import NO_LINK
-from skinnet.network.simulate import SimulationFiles, simulate_csv
+from skinnet.tools.bench import ns3_network, simpy_network
+from skinnet.tools.bench.reference_network import OfferedPacket
+from skinnet.tools.bench.workload import Workload
 
 Rows = list[tuple[str, ...]]
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from nursing_robot import POSE, Floats, kinematics, sheets, touch
 from scipy.spatial.transform import Rotation
 
-from controller.nursing.contacts import InitialContacts, initial_contacts
-from controller.nursing.feedback import (
+from controller.nursing.contacts.contact_frames import InitialContacts, initial_contacts
+from controller.nursing.contacts.tactile_feedback import (
     POSITION_IMPEDANCE,
     ROTATION_IMPEDANCE,
     Impedance,

@@ -6,11 +6,11 @@ import pytest
 from nursing_robot import FOUR, JOINTS, PITCH_M, POSE, Floats, kinematics, model, sheets, touch
 from scipy.spatial.transform import Rotation
 
-from controller.nursing.contacts import Sheet, initial_contacts
-from controller.nursing.kinematics import Kinematics, ModelErrors, SurfacePoint, draw_model_errors
-from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
+from controller.nursing.contacts.contact_frames import Sheet, initial_contacts
+from controller.nursing.kinematics.robot_model import Kinematics, ModelErrors, SurfacePoint, draw_model_errors
+from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import ModelError
-from skinnet.skin.sheet import place_sheets
+from skinnet.skin.tactile_sheets import place_sheets
 
 ALL = (*JOINTS, "cart_x", "cart_yaw")
 TILTED = Rotation.from_rotvec((0.3, -0.5, 0.8)).as_matrix()

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from nursing_robot import FOUR, JOINTS, POSE, Floats, kinematics, model, plane, sheets, touch
 
-from controller.nursing.contacts import Region, Sheet, TactileInput
-from controller.nursing.feedback import POSITION_IMPEDANCE, ROTATION_IMPEDANCE
-from controller.nursing.following import ContactTracker
-from controller.nursing.own_model import build_kinematics
-from controller.nursing.program import NursingCommand, NursingProgram
-from controller.nursing.states import (
+from controller.nursing.contacts.contact_frames import Region, Sheet, TactileInput
+from controller.nursing.contacts.contact_tracking import ContactTracker
+from controller.nursing.contacts.tactile_feedback import POSITION_IMPEDANCE, ROTATION_IMPEDANCE
+from controller.nursing.kinematics.model_errors import build_kinematics
+from controller.nursing.nursing_program import NursingCommand, NursingProgram
+from controller.nursing.state_machine import (
     STOP_EVENTS,
     TERMINAL_STATES,
     TRANSITIONS,
@@ -21,7 +21,7 @@ from controller.nursing.states import (
     diagram,
     next_state,
 )
-from skinnet.deployment.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec, WaypointSpec
+from skinnet.deployment.controller.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec, WaypointSpec
 
 PERIOD_NS = 10_000_000
 FOREARMS = FOUR[2:]

@@ -7,13 +7,13 @@ import pytest
 from nursing_robot import FOUR, JOINTS, POSE, Floats, kinematics, sheets, touch
 from scipy.spatial.transform import Rotation
 
-from controller.nursing.contacts import InitialContacts, initial_contacts
-from controller.nursing.kinematics import Kinematics, Poses
-from controller.nursing.limits import JointLimits
-from controller.nursing.mobility import mobility
-from controller.nursing.object_path import ObjectTrajectory, Waypoint
-from controller.nursing.quadratic import quadratic_programme
-from controller.nursing.trajectory import (
+from controller.nursing.contacts.contact_frames import InitialContacts, initial_contacts
+from controller.nursing.kinematics.joint_limits import JointLimits
+from controller.nursing.kinematics.mobility import mobility
+from controller.nursing.kinematics.robot_model import Kinematics, Poses
+from controller.nursing.object_trajectory import ObjectTrajectory, Waypoint
+from controller.nursing.quadratic_programme import quadratic_programme
+from controller.nursing.trajectory_generation import (
     Deviations,
     LeastSquaresProblem,
     Solver,

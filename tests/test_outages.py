@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import patch, small
 
-from cells.outages import Outage, TopologyChange, compute_topology_changes
-from cells.wiring import Wiring, wire_cells
+from cells.networking.outages import Outage, TopologyChange, compute_topology_changes
+from cells.networking.wiring import Wiring, wire_cells
 from skinnet.deployment.power import PowerSpec
-from skinnet.messages import FOREVER_NS
-from skinnet.network.power import PowerGrid
+from skinnet.network.power_grid import PowerGrid
+from skinnet.protocol.messages import FOREVER_NS
 from skinnet.skin.placement import place_patch, resolve_bridges
 
 Mask = NDArray[np.bool_]

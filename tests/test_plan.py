@@ -15,22 +15,22 @@ from scipy.sparse.csgraph import shortest_path
 from small_robot import SHIPPED, patch, small
 from typer.testing import CliRunner
 
-from cells.skin_network import SkinNetwork
-from cells.transducers import phases_ns
-from cells.wiring import wire_cells
+from cells.networking.skin_network import SkinNetwork
+from cells.networking.wiring import wire_cells
+from cells.sensing.transducers import phases_ns
 from skinnet.cli.main import app
 from skinnet.deployment import Deployment, load
 from skinnet.errors import DeploymentError
-from skinnet.plan.budget import compute_budget
-from skinnet.plan.forest import GATEWAY, UNREACHED, RoutingForest, compute_forest
-from skinnet.plan.plan import Plan, make_plan
-from skinnet.plan.report import plan_report
-from skinnet.plan.search import breaches
-from skinnet.plan.traffic import PacketSource, Traffic, traffic_of, transmission_ns
-from skinnet.plan.waiting import mean_wait_ns
-from skinnet.plan.words import diagnose
 from skinnet.skin.placement import place_patch
-from skinnet.skin.unroll import unroll_patch
+from skinnet.skin.unrolled_patch import unroll_patch
+from skinnet.tools.plan.diagnostics import diagnose
+from skinnet.tools.plan.gateway_search import breaches
+from skinnet.tools.plan.json_report import plan_report
+from skinnet.tools.plan.link_budget import compute_budget
+from skinnet.tools.plan.plan import Plan, make_plan
+from skinnet.tools.plan.queueing import mean_wait_ns
+from skinnet.tools.plan.routing_forest import GATEWAY, UNREACHED, RoutingForest, compute_forest
+from skinnet.tools.plan.traffic import PacketSource, Traffic, traffic_of, transmission_ns
 
 PERIOD_NS = 4_000_000
 CLOCK = {"encoding": {"kind": "clock"}}

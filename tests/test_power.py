@@ -11,7 +11,7 @@ from small_robot import small
 
 from skinnet.deployment.power import PowerSpec
 from skinnet.errors import DeploymentError
-from skinnet.network.power import PowerGrid, PowerState
+from skinnet.network.power_grid import PowerGrid, PowerState
 
 Floats = NDArray[np.float64]
 AMPERE = 0.047

@@ -14,12 +14,12 @@ from mcap.reader import make_reader
 from protobuf_wire import Schema
 from recorded import ARM, SHORT, SHORT_ARM, Plain, plain, record
 
-from skinnet.body.shapes import VisualModel
-from skinnet.channels import CHANNELS, Keys
-from skinnet.messages import ControllerState, Events, PeriodEnd, Stream, decode
+from skinnet.body.visual_shapes import VisualModel
+from skinnet.protocol.channels import CHANNELS, Keys
+from skinnet.protocol.messages import ControllerState, Events, PeriodEnd, Stream, decode
+from skinnet.protocol.telemetry_messages import StateMachineDescription
 from skinnet.recording.process import build
 from skinnet.recording.reader import RecordedMessage, Recording
-from skinnet.watch_messages import StateMachineDescription
 
 pytestmark = pytest.mark.timeout(300)
 FOXGLOVE = ("foxglove.FrameTransforms", "foxglove.SceneUpdate", "foxglove.Log")
@@ -188,7 +188,7 @@ def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) ->
 
 def test_colours_are_those_of_touch(recorded: Any) -> None:
     """What is pressed is red, what is not is dark."""
-    from skinnet.recording.painted import _colours
+    from skinnet.recording.skin_scene import _colours
 
     dark, near, pressed = _colours(np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
     assert pressed[0] > 0.8

@@ -22,8 +22,8 @@ from recorded import ARM, SHORT_ARM, plain, record
 from small_robot import small
 
 from skinnet.errors import RecordingError
-from skinnet.memory.store import read_memory, write_memory
-from skinnet.recording.mcap_file import McapWriter
+from skinnet.memory.sqlite_store import read_memory, write_memory
+from skinnet.recording.mcap_writer import McapWriter
 from skinnet.recording.reader import Recording
 from skinnet.recording.replay import with_memory
 from skinnet.recording.writer import RecordingWriter

@@ -17,8 +17,8 @@ from recorded import ARM, SHORT, plain, record
 from test_request_runs import request
 from test_watch import client, endpoint_of
 
-from skinnet.messages import Answer, Command, Request, decode
-from skinnet.recording.publish import PlaybackOptions, PlaybackSchedule
+from skinnet.protocol.messages import Answer, Command, Request, decode
+from skinnet.recording.playback_publisher import PlaybackOptions, PlaybackSchedule
 from skinnet.recording.reader import Recording
 from skinnet.recording.replay import CommandDifference, replay_into
 

@@ -12,11 +12,7 @@ import pytest
 from launching import ROOT
 from reported import ARM, SHORT, Page, browser, png, small_run
 
-from skinnet.deployment import load
-from skinnet.deployment.load import from_document
-from skinnet.errors import RunFolderError, SkinnetError
-from skinnet.report.as_run import sections
-from skinnet.report.claims import (
+from skinnet.analysis.report.claims import (
     Between,
     Claim,
     ElementwiseInequality,
@@ -26,13 +22,17 @@ from skinnet.report.claims import (
     Verdict,
     evaluate_claim,
 )
-from skinnet.report.collect import RunResults, SeedResults, StressResults, read_run_folder
-from skinnet.report.groups import group_metrics, group_over_seeds
-from skinnet.report.html import render_html
-from skinnet.report.markup import Html, join, tag
-from skinnet.report.papers import CLAIMS, SOURCES
-from skinnet.report.pictures import read_pictures
-from skinnet.report.units import format_number, format_value, parse_quantity
+from skinnet.analysis.report.html import render_html
+from skinnet.analysis.report.markup import Html, join, tag
+from skinnet.analysis.report.metric_groups import group_metrics, group_over_seeds
+from skinnet.analysis.report.papers import CLAIMS, SOURCES
+from skinnet.analysis.report.pictures import read_pictures
+from skinnet.analysis.report.run_folder import RunResults, SeedResults, StressResults, read_run_folder
+from skinnet.analysis.report.toml_listing import sections
+from skinnet.analysis.report.units import format_number, format_value, parse_quantity
+from skinnet.deployment import load
+from skinnet.deployment.load import from_document
+from skinnet.errors import RunFolderError, SkinnetError
 
 DEPLOYMENTS = sorted((ROOT / "deployments").glob("*.toml"))
 

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 from typer.testing import CliRunner
 
-from skinnet.channels import EXTERNAL, Keys, Role
 from skinnet.cli.main import app
 from skinnet.errors import UnreachableError
-from skinnet.messages import Answer, ControllerState, Request, decode, encode
-from skinnet.run.requests import MAX_PENDING, TIMEOUT_S, RequestServer, RequestWorker
-from skinnet.run.watch import ObserverEndpoint
-from skinnet.transport.base import Delivery, Transport
-from skinnet.transport import client
-from skinnet.transport.client import Reply
-from skinnet.transport.memory import InMemoryHub
+from skinnet.protocol.channels import EXTERNAL, Keys, Role
+from skinnet.protocol.messages import Answer, ControllerState, Request, decode, encode
+from skinnet.run.observers.observer_endpoint import ObserverEndpoint
+from skinnet.run.observers.request_server import MAX_PENDING, TIMEOUT_S, RequestServer, RequestWorker
+from skinnet.transport import queries as client
+from skinnet.transport.in_memory import InMemoryHub
+from skinnet.transport.interface import Delivery, Transport
+from skinnet.transport.queries import Reply
 
 KEYS = Keys("bot")
 LONG_S = 30.0
@@ -247,10 +247,10 @@ def test_the_clerk_answers_gives_up_and_sends_away(
     clerk.handle_query(asked := Asked())
     clerk.handle_answer(answer_to(1))
     assert asked.came.get(timeout=30.0) == Answer(id=1, t_ns=5, accepted=True, state="up")
-    monkeypatch.setattr("skinnet.run.requests.TIMEOUT_S", 0.01)
+    monkeypatch.setattr("skinnet.run.observers.request_server.TIMEOUT_S", 0.01)
     clerk.handle_query(in_vain := Asked())
     assert "no answer: nothing came within 0.01 s" in str(in_vain.came.get(timeout=30.0))
-    monkeypatch.setattr("skinnet.run.requests.TIMEOUT_S", 1e6)
+    monkeypatch.setattr("skinnet.run.observers.request_server.TIMEOUT_S", 1e6)
     clerk.handle_query(last := Asked())
     clerk.close()
     assert last.said == ["no answer: the run is over"]
@@ -305,7 +305,9 @@ async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
         watch = ObserverEndpoint(KEYS, endpoint)
 
         def query(what: str, argument: str = "") -> Future[list[Reply]]:
-            return pool.submit(client.query, endpoint, f"skinnet/*/controller/{what}", argument.encode(), LONG_S)
+            return pool.submit(
+                client.query, endpoint, f"skinnet/*/controller/{what}", argument.encode(), LONG_S
+            )
 
         def error(why: str) -> list[Reply]:
             return [Reply("", b"", why)]

@@ -11,12 +11,12 @@ from small_robot import SHIPPED
 from test_brain import TICK_NS, Robot, Wired
 
 from controller.process import build
-from controller.requests import Reply, RequestHandler, RequestQueue
-from controller.stages import make_stage
-from skinnet.channels import Keys
+from controller.request_queue import Reply, RequestHandler, RequestQueue
+from controller.stages.stages import make_stage
 from skinnet.deployment import load
 from skinnet.errors import ProtocolError
-from skinnet.messages import Answer, ControllerState, Joints, Request, decode, encode
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import Answer, ControllerState, Joints, Request, decode, encode
 
 KEYS = Keys("bot")
 

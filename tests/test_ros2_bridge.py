@@ -18,15 +18,15 @@ import zenoh
 from launching import TOUCH, launched, wait_for
 from test_ros2_mirror import ARM, KEYS, events, joints, stream, topology
 
-from skinnet.body.links import LinkKinematics
-from skinnet.channels import EXTERNAL
+from skinnet.body.link_kinematics import LinkKinematics
 from skinnet.deployment import load, resolved_json
 from skinnet.errors import DeploymentError, PortInUseError, SkinnetError, UnreachableError
-from skinnet.messages import ControllerState, decode, encode
-from skinnet.outside_messages import DeploymentInfo, ExternalVelocity
+from skinnet.protocol.channels import EXTERNAL
+from skinnet.protocol.external_messages import DeploymentInfo, ExternalVelocity
+from skinnet.protocol.messages import ControllerState, decode, encode
 from skinnet.ros2.bridge import NODE_NAME, BridgeOptions, bridge
-from skinnet.run.watch import ObserverEndpoint, free_endpoint
-from skinnet.transport.memory import InMemoryHub
+from skinnet.run.observers.observer_endpoint import ObserverEndpoint, free_endpoint
+from skinnet.transport.in_memory import InMemoryHub
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from skinnet.body.links import LinkKinematics
-from skinnet.channels import Keys
+from skinnet.body.link_kinematics import LinkKinematics
 from skinnet.deployment import load
 from skinnet.errors import ProtocolError
-from skinnet.messages import (
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import (
     STREAM_ROW,
     ControllerState,
     Events,
@@ -24,11 +24,11 @@ from skinnet.messages import (
     Topology,
     encode,
 )
-from skinnet.ros2 import types
+from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
+from skinnet.ros2 import message_types as types
 from skinnet.ros2.markers import marker_colour
-from skinnet.ros2.mirror import RosMessageBuilder
+from skinnet.ros2.message_builder import RosMessageBuilder
 from skinnet.ros2.readings import CellReadings
-from skinnet.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
 
 ARM = Path(__file__).parents[1] / "deployments" / "two_link_arm.toml"
 KEYS = Keys("arm")

@@ -12,9 +12,10 @@ from ros2_definitions import DEFINITIONS, rihs01
 from rosbags.typesys import Stores, get_typestore
 
 from skinnet.errors import ProtocolError
-from skinnet.ros2 import types
+from skinnet.ros2 import message_types as types
 from skinnet.ros2.attachment import Attachment, gid_of
-from skinnet.ros2.keys import (
+from skinnet.ros2.qos import Durability, History, QosProfile, Reliability
+from skinnet.ros2.rmw_zenoh_keys import (
     Entity,
     EntityType,
     NodeInfo,
@@ -24,7 +25,6 @@ from skinnet.ros2.keys import (
     to_ros_name,
     topic_key,
 )
-from skinnet.ros2.qos import Durability, History, QosProfile, Reliability
 
 STRING = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 """std_msgs/msg/String in the design document of rmw_zenoh."""

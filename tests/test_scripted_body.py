@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from launching import ROOT, run
 
-from skinnet.body.kinematics import cell_poses
+from skinnet.body.ground_truth.cell_kinematics import cell_poses
 from skinnet.body.process import build
-from skinnet.body.scripted_body import ScriptedBody
+from skinnet.body.scripted.scripted_body import ScriptedBody
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import load
-from skinnet.deployment.checks import check
-from skinnet.deployment.load import from_document
+from skinnet.deployment.checks.checks import check
 from skinnet.deployment.load import from_document
 from skinnet.errors import DeploymentError
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.protocol.messages import STIMULUS_NAMES
 from skinnet.skin.placement import place_patches
 
 MS = 1_000_000

@@ -5,10 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from skinnet.body.scripted_presses import build_press_schedule, presses_before, write_press_stimulus
-from skinnet.deployment.script import RandomPressSpec, ScriptedPressSpec, ScriptedStimuliSpec
+from skinnet.body.scripted.presses import build_press_schedule, presses_before, write_press_stimulus
+from skinnet.deployment.environment.scripted_stimuli import (
+    RandomPressSpec,
+    ScriptedPressSpec,
+    ScriptedStimuliSpec,
+)
 from skinnet.errors import DeploymentError
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.protocol.messages import STIMULUS_NAMES
 
 MS = 1_000_000
 SIZES = {"chest": 61, "arm": 40}

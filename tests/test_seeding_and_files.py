@@ -15,8 +15,8 @@ from scipy import stats
 
 from skinnet.clock import NS_PER_S, WallClockPace, next_multiple
 from skinnet.files import atomic_replacement, write_bytes, write_json
-from skinnet.part import ProcessResult
-from skinnet.seeding import StreamName, generator, hash64, standard_normal, stream_key, uniform
+from skinnet.random_streams import StreamName, generator, hash64, standard_normal, stream_key, uniform
+from skinnet.runtime.process_result import ProcessResult
 
 MASK = 2**64 - 1
 words = st.integers(0, MASK)

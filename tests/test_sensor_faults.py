@@ -13,12 +13,18 @@ from numpy.typing import NDArray
 from scipy import stats
 from small_robot import patch, small
 
-from cells.babbling import SpuriousEvents
-from cells.sensor_faults import SensorFaults
-from cells.transducers import STANDARD_GRAVITY_M_S2, Transducers, channel_scales, noise_keys, phases_ns
-from skinnet.deployment.schema import CellSpec
-from skinnet.messages import READING_NAMES, EventKind, Modality
-from skinnet.network.faults import fault_schedule
+from cells.sensing.babbling_idiots import SpuriousEvents
+from cells.sensing.sensor_faults import SensorFaults
+from cells.sensing.transducers import (
+    STANDARD_GRAVITY_M_S2,
+    Transducers,
+    channel_scales,
+    noise_keys,
+    phases_ns,
+)
+from skinnet.deployment.deployment import CellSpec
+from skinnet.network.faults.fault_schedule import fault_schedule
+from skinnet.protocol.messages import READING_NAMES, EventKind, Modality
 from skinnet.skin.placement import place_patches
 
 SPEC = CellSpec()

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import small
 
-from controller.grasping.directives import Area, merge_state_parameters
-from controller.grasping.memory import LongTermMemory
-from controller.grasping.session import TeachAndGrasp
+from controller.grasping.area_teaching import AreaTeaching, replace_area
+from controller.grasping.long_term_memory import LongTermMemory
 from controller.grasping.state_machine import (
     CARRYING_STATES,
     GRASPING_STATES,
@@ -24,13 +23,14 @@ from controller.grasping.state_machine import (
     mermaid_diagram,
     next_state,
 )
-from controller.grasping.teaching import AreaTeaching, replace_area
+from controller.grasping.state_parameters import Area, merge_state_parameters
+from controller.grasping.teach_and_grasp import TeachAndGrasp
 from controller.grasping.touch_events import group_by_limb
-from controller.knowledge import SelfModel
+from controller.self_model import SelfModel
+from controller.selforganisation.kinematic_structure import find_structure
 from controller.selforganisation.map_exploration import MapExplorationConfig
-from controller.selforganisation.structure import find_structure
-from controller.touch.fusion import TactileState
-from skinnet.messages import EventKind, Modality
+from controller.touch.tactile_state import TactileState
+from skinnet.protocol.messages import EventKind, Modality
 
 Floats = NDArray[np.float64]
 TICK_NS = 5_000_000

@@ -5,10 +5,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cells.sheets.boards import Boards, DeliveredMessages
-from cells.sheets.wire import FORCE_STEP_N, XI_STEP_M
-from skinnet.deployment.sheets import BoardNetworkSpec, BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
-from skinnet.sheet_messages import REGION_ROW, SCAN_FRAME_ROW
-from skinnet.skin.sheet import PlacedSheet, place_sheets
+from cells.sheets.region_quantisation import FORCE_STEP_N, XI_STEP_M
+from skinnet.deployment.skin.sheets import BoardNetworkSpec, BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
+from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW
+from skinnet.skin.tactile_sheets import PlacedSheet, place_sheets
 
 PERIOD_NS = 4_000_000
 COMPUTE_NS = 200_000

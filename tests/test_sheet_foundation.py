@@ -13,8 +13,8 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.schema import BodySpec, Deployment, FoamSpec
-from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
+from skinnet.deployment.deployment import BodySpec, Deployment, FoamSpec
+from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError, ModelError
 
 Floats = NDArray[np.float64]

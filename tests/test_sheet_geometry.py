@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from skinnet.deployment.sheets import SheetSpec, SurfaceSpec
+from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.sheet import PlacedSheet, Surface, build_surface, place_sheets
+from skinnet.skin.tactile_sheets import PlacedSheet, Surface, build_surface, place_sheets
 
 PITCH_M = 0.0215
 COMB = (

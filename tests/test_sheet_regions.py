@@ -10,11 +10,11 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from cells.sheets.pressure_transducers import PressureTransducers
 from cells.sheets.regions import RegionTracker
-from cells.sheets.transducers import PressureTransducers
-from skinnet.deployment.sheets import BoardSpec, PressureSpec, RegionSpec, SheetSpec, SurfaceSpec
+from skinnet.deployment.skin.sheets import BoardSpec, PressureSpec, RegionSpec, SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.sheet import PlacedSheet, place_sheets
+from skinnet.skin.tactile_sheets import PlacedSheet, place_sheets
 
 PITCH_M = 0.0215
 AREA_M2 = PITCH_M**2

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from cells.sheets.transducers import PressureTransducers
-from skinnet.deployment.sheets import BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
+from cells.sheets.pressure_transducers import PressureTransducers
+from skinnet.deployment.skin.sheets import BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.sheet import PlacedSheet, place_sheets
+from skinnet.skin.tactile_sheets import PlacedSheet, place_sheets
 
 PERIOD_NS = 4_000_000
 

@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.skin_input import CellInput
-from skinnet.messages import N_FORCE_CHANNELS, STREAM_ROW, Events, Modality, Stream
+from controller.cell_input import CellInput
+from skinnet.protocol.messages import N_FORCE_CHANNELS, STREAM_ROW, Events, Modality, Stream
 
 SIZES = {"arm": 3, "hand": 2, "leg": 1}
 FIRST = {"arm": 0, "hand": 3, "leg": 5}

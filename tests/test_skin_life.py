@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import patch, small
 
-from cells.damage import Impairment
-from cells.encoding import EncoderOutput
-from cells.formation_gateway import FormationPhase
-from cells.outages import Outage, compute_topology_changes
-from cells.skin_network import SkinNetwork
-from cells.wiring import Wiring, wire_cells
+from cells.formation.gateway_agent import FormationPhase
+from cells.networking.link_faults import Impairment
+from cells.networking.outages import Outage, compute_topology_changes
+from cells.networking.skin_network import SkinNetwork
+from cells.networking.wiring import Wiring, wire_cells
+from cells.sensing.encoding import EncoderOutput
 from skinnet.deployment.power import PowerSpec
-from skinnet.messages import FOREVER_NS
 from skinnet.network.records import Outcome
+from skinnet.protocol.messages import FOREVER_NS
 from skinnet.skin.placement import place_patch, resolve_bridges
 
 PERIOD_NS = 4_000_000

@@ -11,14 +11,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 from small_robot import lattice, patch, small
 
-from cells.deliveries import DeliveredPackets
-from cells.encoding import EncoderOutput
-from cells.packets import PacketKind, PacketPool
-from cells.skin_network import SkinNetwork
-from cells.wiring import wire_cells
+from cells.networking.demultiplexer import DeliveredPackets
+from cells.networking.packet_pool import PacketKind, PacketPool
+from cells.networking.skin_network import SkinNetwork
+from cells.networking.wiring import wire_cells
+from cells.sensing.encoding import EncoderOutput
 from skinnet.deployment import Deployment
-from skinnet.messages import Config, Topology
 from skinnet.network.records import Outcome
+from skinnet.protocol.messages import Config, Topology
 from skinnet.skin.placement import place_patch
 
 PERIOD_NS = 4_000_000

@@ -10,10 +10,10 @@ from grasp_rig import CELLS_M2, FOAM_PA_PER_M, MS, S, close, rig, rig_deployment
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinnet.body.stand import TRANSITIONS, HeightTrajectory, StandEvent, StandPhase
+from skinnet.body.environment.stand import TRANSITIONS, HeightTrajectory, StandEvent, StandPhase
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks import check
-from skinnet.deployment.things import OBJECTS
+from skinnet.deployment.checks.checks import check
+from skinnet.deployment.environment.objects import OBJECTS
 from skinnet.errors import DeploymentError
 
 G = 9.81

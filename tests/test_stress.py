@@ -16,22 +16,22 @@ from hypothesis import strategies as st
 from launching import ROOT
 from small_robot import patch, small
 
-import skinnet.stress.sweep
+import skinnet.tools.stress.sweep
+from skinnet.analysis.report.html import render_html
+from skinnet.analysis.report.run_folder import StressResults, read_run_folder
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks import check
-from skinnet.deployment.stress import PublishedRateSpec, StressSpec
+from skinnet.deployment.checks.checks import check
+from skinnet.deployment.experiment.stress import PublishedRateSpec, StressSpec
 from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
-from skinnet.part import ProcessResult
-from skinnet.report.collect import StressResults, read_run_folder
-from skinnet.report.html import render_html
 from skinnet.run.launch import RunOptions, load_and_check
-from skinnet.stress.measure import MeasurementWindow, measure_point, usage_within
-from skinnet.stress.plots import draw_plots
-from skinnet.stress.points import Point, derive_deployment, noise_sigma, sweep_points
-from skinnet.stress.report import delta_at_published, nearest_delta, sweep_metrics
-from skinnet.stress.sweep import PointResult, run_sweep
-from skinnet.usage import USAGE_ROW, UsageTrace
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.usage import USAGE_ROW, UsageTrace
+from skinnet.tools.stress.measurement import MeasurementWindow, measure_point, usage_within
+from skinnet.tools.stress.plots import draw_plots
+from skinnet.tools.stress.points import Point, derive_deployment, noise_sigma, sweep_points
+from skinnet.tools.stress.sweep import PointResult, run_sweep
+from skinnet.tools.stress.sweep_metrics import delta_at_published, nearest_delta, sweep_metrics
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 SCRIPTED = ("script.stimulated=0.5", "script.stimulation.start_s=0.0", "script.stimulation.pause_s=0.1")
@@ -264,7 +264,7 @@ def test_a_sweep_goes_on_where_it_was_killed(
     def fail(*_: object) -> None:
         raise ProcessFailedError("host0 was killed by signal 9; its last lines:\n    one\n    two")
 
-    monkeypatch.setattr(skinnet.stress.sweep, "run_once", fail)
+    monkeypatch.setattr(skinnet.tools.stress.sweep, "run_once", fail)
     told: list[str] = []
     kept = run_sweep(ARM, deployment, spec, out, resume=True, progress=told.append)
     assert [result.failed for result in kept] == [None, None]

@@ -7,12 +7,12 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.finger import FingerPhase
-from skinnet.body.strokes import SweepPath, plan_sweeps
-from skinnet.deployment.schema import LatticeSpec, PatchSpec
-from skinnet.deployment.teacher import StrokeSpec, TeacherSpec
-from skinnet.part import ProcessResult
-from skinnet.run.figures.teaching import teaching_metrics
+from skinnet.analysis.metrics.teaching import teaching_metrics
+from skinnet.body.teacher.finger import FingerPhase
+from skinnet.body.teacher.strokes import SweepPath, plan_sweeps
+from skinnet.deployment.deployment import LatticeSpec, PatchSpec
+from skinnet.deployment.environment.teacher import StrokeSpec, TeacherSpec
+from skinnet.runtime.process_result import ProcessResult
 
 MS = 1_000_000
 SIDE_M = 0.014

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from synthetic_robot import TICK_NS, Floats, SkinnedArms, rotation, run
 
 from controller.selforganisation.exploration import PositionControl
-from controller.selforganisation.structural_exploration import (
-    StructuralExploration,
-    StructuralExplorationConfig,
-)
-from controller.selforganisation.structure import (
+from controller.selforganisation.kinematic_structure import (
     KinematicStructure,
     activity_matrix,
     count_wrong_entries,
     find_structure,
+)
+from controller.selforganisation.structural_exploration import (
+    StructuralExploration,
+    StructuralExplorationConfig,
 )
 
 QUICK = StructuralExplorationConfig(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from grasp_rig import CELLS_M2, FOAM_PA_PER_M, MS, S, close, rig, rig_deployment
 
-from skinnet.body.things import OBJECT, place_object
-from skinnet.body.yielding import geoms_under_skin
+from skinnet.body.contact.compliant_layer import geoms_under_skin
+from skinnet.body.environment.stand_model import OBJECT, place_object
+from skinnet.deployment.environment.objects import OBJECTS
 from skinnet.deployment.load import load
-from skinnet.deployment.things import OBJECTS
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import place_patch
 

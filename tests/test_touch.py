@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from controller.touch.fusion import COLUMNS, TactileState
 from controller.touch.posture import PoseReached, PoseTarget, PostureControl
-from controller.touch.reactions import TactileReaction
-from controller.touch.safety import SafetyClamp, SafetyLimits
+from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
+from controller.touch.tactile_reaction import TactileReaction
+from controller.touch.tactile_state import COLUMNS, TactileState
 from skinnet.errors import ProtocolError
-from skinnet.messages import FOREVER_NS, READING_NAMES, EventKind, Modality
+from skinnet.protocol.messages import FOREVER_NS, READING_NAMES, EventKind, Modality
 
 Floats = NDArray[np.float64]
 MS = 1_000_000

@@ -7,8 +7,8 @@ from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from cells.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
-from skinnet.deployment.schema import (
+from cells.sensing.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
+from skinnet.deployment.deployment import (
     AccelerometerSpec,
     CellSpec,
     ForceSpec,

@@ -11,13 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from skinnet.channels import Keys
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
-from skinnet.transport.base import Delivery, Query, Transport
-from skinnet.transport.client import Reply, query
+from skinnet.protocol.channels import Keys
+from skinnet.transport.in_memory import InMemoryHub
+from skinnet.transport.interface import Delivery, Query, Transport
+from skinnet.transport.loop_transport import ZenohTransport
 from skinnet.transport.mailbox import TaskMailbox, ThreadMailbox
-from skinnet.transport.memory import InMemoryHub
-from skinnet.transport.zenoh import ZenohTransport
+from skinnet.transport.queries import Reply, query
 
 KEYS = Keys("bot")
 LONG_S = 30.0

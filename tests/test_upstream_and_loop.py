@@ -17,19 +17,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_robot import small
 
-from cells.host import CellProcess
+from cells.cell_process import CellProcess
 from controller.process import ControllerProcess
-from skinnet.channels import EXTERNAL, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
-from skinnet.loop import LogicalProcess, Put, run_loop
-from skinnet.messages import Command, Joints, PeriodEnd, Stimulus, decode, encode
-from skinnet.part import ProcessResult
-from skinnet.transport.base import Delivery, Transport
-from skinnet.transport.memory import InMemoryHub
-from skinnet.transport.zenoh import ZenohTransport
-from skinnet.upstream import Upstream
+from skinnet.protocol.channels import EXTERNAL, Keys, Role
+from skinnet.protocol.messages import Command, Joints, PeriodEnd, Stimulus, decode, encode
+from skinnet.runtime.loop import LogicalProcess, Put, run_loop
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.upstream import Upstream
+from skinnet.transport.in_memory import InMemoryHub
+from skinnet.transport.interface import Delivery, Transport
+from skinnet.transport.loop_transport import ZenohTransport
 
 KEYS = Keys("bot")
 PERIOD_NS = 1000
@@ -326,7 +326,7 @@ async def test_a_message_without_sense_is_counted_and_its_source_named_once(
     await asyncio.sleep(0)
     good = [PeriodEnd(patch="b", t_ns=t, covered_ns=t + PERIOD_NS, events=0) for t in (1000, 2000)]
     other = encode(PeriodEnd(patch="z", t_ns=0, covered_ns=10**9, events=0))
-    with caplog.at_level(logging.WARNING, "skinnet.loop"):
+    with caplog.at_level(logging.WARNING, "skinnet.runtime.loop"):
         for frame in good:
             stranger.put(KEYS.of("frame", "b"), b"\xc1 no message")
             stranger.put(KEYS.of("frame", "b"), encode(Joints(t_ns=0, covered_ns=0, position_rad=[])))
@@ -350,7 +350,7 @@ class Behind:
 
 async def alone(monkeypatch: pytest.MonkeyPatch, node: Talker, frames: int) -> None:
     """Runs a node in real time that is behind; all frames of its only source came before it began."""
-    monkeypatch.setattr("skinnet.loop.WallClockPace", Behind)
+    monkeypatch.setattr("skinnet.runtime.loop.WallClockPace", Behind)
     hub = InMemoryHub()
     node.peers = frozenset({node.name})
     transport = hub.connect(node.name)
@@ -381,7 +381,7 @@ async def test_who_is_behind_still_takes_in_what_has_come(monkeypatch: pytest.Mo
 async def test_a_body_that_is_behind_lets_the_others_of_its_process_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("skinnet.loop.WallClockPace", Behind)
+    monkeypatch.setattr("skinnet.runtime.loop.WallClockPace", Behind)
     hub = InMemoryHub()
     fast, steady = Talker("a", ("b",), periods=200, follows_wall_clock=True), Talker("b", ("a",), periods=20)
     async with asyncio.TaskGroup() as group:
@@ -409,7 +409,7 @@ async def test_who_is_in_time_waits_for_the_clock(monkeypatch: pytest.MonkeyPatc
                 Asked.now_s += timeout_s
             return await self._transport.receive(0.0)
 
-    monkeypatch.setattr("skinnet.loop.WallClockPace", Asked)
+    monkeypatch.setattr("skinnet.runtime.loop.WallClockPace", Asked)
     waits: list[float] = []
     node = Talker("a", periods=4, follows_wall_clock=True)
     transport: Any = Waiting(InMemoryHub().connect("a"), 0)

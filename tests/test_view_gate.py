@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinnet.errors import DeploymentError, PortInUseError
-from skinnet.view.gate import AuthProxy, authorise, is_loopback
+from skinnet.view.page.auth_proxy import AuthProxy, authorise, is_loopback
 
 TOKEN = "a word"
 PAGE = b"the page " * 30_000

@@ -14,9 +14,9 @@ from test_view_recorded import write
 from view_scene import event, joints, state, stream, topology
 
 from skinnet.deployment import load
-from skinnet.messages import Modality
-from skinnet.view.recorded import RecordingSource
-from skinnet.watch_messages import StateMachineDescription
+from skinnet.protocol.messages import Modality
+from skinnet.protocol.telemetry_messages import StateMachineDescription
+from skinnet.view.sources.recording_source import RecordingSource
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 FILL = "backgroundColor"

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from view_scene import MS, SHEETS, event, joints, scene, state, stream, topology
 
-from skinnet.body.surface import hexagon_m
-from skinnet.messages import Modality
-from skinnet.skin.paper import flatten_skin
-from skinnet.view.colours import (
+from skinnet.body.contact.skin_surface import hexagon_m
+from skinnet.protocol.messages import Modality
+from skinnet.protocol.telemetry_messages import ProcessLoad, StateMachineDescription
+from skinnet.skin.flattening import flatten_skin
+from skinnet.view.page.colours import (
     COLOUR_SCALES,
     N_COLOURS,
     UNKNOWN_INDEX,
@@ -22,11 +23,15 @@ from skinnet.view.colours import (
     colour_indices,
     palette,
 )
-from skinnet.view.panels import machine, network, patches, processes, raster, ring
-from skinnet.view.panels.png import encode_png
-from skinnet.view.panels.sheet import style_rules, tooltip_rules
-from skinnet.view.state import RASTER_NS, RunState
-from skinnet.watch_messages import ProcessLoad, StateMachineDescription
+from skinnet.view.panels import controller_states as machine
+from skinnet.view.panels import event_raster as raster
+from skinnet.view.panels import network_map as network
+from skinnet.view.panels import patch_map as patches
+from skinnet.view.panels import process_table as processes
+from skinnet.view.panels import state_diagram as ring
+from skinnet.view.panels.palette_png import encode_png
+from skinnet.view.panels.skin_map import style_rules, tooltip_rules
+from skinnet.view.state.run_state import RASTER_NS, RunState
 
 
 class Elements(html.parser.HTMLParser):

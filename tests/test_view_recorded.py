@@ -12,14 +12,14 @@ from mcap.writer import CompressionType, Writer
 from recorded import record
 from view_scene import MS, deployment, event, joints, state, topology
 
-from skinnet.channels import Keys
 from skinnet.deployment import Deployment, resolved_json
 from skinnet.errors import RecordingError
-from skinnet.messages import encode
-from skinnet.view.atlas import build_skin_layout
-from skinnet.view.playback import PlaybackClock
-from skinnet.view.recorded import RecordingSource
-from skinnet.view.state import RASTER_NS, ReceivedMessage, RunState
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import encode
+from skinnet.view.sources.playback_clock import PlaybackClock
+from skinnet.view.sources.recording_source import RecordingSource
+from skinnet.view.state.run_state import RASTER_NS, ReceivedMessage, RunState
+from skinnet.view.state.skin_layout import build_skin_layout
 
 LENGTH_S = 60
 

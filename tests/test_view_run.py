@@ -13,7 +13,7 @@ import pytest
 from browsing import LONG_MS, visit
 from launching import ROOT, called, command, family, gone, launched, run, wait_for
 
-from skinnet.run.viewer import PageProcess
+from skinnet.run.observers.page_process import PageProcess
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 ARM = ROOT / "deployments" / "two_link_arm.toml"

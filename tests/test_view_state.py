@@ -9,14 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from view_scene import MS, SHEETS, event, joints, scene, state, stream, told, topology
 
-from skinnet.messages import Command, ControllerState, Events, Modality, Stream
-from skinnet.record_messages import Counters, FreeBodyPoses
-from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW, Regions
-from skinnet.view.happenings import FULL_READING_KIND, EventHistory, TrafficStatistics
-from skinnet.view.machinery import ProcessStats
-from skinnet.view.mind import ControllerView
-from skinnet.view.sequence import SequenceGaps
-from skinnet.watch_messages import (
+from skinnet.protocol.messages import Command, ControllerState, Events, Modality, Stream
+from skinnet.protocol.recorded_messages import Counters, FreeBodyPoses
+from skinnet.protocol.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW, Regions
+from skinnet.protocol.telemetry_messages import (
     LINK_INTO_CELL,
     LINK_ROW,
     LINK_UP,
@@ -24,6 +20,10 @@ from skinnet.watch_messages import (
     ProcessLoad,
     StateMachineDescription,
 )
+from skinnet.view.state.controller_view import ControllerView
+from skinnet.view.state.event_history import FULL_READING_KIND, EventHistory, TrafficStatistics
+from skinnet.view.state.process_stats import ProcessStats
+from skinnet.view.state.sequence_gaps import SequenceGaps
 
 
 def links(

@@ -12,16 +12,14 @@ from test_brain import Wired
 from test_host_node import Host
 from test_transport import KEYS, LONG_S, Star, endpoint, star  # noqa: F401 -- fixtures
 
-from cells.link_report import LinkTelemetry
+from cells.networking.link_telemetry import LinkTelemetry
+from controller.capabilities import FORMING, describe_nursing, describe_program
 from controller.grasping import state_machine
-from controller.grasping.session import request_arguments
-from controller.nursing import states as nursing
-from controller.offers import FORMING, describe_nursing, describe_program
+from controller.grasping.teach_and_grasp import request_arguments
+from controller.nursing import state_machine as nursing
 from skinnet.deployment import load
-from skinnet.messages import decode, unpack
-from skinnet.run.loads import monitor_processes
-from skinnet.run.progress import ProgressDisplay
-from skinnet.watch_messages import (
+from skinnet.protocol.messages import decode, unpack
+from skinnet.protocol.telemetry_messages import (
     LINK_INTO_CELL,
     LINK_ROW,
     LINK_UP,
@@ -29,6 +27,8 @@ from skinnet.watch_messages import (
     ProcessLoad,
     StateMachineDescription,
 )
+from skinnet.run.observers.process_monitor import monitor_processes
+from skinnet.run.progress import ProgressDisplay
 
 LINKS = "skinnet/bot/skin/*/links"
 BRIDGED = small(
@@ -131,7 +131,7 @@ def test_a_machine_has_every_move_of_the_table_and_leads_through_the_program() -
 
 
 def test_requests_are_those_that_a_session_understands() -> None:
-    from controller.grasping.session import TeachAndGrasp
+    from controller.grasping.teach_and_grasp import TeachAndGrasp
 
     requests = request_arguments(("home",))
     understand = TeachAndGrasp._parse_request
@@ -177,7 +177,7 @@ class Window:
 
 
 async def test_processes_tell_what_they_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skinnet.run.loads._PUBLICATION_PERIOD_S", 0.001)
+    monkeypatch.setattr("skinnet.run.observers.process_monitor._PUBLICATION_PERIOD_S", 0.001)
     window: Any = Window()
     gone = 2**22 + 1  # beyond what a process can have
     async with monitor_processes(

@@ -6,7 +6,7 @@ import numpy as np
 from small_robot import patch, small
 
 from skinnet.deployment import Deployment
-from skinnet.messages import (
+from skinnet.protocol.messages import (
     STREAM_ROW,
     ControllerState,
     EventKind,
@@ -17,8 +17,8 @@ from skinnet.messages import (
     Stream,
     Topology,
 )
-from skinnet.view.atlas import SkinLayout, build_skin_layout
-from skinnet.view.state import ReceivedMessage, RunState
+from skinnet.view.state.run_state import ReceivedMessage, RunState
+from skinnet.view.state.skin_layout import SkinLayout, build_skin_layout
 
 MS = 1_000_000
 SHEETS: dict[str, Any] = {

@@ -11,15 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cells.sheets.network import BoardNetwork
+from cells.sheets.board_network import BoardNetwork
+from cells.sheets.pressure_transducers import PressureTransducers
+from cells.sheets.region_quantisation import FORCE_STEP_N, MAX_ROWS, PEAK_STEPS, XI_STEP_M
 from cells.sheets.regions import RegionTracker
-from cells.sheets.transducers import PressureTransducers
-from cells.sheets.wire import FORCE_STEP_N, MAX_ROWS, PEAK_STEPS, XI_STEP_M
-from skinnet.deployment.sheets import MAX_SIDE, BoardNetworkSpec, BoardSpec
-from skinnet.network.ledger import PacketSlots
+from skinnet.deployment.skin.sheets import MAX_SIDE, BoardNetworkSpec, BoardSpec
+from skinnet.network.packet_ids import PacketSlots
 from skinnet.network.records import Outcome
-from skinnet.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW
-from skinnet.skin.sheet import PlacedSheet
+from skinnet.protocol.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW
+from skinnet.skin.tactile_sheets import PlacedSheet
 
 __all__ = ["Boards", "DeliveredMessages", "MessageKind"]
 

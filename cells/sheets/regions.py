@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cells.sheets.matching import TrackedRegions, match_regions
-from cells.sheets.wire import MAX_REGIONS, MAX_ROWS
-from skinnet.compiled import compiled
-from skinnet.deployment.sheets import RegionSpec
+from cells.sheets.region_quantisation import MAX_REGIONS, MAX_ROWS
+from cells.sheets.region_tracking import TrackedRegions, match_regions
+from skinnet.compilation import compiled
+from skinnet.deployment.skin.sheets import RegionSpec
 from skinnet.errors import DeploymentError
-from skinnet.sheet_messages import REGION_ROW
-from skinnet.skin.sheet import PlacedSheet
+from skinnet.protocol.sheet_messages import REGION_ROW
+from skinnet.skin.tactile_sheets import PlacedSheet
 
 __all__ = ["RegionTracker"]
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.grasping.directives import Area
 from controller.grasping.state_machine import Event
-from controller.touch.fusion import TactileState
-from skinnet.deployment.session import TeachAndGraspSpec
-from skinnet.messages import Modality
+from controller.grasping.state_parameters import Area
+from controller.touch.tactile_state import TactileState
+from skinnet.deployment.controller.teach_and_grasp import TeachAndGraspSpec
+from skinnet.protocol.messages import Modality
 
 __all__ = ["TouchEventDetector", "group_by_limb"]
 

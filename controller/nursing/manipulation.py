@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.nursing.contacts import InitialContacts, Region, Sheet, initial_contacts
-from controller.nursing.feedback import Impedance, TactileFeedback
-from controller.nursing.following import ContactTracker
-from controller.nursing.kinematics import Kinematics
-from controller.nursing.limits import JointLimits
-from controller.nursing.mobility import mobility
-from controller.nursing.trajectory import (
+from controller.nursing.contacts.contact_frames import InitialContacts, Region, Sheet, initial_contacts
+from controller.nursing.contacts.contact_tracking import ContactTracker
+from controller.nursing.contacts.tactile_feedback import Impedance, TactileFeedback
+from controller.nursing.kinematics.joint_limits import JointLimits
+from controller.nursing.kinematics.mobility import mobility
+from controller.nursing.kinematics.robot_model import Kinematics
+from controller.nursing.trajectory_generation import (
     Solver,
     TrajectoryGenerator,
     TrajectoryStep,
@@ -19,7 +19,7 @@ from controller.nursing.trajectory import (
     closed_form,
     desired_contacts,
 )
-from skinnet.deployment.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec
+from skinnet.deployment.controller.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec
 
 __all__ = ["Manipulation"]
 
@@ -131,6 +131,6 @@ def _impedance(spec: ImpedanceSpec) -> Impedance:
 def _solver(spec: NursingSpec, kinematics: Kinematics) -> Solver:
     if spec.solver == "closed_form":
         return closed_form
-    from controller.nursing.quadratic import quadratic_programme  # optional dependency
+    from controller.nursing.quadratic_programme import quadratic_programme  # optional dependency
 
     return quadratic_programme(kinematics)

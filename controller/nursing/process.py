@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.nursing.own_model import build_kinematics
-from controller.nursing.program import NursingCommand, NursingProgram
-from controller.nursing.skin_input import BoardInput, sheet_surfaces
-from controller.offers import describe_nursing
-from controller.requests import Reply, RequestQueue
-from controller.state_record import StateRecorder
-from controller.touch.safety import SafetyClamp, SafetyLimits
+from controller.capabilities import describe_nursing
+from controller.nursing.contacts.board_input import BoardInput, sheet_surfaces
+from controller.nursing.kinematics.model_errors import build_kinematics
+from controller.nursing.nursing_program import NursingCommand, NursingProgram
+from controller.request_queue import Reply, RequestQueue
+from controller.state_recorder import StateRecorder
+from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from skinnet.body.model import load_model
-from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARD_PROCESS
+from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.loop import Put
-from skinnet.messages import FOREVER_NS, Command, ControllerState, Joints, Request, decode, encode
-from skinnet.part import ProcessResult
-from skinnet.sheet_messages import Regions
-from skinnet.skin.sheet import place_sheets
-from skinnet.upstream import Upstream
+from skinnet.protocol.channels import RECORDER, Keys, Role
+from skinnet.protocol.messages import FOREVER_NS, Command, ControllerState, Joints, Request, decode, encode
+from skinnet.protocol.sheet_messages import Regions
+from skinnet.runtime.loop import Put
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.upstream import Upstream
+from skinnet.skin.tactile_sheets import place_sheets
 
 __all__ = ["NursingProcess"]
 

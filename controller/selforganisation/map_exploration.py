@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.selforganisation.exploration import PositionControl
+from controller.selforganisation.kinematic_structure import format_numbers
 from controller.selforganisation.lock_in import LockIn
-from controller.selforganisation.structure import format_numbers
 
 __all__ = ["Deflections", "MapExploration", "MapExplorationConfig"]
 

@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.selforganisation.exploration import PositionControl
-from controller.selforganisation.structure import KinematicStructure, activity_matrix, find_structure
+from controller.selforganisation.kinematic_structure import (
+    KinematicStructure,
+    activity_matrix,
+    find_structure,
+)
 
 __all__ = ["StructuralExploration", "StructuralExplorationConfig"]
 

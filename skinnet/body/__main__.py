@@ -2,6 +2,6 @@
 
 import sys
 
-from skinnet.worker import main
+from skinnet.runtime.worker import main
 
 sys.exit(main("skinnet.body"))

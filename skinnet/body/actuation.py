@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.model import BodyModel, equilibrium_targets_rad
-from skinnet.compiled import compiled_without_nrt
-from skinnet.deployment.schema import ServoSpec
+from skinnet.compilation import compiled_without_nrt
+from skinnet.deployment.deployment import ServoSpec
 
 __all__ = ["Actuation", "is_valid_command"]
 

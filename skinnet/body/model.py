@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.things import OBJECT, STAND, PlacedObject, add_stand, solids_by_geom_name
-from skinnet.body.yielding import compliant_layer, delay_rigid_contact
+from skinnet.body.contact.compliant_layer import compliant_layer, delay_rigid_contact
+from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject, add_stand, solids_by_geom_name
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.payload import PayloadSpec
-from skinnet.deployment.schema import BodySpec
+from skinnet.deployment.deployment import BodySpec
+from skinnet.deployment.environment.payload import PayloadSpec
 from skinnet.errors import DeploymentError, ModelError
 from skinnet.skin.placement import PlacedPatch
 

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.scripted_body import ScriptedBody
+from skinnet.body.plant import Plant as BodyWorld
+from skinnet.body.scripted.scripted_body import ScriptedBody
 from skinnet.body.simulation import BodySimulation
-from skinnet.body.world import Plant as BodyWorld
-from skinnet.channels import RECORDER, Keys, Role
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
-from skinnet.loop import Put
-from skinnet.messages import Command, Joints, Stimulus, decode, encode
-from skinnet.part import ProcessResult
-from skinnet.record_messages import FreeBodyPoses
-from skinnet.sheet_messages import Pressures
-from skinnet.upstream import Upstream
+from skinnet.protocol.channels import RECORDER, Keys, Role
+from skinnet.protocol.messages import Command, Joints, Stimulus, decode, encode
+from skinnet.protocol.recorded_messages import FreeBodyPoses
+from skinnet.protocol.sheet_messages import Pressures
+from skinnet.runtime.loop import Put
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.upstream import Upstream
 
 __all__ = ["BodyProcess", "build"]
 

@@ -10,27 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
-from skinnet.body.foundation import Foundation, compliant_layers, foam_from_spec
-from skinnet.body.grasp_truth import GraspGroundTruth
-from skinnet.body.loose import FreeBodies
+from skinnet.body.contact.contact_scene import build_contact_scene, motion_views
+from skinnet.body.contact.sheet_foundation import SheetFoundation
+from skinnet.body.contact.sheet_surface import sheet_surface
+from skinnet.body.contact.skin_foundation import Foundation, compliant_layers, foam_from_spec
+from skinnet.body.contact.skin_surface import SkinSurface, build_skin_surface
+from skinnet.body.environment.free_bodies import FreeBodies
+from skinnet.body.environment.payload import GripController, Payload
+from skinnet.body.environment.stand import Stand
+from skinnet.body.environment.stand_model import place_object
+from skinnet.body.ground_truth.contact_onsets import PeakForceTrace, reaction_crossing_detector
+from skinnet.body.ground_truth.grasp_outcome import GraspGroundTruth
 from skinnet.body.model import equilibrium_targets_rad, load_model
-from skinnet.body.payload import GripController, Payload
-from skinnet.body.scene import build_contact_scene, motion_views
-from skinnet.body.sheet_foundation import SheetFoundation
-from skinnet.body.sheet_surface import sheet_surface
-from skinnet.body.stand import Stand
+from skinnet.body.plant import GroundTruth
 from skinnet.body.stimulus import StimulusSampler
-from skinnet.body.surface import SkinSurface, build_skin_surface
 from skinnet.body.sway import Sway
-from skinnet.body.teacher import Teacher, TeacherSkin
-from skinnet.body.things import place_object
-from skinnet.body.truth import PeakForceTrace, reaction_crossing_detector
-from skinnet.body.world import GroundTruth
+from skinnet.body.teacher.teacher import Teacher, TeacherSkin
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.schema import Deployment
+from skinnet.deployment.deployment import Deployment
 from skinnet.errors import ModelError
 from skinnet.skin.placement import place_patch
-from skinnet.skin.sheet import place_sheets
+from skinnet.skin.tactile_sheets import place_sheets
 
 __all__ = ["BodySimulation"]
 

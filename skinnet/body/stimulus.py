@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.foundation import Foundation
-from skinnet.body.points import cell_axis, point_above_cell, point_velocity, solids_near_patch
-from skinnet.body.scene import ContactScene, Motion, may_intersect_sphere, ray_distance_m
-from skinnet.body.surface import SkinSurface
-from skinnet.body.winkler import ContactState
-from skinnet.compiled import compiled_without_nrt
-from skinnet.messages import STIMULUS_NAMES
+from skinnet.body.contact.contact_scene import ContactScene, Motion, may_intersect_sphere, ray_distance_m
+from skinnet.body.contact.skin_foundation import Foundation
+from skinnet.body.contact.skin_points import cell_axis, point_above_cell, point_velocity, solids_near_patch
+from skinnet.body.contact.skin_surface import SkinSurface
+from skinnet.body.contact.winkler import ContactState
+from skinnet.compilation import compiled_without_nrt
+from skinnet.protocol.messages import STIMULUS_NAMES
 
 __all__ = ["StimulusSampler", "write_proper_acceleration"]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.schema import SwaySpec
-from skinnet.seeding import StreamName, stream_key, uniform
+from skinnet.deployment.deployment import SwaySpec
+from skinnet.random_streams import StreamName, stream_key, uniform
 
 __all__ = ["Sway"]
 

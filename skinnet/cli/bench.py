@@ -5,8 +5,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from skinnet.bench.network import run_benchmarks
 from skinnet.cli.console import JsonOption, console, write_report
+from skinnet.tools.bench.kernel_benchmark import run_benchmarks
 
 __all__ = ["app"]
 

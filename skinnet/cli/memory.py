@@ -13,13 +13,13 @@ from rich.table import Table
 from skinnet.body.model import load_model
 from skinnet.cli.console import console
 from skinnet.deployment import load
-from skinnet.deployment.checks import check
-from skinnet.deployment.recall import check_compatible, read_memory_json
+from skinnet.deployment.checks.checks import check
+from skinnet.deployment.memory_loading import check_compatible, read_memory_json
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes
-from skinnet.memory.exchange import to_json
-from skinnet.memory.record import MemoryContents
-from skinnet.memory.store import read_memory, write_memory
+from skinnet.memory.contents import MemoryContents
+from skinnet.memory.json_export import to_json
+from skinnet.memory.sqlite_store import read_memory, write_memory
 
 __all__ = ["app"]
 

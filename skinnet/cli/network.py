@@ -8,7 +8,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from skinnet.cli.console import JsonOption, console, write_report
-from skinnet.network.simulate import SimulationFiles, simulate_csv
+from skinnet.network.csv.csv_simulation import SimulationFiles, simulate_csv
 
 __all__ = ["app"]
 

@@ -14,13 +14,13 @@ from skinnet.cli.console import (
     console,
     write_report,
 )
+from skinnet.cli.plan_table import print_plan
 from skinnet.deployment import load
-from skinnet.deployment.checks import check
+from skinnet.deployment.checks.checks import check
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
-from skinnet.plan.plan import make_plan
-from skinnet.plan.report import plan_report
-from skinnet.plan.table import print_plan
+from skinnet.tools.plan.json_report import plan_report
+from skinnet.tools.plan.plan import make_plan
 
 __all__ = ["EXAMPLES", "plan"]
 
@@ -79,7 +79,7 @@ def plan(
         folder = out or Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}"
         write_json(folder / "plan.json", result)
     if plots and folder is not None:
-        from skinnet.plan.picture import draw_plan  # matplotlib takes a second to import
+        from skinnet.tools.plan.plan_plot import draw_plan  # matplotlib takes a second to import
 
         draw_plan(made).savefig(folder / "plan.png", dpi=_DPI)
     print_plan(terminal, result)

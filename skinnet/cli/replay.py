@@ -8,10 +8,10 @@ import typer
 
 from skinnet.cli.console import JsonOption, SettingsOption, console, require_extra, write_report
 from skinnet.deployment import Deployment, load
-from skinnet.deployment.checks import check
+from skinnet.deployment.checks.checks import check
 from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
-from skinnet.run.watch import free_endpoint
+from skinnet.run.observers.observer_endpoint import free_endpoint
 
 __all__ = ["EXAMPLES", "replay"]
 
@@ -124,7 +124,7 @@ def _publish(
     base: Path | None,
     wait: bool,
 ) -> None:
-    from skinnet.recording.publish import PlaybackOptions, publish_recording
+    from skinnet.recording.playback_publisher import PlaybackOptions, publish_recording
     from skinnet.recording.reader import Recording
 
     begin_s, end_s, rate, loop = interval

@@ -28,8 +28,8 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one HTML page: summary, plots, metrics beside the paper's, deployment, versions."""
-    from skinnet.report.collect import read_run_folder
-    from skinnet.report.html import render_html
+    from skinnet.analysis.report.html import render_html
+    from skinnet.analysis.report.run_folder import read_run_folder
 
     page = render_html(read_run_folder(run))
     target = out or run / "report.html"

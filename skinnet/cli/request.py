@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from skinnet.channels import Keys
 from skinnet.errors import DeploymentError, ProtocolError, SkinnetError, UnreachableError
-from skinnet.messages import Answer, decode
-from skinnet.transport.client import query
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import Answer, decode
+from skinnet.transport.queries import query
 
 __all__ = ["EXAMPLES", "request"]
 

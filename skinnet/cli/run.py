@@ -18,13 +18,13 @@ from skinnet.cli.console import (
     seed_range,
     write_report,
 )
+from skinnet.cli.deployment_listing import print_deployment
+from skinnet.cli.summary_table import print_summary
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
-from skinnet.run.explain import print_deployment
 from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.observers.page_process import PageProcess
 from skinnet.run.progress import ProgressDisplay
-from skinnet.run.table import print_summary
-from skinnet.run.viewer import PageProcess
 
 __all__ = ["EXAMPLES", "check", "run"]
 

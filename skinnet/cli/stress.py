@@ -18,13 +18,13 @@ from skinnet.cli.console import (
     write_report,
 )
 from skinnet.deployment import Deployment, resolved_json
-from skinnet.deployment.stress import StressSpec
+from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import DeploymentError, SkinnetError
 from skinnet.files import write_bytes, write_json
 from skinnet.run.environment import environment
 from skinnet.run.launch import RunOptions, load_and_check
-from skinnet.stress.report import print_table, sweep_metrics
-from skinnet.stress.sweep import PointResult, run_sweep
+from skinnet.tools.stress.sweep import PointResult, run_sweep
+from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 
 __all__ = ["stress"]
 
@@ -130,6 +130,6 @@ def _stress_spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
 
 
 def _draw(spec: StressSpec, deployment: Deployment, results: list[PointResult], folder: Path) -> None:
-    from skinnet.stress.plots import draw_plots  # matplotlib takes a second to import
+    from skinnet.tools.stress.plots import draw_plots  # matplotlib takes a second to import
 
     draw_plots(deployment, spec, results, folder)

@@ -50,7 +50,7 @@ def view(
     if hasattr(os, "nice"):
         os.nice(_NICE_INCREMENT)
     require_extra("view", "viser", "mcap", "zstandard")
-    from skinnet.view.show import ViewOptions, serve_page
+    from skinnet.view.page.page_service import ViewOptions, serve_page
 
     terminal = console()
 

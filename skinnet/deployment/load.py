@@ -9,7 +9,7 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from skinnet.deployment.schema import Deployment
+from skinnet.deployment.deployment import Deployment
 from skinnet.errors import DeploymentError
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]

@@ -1,6 +1,6 @@
 """Power network spec: supply, resistances and brown-out of the cells."""
 
-from skinnet.deployment.table import NonNegative, PortName, Positive, Table
+from skinnet.deployment.types import NonNegative, PortName, Positive, Table
 
 __all__ = ["PowerSpec"]
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compiled import compiled, compiled_inline
+from skinnet.compilation import compiled, compiled_inline
 from skinnet.network.records import (
     FREE,
     IN_FLIGHT,
@@ -24,7 +24,7 @@ from skinnet.network.records import (
     Records,
 )
 from skinnet.network.routes import NO_LINK
-from skinnet.seeding import hash64, uniform
+from skinnet.random_streams import hash64, uniform
 
 __all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "enqueue", "fail_link"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skinnet.compiled import compiled
+from skinnet.compilation import compiled
 from skinnet.network.topology import Topology
 
 __all__ = ["NO_LINK", "Routes", "min_hop_routes"]

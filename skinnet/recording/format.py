@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from skinnet.channels import CHANNELS, Channel, Keys
-from skinnet.messages import Message
+from skinnet.protocol.channels import CHANNELS, Channel, Keys
+from skinnet.protocol.messages import Message
 
 __all__ = [
     "DEPLOYMENT_ATTACHMENT",

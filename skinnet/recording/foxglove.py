@@ -9,14 +9,14 @@ from pathlib import Path
 
 from foxglove import messages as fox
 
-from skinnet.body.links import WORLD_FRAME, LinkKinematics
-from skinnet.body.shapes import VisualModel
+from skinnet.body.link_kinematics import WORLD_FRAME, LinkKinematics
+from skinnet.body.visual_shapes import VisualModel
 from skinnet.clock import NS_PER_MS, NS_PER_S
 from skinnet.deployment import Deployment
-from skinnet.messages import Answer, ControllerState, Joints, Topology, decode
-from skinnet.record_messages import FaultEvent, FreeBodyPoses
-from skinnet.recording.painted import SkinScene
-from skinnet.recording.solids import body_scene
+from skinnet.protocol.messages import Answer, ControllerState, Joints, Topology, decode
+from skinnet.protocol.recorded_messages import FaultEvent, FreeBodyPoses
+from skinnet.recording.body_scene import body_scene
+from skinnet.recording.skin_scene import SkinScene
 from skinnet.recording.writer import RecordingWriter
 
 __all__ = ["BODY_TOPIC", "LOG_TOPIC", "MESSAGE_TYPES", "SKIN_TOPIC", "TRANSFORMS_TOPIC", "FoxgloveConverter"]

@@ -15,20 +15,20 @@ from typing import Any
 
 import msgspec
 
-from skinnet.channels import EXTERNAL, Keys, Role
 from skinnet.deployment import Deployment
-from skinnet.deployment.schema import BOARD_PROCESS
+from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import ProtocolError
-from skinnet.loop import Put
-from skinnet.messages import FOREVER_NS, encode
-from skinnet.network.faults import fault_schedule
-from skinnet.part import ProcessResult
-from skinnet.record_messages import FaultEvent
+from skinnet.network.faults.fault_schedule import fault_schedule
+from skinnet.protocol.channels import EXTERNAL, Keys, Role
+from skinnet.protocol.messages import FOREVER_NS, encode
+from skinnet.protocol.recorded_messages import FaultEvent
 from skinnet.recording.format import FILE_NAME, key_expression, recorded_channels
 from skinnet.recording.foxglove import FoxgloveConverter
 from skinnet.recording.writer import RecordingWriter
+from skinnet.runtime.loop import Put
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.upstream import Upstream
 from skinnet.skin.placement import place_patches
-from skinnet.upstream import Upstream
 
 __all__ = ["RecorderProcess", "build"]
 

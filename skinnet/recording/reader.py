@@ -13,12 +13,12 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata
 
-from skinnet.channels import Keys
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
 from skinnet.errors import ProtocolError, RecordingError
+from skinnet.protocol.channels import Keys
 from skinnet.recording.format import DEPLOYMENT_ATTACHMENT, FORMAT_VERSION, MEMORY_PREFIX, METADATA_NAME
-from skinnet.recording.mcap_file import MAGIC, MESSAGE_HEADER
+from skinnet.recording.mcap_writer import MAGIC, MESSAGE_HEADER
 
 __all__ = ["RecordedMessage", "Recording"]
 

@@ -15,11 +15,11 @@ import msgspec
 
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError, RecordingError
-from skinnet.loop import LogicalProcess
-from skinnet.messages import Command, decode
+from skinnet.protocol.messages import Command, decode
 from skinnet.recording.reader import Recording
-from skinnet.transport.base import key_matches
-from skinnet.worker import build_process
+from skinnet.runtime.loop import LogicalProcess
+from skinnet.runtime.worker import build_process
+from skinnet.transport.interface import key_matches
 
 __all__ = ["CommandDifference", "ReplayResult", "replay_into", "require_same_robot", "with_memory"]
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import IO
 
 from skinnet import __version__
-from skinnet.channels import Channel, Keys
 from skinnet.deployment import Deployment, resolved_json
 from skinnet.errors import RecorderError
+from skinnet.protocol.channels import Channel, Keys
 from skinnet.recording.format import (
     DEPLOYMENT_ATTACHMENT,
     FORMAT_VERSION,
@@ -20,7 +20,7 @@ from skinnet.recording.format import (
     json_schema,
     schema_name,
 )
-from skinnet.recording.mcap_file import McapWriter
+from skinnet.recording.mcap_writer import McapWriter
 
 __all__ = ["RecordingWriter"]
 

@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from skinnet.body.links import LinkKinematics
-from skinnet.channels import Keys, channel
+from skinnet.body.link_kinematics import LinkKinematics
 from skinnet.clock import NS_PER_S, next_multiple
 from skinnet.errors import ProtocolError, SkinnetError
-from skinnet.messages import encode
-from skinnet.outside_messages import ExternalVelocity
-from skinnet.ros2 import types
-from skinnet.ros2.control import VelocityCommandParser
-from skinnet.ros2.mirror import SUBSCRIBED_CHANNELS, RosMessageBuilder
+from skinnet.protocol.channels import Keys, channel
+from skinnet.protocol.external_messages import ExternalVelocity
+from skinnet.protocol.messages import encode
+from skinnet.ros2 import message_types as types
+from skinnet.ros2.message_builder import SUBSCRIBED_CHANNELS, RosMessageBuilder
 from skinnet.ros2.node import RosNode, RosPublisher
 from skinnet.ros2.qos import Durability, QosProfile, Reliability
-from skinnet.transport.client import query_deployment
-from skinnet.transport.open_session import PublicSession
+from skinnet.ros2.velocity_commands import VelocityCommandParser
+from skinnet.transport.public_session import PublicSession
+from skinnet.transport.queries import query_deployment
 
 __all__ = ["NODE_NAME", "BridgeOptions", "bridge"]
 

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.surface import hexagon_m
-from skinnet.ros2.convert import frame_id, header
-from skinnet.ros2.places import CellPoses
+from skinnet.body.contact.skin_surface import hexagon_m
+from skinnet.ros2.cell_poses import CellPoses
+from skinnet.ros2.conversion import frame_id, header
+from skinnet.ros2.message_types import MARKER_ARRAY, make_message
 from skinnet.ros2.readings import PROXIMITY, CellReadings
-from skinnet.ros2.types import MARKER_ARRAY, make_message
 
 __all__ = ["SkinMarkers", "marker_colour"]
 

@@ -6,10 +6,16 @@ from typing import Any
 
 from skinnet.errors import SkinnetError
 from skinnet.ros2.attachment import Attachment, gid_of
-from skinnet.ros2.keys import Entity, EntityType, NodeInfo, dds_type_name, publisher_tokens_expression
+from skinnet.ros2.message_types import encode, type_hash
 from skinnet.ros2.qos import Durability, QosProfile, Reliability
-from skinnet.ros2.types import encode, type_hash
-from skinnet.transport.open_session import OnSample, PublicSession, Publisher
+from skinnet.ros2.rmw_zenoh_keys import (
+    Entity,
+    EntityType,
+    NodeInfo,
+    dds_type_name,
+    publisher_tokens_expression,
+)
+from skinnet.transport.public_session import OnSample, PublicSession, Publisher
 
 __all__ = ["RosNode", "RosPublisher"]
 

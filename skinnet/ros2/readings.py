@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
-from skinnet.messages import N_FORCE_CHANNELS, READING_NAMES, STREAM_ROW, Events, Stream, Topology, unpack
+from skinnet.protocol.messages import (
+    N_FORCE_CHANNELS,
+    READING_NAMES,
+    STREAM_ROW,
+    Events,
+    Stream,
+    Topology,
+    unpack,
+)
 
 __all__ = ["PROXIMITY", "TEMPERATURE", "CellReadings", "DeliveryCounts"]
 

@@ -4,17 +4,17 @@ import asyncio
 import os
 from pathlib import Path
 
-from skinnet.channels import EXTERNAL, RECORDER, Keys
 from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.loop import Closeable, LogicalProcess, run_loop
-from skinnet.run.loads import monitor_processes
-from skinnet.run.outcome import Outcome, ProcessFailure, ProcessReport
-from skinnet.run.processes import process_list
+from skinnet.protocol.channels import EXTERNAL, RECORDER, Keys
+from skinnet.run.observers.observer_endpoint import ObserverEndpoint
+from skinnet.run.observers.process_monitor import monitor_processes
+from skinnet.run.process_list import process_list
 from skinnet.run.progress import ProgressDisplay
-from skinnet.run.watch import ObserverEndpoint
-from skinnet.transport.memory import InMemoryHub
-from skinnet.worker import build_process, result_of
+from skinnet.runtime.loop import Closeable, LogicalProcess, run_loop
+from skinnet.runtime.outcome import Outcome, ProcessFailure, ProcessReport
+from skinnet.runtime.worker import build_process, result_of
+from skinnet.transport.in_memory import InMemoryHub
 
 __all__ = ["run_in_process"]
 

@@ -9,23 +9,23 @@ from pathlib import Path
 from typing import Any
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.channels import Keys
 from skinnet.deployment import Deployment, load, resolved_json
-from skinnet.deployment.checks import check
-from skinnet.deployment.recall import load_memory
+from skinnet.deployment.checks.checks import check
+from skinnet.deployment.memory_loading import load_memory
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json
-from skinnet.network.faults import check_targets
-from skinnet.outside_messages import DeploymentInfo
+from skinnet.network.faults.fault_schedule import check_targets
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.run.in_process import run_in_process
-from skinnet.run.outcome import Outcome
+from skinnet.run.observers.observer_endpoint import ObserverEndpoint
 from skinnet.run.progress import ProgressDisplay
 from skinnet.run.summary import summarise
-from skinnet.run.supervise import run_processes
-from skinnet.run.watch import ObserverEndpoint
+from skinnet.run.supervisor import run_processes
+from skinnet.runtime.outcome import Outcome
 from skinnet.skin.placement import place_patches, resolve_bridges
-from skinnet.skin.sheet import place_sheets
-from skinnet.skin.whole import join_patches
+from skinnet.skin.tactile_sheets import place_sheets
+from skinnet.skin.whole_skin import join_patches
 
 __all__ = ["RunOptions", "load_and_check", "run_once"]
 
@@ -141,7 +141,7 @@ async def _run(
 def _draw_plots(
     deployment: Deployment, base: Path, outcome: Outcome, out: Path, print_line: Callable[[str], None]
 ) -> None:
-    from skinnet.run.plots import draw_plots  # matplotlib takes a second to import
+    from skinnet.analysis.plots import draw_plots  # matplotlib takes a second to import
 
     for line in draw_plots(deployment, base, outcome, out):
         print_line(line)

@@ -6,10 +6,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from skinnet.channels import Keys
 from skinnet.errors import ProtocolError
-from skinnet.messages import ControllerState, decode
-from skinnet.transport.base import Transport
+from skinnet.protocol.channels import Keys
+from skinnet.protocol.messages import ControllerState, decode
+from skinnet.transport.interface import Transport
 
 __all__ = ["ProgressDisplay"]
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from skinnet import __version__
-from skinnet.channels import RECORDER
+from skinnet.analysis.metrics import compute_metrics
 from skinnet.deployment import Deployment
-from skinnet.part import ProcessResult
+from skinnet.protocol.channels import RECORDER
 from skinnet.run.environment import environment
-from skinnet.run.figures import compute_metrics
-from skinnet.run.outcome import Outcome
+from skinnet.runtime.outcome import Outcome
+from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["log_sha256", "summarise"]
 

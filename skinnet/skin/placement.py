@@ -11,8 +11,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skinnet.deployment.schema import BridgeSpec, CellPoseSpec, CellSpec, LatticeSpec, PatchSpec
-from skinnet.deployment.table import parse_port
+from skinnet.deployment.deployment import BridgeSpec, CellPoseSpec, CellSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.types import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 

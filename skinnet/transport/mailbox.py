@@ -7,7 +7,7 @@ import asyncio
 import threading
 from collections import deque
 
-from skinnet.transport.base import Delivery
+from skinnet.transport.interface import Delivery
 
 __all__ = ["TaskMailbox", "ThreadMailbox"]
 

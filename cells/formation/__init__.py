@@ -1,0 +1,1 @@
+"""Network formation: cell and gateway agents, link layer, routing forest."""

@@ -1,0 +1,1 @@
+"""Data path of the cells: packets, wiring, link faults, outages."""

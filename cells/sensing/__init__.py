@@ -1,0 +1,1 @@
+"""Sensing of the cells: transducers, encoding, sensor faults."""

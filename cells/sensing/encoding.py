@@ -1,0 +1,246 @@
+"""Event encodings of readings: level crossing with hysteresis, send-on-delta, periodic [M14, V.C; B15].
+
+Each cell has its own encoding. `levels` sends force and proximity when they cross a level of Table I;
+`delta` sends every channel that has changed by more than its delta since it was last sent; `clock` sends the
+full reading each period, as does a cell of any encoding with `stream` set.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cells.sensing.encoder_settings import (
+    DELTA_MODALITIES,
+    LEVEL_MODALITIES,
+    MAX_LEVELS,
+    validated_deltas,
+    validated_hysteresis,
+    validated_levels,
+)
+from skinnet.compilation import compiled
+from skinnet.deployment.deployment import CellSpec
+from skinnet.errors import DeploymentError, ProtocolError
+from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
+
+__all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Encoder", "EncoderOutput", "EncoderState"]
+
+ENCODINGS = ("levels", "delta", "clock")
+_LEVEL_CROSSING, _SEND_ON_DELTA, _PERIODIC = range(len(ENCODINGS))
+_N = len(READING_NAMES)
+_CHANNELS_PER_MODALITY = (N_FORCE_CHANNELS, 1, 3, 1)
+MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_CHANNELS_PER_MODALITY[modality]))
+"""Modality of each column of a reading, (8,)."""
+CHANNEL_OF = tuple(channel for width in _CHANNELS_PER_MODALITY for channel in range(width))
+"""Channel index within its modality of each column of a reading, (8,)."""
+_LEVEL_CHANNELS = N_FORCE_CHANNELS + 1
+_LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL), int(EventKind.DELTA)
+
+
+class EncoderOutput(NamedTuple):
+    """Encoder output of one period, ordered by cell and channel; valid until the next call.
+
+    Event columns of equal length: `cell` int64, `modality`, `channel`, `kind` and `level` uint8, `value`
+    float32, as in `skinnet.protocol.messages.Events`. `full_cell` int64: cells that send their full reading.
+    """
+
+    cell: NDArray[np.int64]
+    modality: NDArray[np.uint8]
+    channel: NDArray[np.uint8]
+    kind: NDArray[np.uint8]
+    level: NDArray[np.uint8]
+    value: NDArray[np.float32]
+    full_cell: NDArray[np.int64]
+
+
+class EncoderState(NamedTuple):
+    """Encoder settings and last sent levels and values, one entry per cell in each array; opaque."""
+
+    encoding: NDArray[np.uint8]
+    stream: NDArray[np.bool_]
+    levels: NDArray[np.float32]
+    hysteresis: NDArray[np.float64]
+    deltas: NDArray[np.float64]
+    last_level: NDArray[np.uint8]
+    last_sent: NDArray[np.float64]
+
+
+class Encoder:
+    """Event encoder of a set of cells, with the last sent level and value of each channel.
+
+    A change of encoding keeps the last sent levels, so that the receiver's state stays consistent: changes
+    in the meantime are sent with the next sample.
+    """
+
+    def __init__(self, spec: CellSpec, n_cells: int) -> None:
+        """Initialise all cells from `spec`, at level 0, without streaming.
+
+        Raises:
+            DeploymentError: invalid levels, hysteresis or deltas in `spec`.
+        """
+        levels = {"force": list(spec.force.levels), "proximity": list(spec.proximity.levels)}
+        hysteresis = {"force": spec.force.hysteresis, "proximity": spec.proximity.hysteresis}
+        deltas = {
+            "force": spec.force.delta,
+            "proximity": spec.proximity.delta,
+            "acceleration": spec.accelerometer.delta_g,
+            "temperature": spec.temperature.delta_c,
+        }
+        try:
+            # float32, as readings are: a reading that equals a threshold has reached it
+            thresholds = np.array([validated_levels(levels)[m] for m in LEVEL_MODALITIES], dtype=np.float32)
+            margins = np.array([validated_hysteresis(hysteresis)[m] for m in LEVEL_MODALITIES])
+            steps = np.array([validated_deltas(deltas)[m] for m in DELTA_MODALITIES])
+        except ValueError as error:
+            raise DeploymentError(f"cells: {error}") from error
+        self._initial_state = EncoderState(
+            encoding=np.array([ENCODINGS.index(spec.encoding.kind)], dtype=np.uint8),
+            stream=np.zeros(1, dtype=np.bool_),
+            levels=thresholds[None],
+            hysteresis=margins[None],
+            deltas=steps[None],
+            last_level=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
+            last_sent=np.full((1, _N), np.nan),
+        )
+        self._state = EncoderState._make(np.repeat(column, n_cells, axis=0) for column in self._initial_state)
+        room = n_cells * _N
+        self._columns = EncoderOutput(
+            cell=np.empty(room, dtype=np.int64),
+            modality=np.empty(room, dtype=np.uint8),
+            channel=np.empty(room, dtype=np.uint8),
+            kind=np.empty(room, dtype=np.uint8),
+            level=np.empty(room, dtype=np.uint8),
+            value=np.empty(room, dtype=np.float32),
+            full_cell=np.empty(n_cells, dtype=np.int64),
+        )
+
+    @property
+    def last_levels(self) -> NDArray[np.uint8]:
+        """Last sent levels (n, 4) of three force sensors and proximity; a read-only view."""
+        view = self._state.last_level.view()
+        view.flags.writeable = False
+        return view
+
+    def encode(self, readings: NDArray[np.float32]) -> EncoderOutput:
+        """Encode `readings` (n, 8), the next sample of every cell."""
+        assert readings.shape == self._state.last_sent.shape
+        events, full = _encode(readings, *self._state, *self._columns)
+        columns: tuple[NDArray[Any], ...] = self._columns
+        return EncoderOutput._make(
+            [*(column[:events] for column in columns[:-1]), self._columns.full_cell[:full]]
+        )
+
+    def configure(self, cell: int, config: Config) -> None:
+        """Apply the settings of `config` to `cell`; fields that are None keep their value.
+
+        Raises:
+            ProtocolError: an invalid setting; then none is changed.
+        """
+        state = self._state
+        if not 0 <= cell < len(state.encoding):
+            raise ProtocolError(f"config of cell {cell}: the patch has cells 0 to {len(state.encoding) - 1}")
+        if config.encoding is not None and config.encoding not in ENCODINGS:
+            raise ProtocolError(
+                f"config of cell {cell}: encoding {config.encoding!r}; use one of {ENCODINGS}"
+            )
+        try:
+            levels = validated_levels(config.levels or {})
+            hysteresis = validated_hysteresis(config.hysteresis or {})
+            deltas = validated_deltas(config.deltas or {})
+        except ValueError as error:
+            raise ProtocolError(f"config of cell {cell}: {error}") from error
+        for name, thresholds in levels.items():
+            state.levels[cell, LEVEL_MODALITIES.index(name)] = thresholds
+        for name, margin in hysteresis.items():
+            state.hysteresis[cell, LEVEL_MODALITIES.index(name)] = margin
+        for name, delta in deltas.items():
+            state.deltas[cell, DELTA_MODALITIES.index(name)] = delta
+        if config.stream is not None:
+            state.stream[cell] = config.stream
+        if config.encoding is not None:
+            if ENCODINGS.index(config.encoding) != state.encoding[cell]:
+                state.last_sent[cell] = np.nan
+            state.encoding[cell] = ENCODINGS.index(config.encoding)
+
+    def reset(self, cells: NDArray[np.int64]) -> None:
+        """Reset `cells` after a power cycle: settings of the deployment, nothing sent yet."""
+        columns: tuple[NDArray[Any], ...] = self._state
+        for column, fresh in zip(columns, self._initial_state, strict=True):
+            column[cells] = fresh
+
+    def snapshot(self) -> EncoderState:
+        """Return a copy of the time-varying state."""
+        return EncoderState._make(column.copy() for column in self._state)
+
+    def restore(self, state: EncoderState) -> None:
+        """Restore a snapshot of an encoder with the same number of cells."""
+        self._state = EncoderState._make(column.copy() for column in state)
+
+
+@compiled
+def _next_level(reading: float, level: int, levels: NDArray[np.float32], hysteresis: float) -> int:
+    """Return the next level with hysteresis: up at a threshold, down below threshold − hysteresis.
+
+    A threshold of inf means none.
+    """
+    while level < MAX_LEVELS and reading >= levels[level]:
+        level += 1
+    while level > 0 and reading < levels[level - 1] - hysteresis:
+        level -= 1
+    return level
+
+
+@compiled
+def _encode(
+    readings: NDArray[np.float32],
+    encoding: NDArray[np.uint8],
+    stream: NDArray[np.bool_],
+    levels: NDArray[np.float32],
+    hysteresis: NDArray[np.float64],
+    deltas: NDArray[np.float64],
+    last_level: NDArray[np.uint8],
+    last_sent: NDArray[np.float64],
+    event_cell: NDArray[np.int64],
+    event_modality: NDArray[np.uint8],
+    event_channel: NDArray[np.uint8],
+    event_kind: NDArray[np.uint8],
+    event_level: NDArray[np.uint8],
+    event_value: NDArray[np.float32],
+    full_cell: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Write the events and the cells that send a full reading; return the number of each."""
+    events = 0
+    full = 0
+    for cell in range(readings.shape[0]):
+        if stream[cell] or encoding[cell] == _PERIODIC:
+            full_cell[full] = cell
+            full += 1
+        channels = 0
+        if encoding[cell] == _LEVEL_CROSSING:
+            channels = _LEVEL_CHANNELS
+        elif encoding[cell] == _SEND_ON_DELTA:
+            channels = _N
+        for channel in range(channels):
+            reading = float(readings[cell, channel])
+            modality = MODALITY_OF[channel]
+            level = 0
+            if encoding[cell] == _LEVEL_CROSSING:
+                kind = _LEVEL_EVENT
+                old = int(last_level[cell, channel])
+                level = _next_level(reading, old, levels[cell, modality], hysteresis[cell, modality])
+                if level == old:
+                    continue
+                last_level[cell, channel] = level
+            else:
+                kind = _DELTA_EVENT
+                if abs(reading - last_sent[cell, channel]) <= deltas[cell, modality]:
+                    continue  # never for the first sample: the last sent value is NaN
+                last_sent[cell, channel] = reading
+            event_cell[events] = cell
+            event_modality[events] = modality
+            event_channel[events] = CHANNEL_OF[channel]
+            event_kind[events] = kind
+            event_level[events] = level
+            event_value[events] = readings[cell, channel]
+            events += 1
+    return events, full

@@ -1,0 +1,1 @@
+"""Contacts of the nursing program: frames, tracking, tactile feedback."""

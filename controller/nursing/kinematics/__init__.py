@@ -1,0 +1,1 @@
+"""The controller's own model of the robot: kinematics, errors, limits, mobility."""

@@ -1,0 +1,1 @@
+"""Analysis of a run: metrics, plots, report."""

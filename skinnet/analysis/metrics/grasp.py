@@ -1,0 +1,113 @@
+"""Grasp metrics: success, states, forces, and contacts of the object."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from skinnet.analysis.metrics.teach_and_grasp import StateInterval, state_intervals
+from skinnet.deployment import Deployment
+from skinnet.deployment.deployment import ForceSpec
+from skinnet.runtime.process_result import ProcessResult
+
+__all__ = ["GRASP_STATES", "grasp_metrics", "object_metrics"]
+
+GRASP_STATES = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
+"""States of a grasp, including those that end it."""
+_MIN_HOLD_S = 5.0
+_SUPPORTED_WEIGHT_FRACTION = 0.5
+"""Fraction of its weight that the stand carries at the end if the object is back."""
+_G_M_S2 = 9.81
+
+
+def grasp_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
+    """Metrics of the last grasp of the run; empty without one."""
+    spans = state_intervals(controller)
+    begins = [i for i, span in enumerate(spans) if span.state == "open"]
+    if not begins:
+        return {}
+    grasp = [span for span in spans[begins[-1] :] if span.state in GRASP_STATES]
+    figures: dict[str, Any] = {"grasp.object": deployment.object, "grasp.attempts": len(begins)}
+    figures |= _state_metrics(grasp)
+    figures |= _force_metrics(deployment.cells.force, grasp, controller, body)
+    thing = body.facts.get("object")
+    carried = thing is not None and _was_carried(thing, body)
+    figures["grasp.success"] = bool(
+        carried and _had_three_contacts(grasp) and grasp[-1].event == "pose reached"
+    )
+    return figures
+
+
+def _had_three_contacts(grasp: list[StateInterval]) -> bool:
+    """Test for a full grasp: pulled to the chest with all three in contact, held, and released on request."""
+    order = [(span.state, span.event) for span in grasp]
+    pulled = [span for span in grasp if (span.state, span.event) == ("pull", "object touches the chest")]
+    held = ("hold", "release") in order
+    return bool(pulled) and held and all(cells > 0 for cells in pulled[-1].contacts)
+
+
+def _was_carried(object_facts: dict[str, Any], body: ProcessResult) -> bool:
+    """Test of the object: held for five seconds without the stand, and back on it at the end."""
+    stands_n = float(body.arrays["object_on_stand_n"][-1])
+    back = stands_n > _SUPPORTED_WEIGHT_FRACTION * object_facts["mass_kg"] * _G_M_S2
+    return object_facts["dropped_ns"] is None and object_facts["carried_away_s"] >= _MIN_HOLD_S and back
+
+
+def _state_metrics(grasp: list[StateInterval]) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    for span in grasp:
+        key = f"grasp.{span.state}_s"
+        figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
+    for span in grasp:
+        figures.setdefault(f"grasp.begin_s.{span.state}", span.start_ns * 1e-9)
+        if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
+            figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
+    failed = [span for span, after in pairwise(grasp) if after.state in ("set_down", "safe")]
+    figures["grasp.cancelled_in"] = failed[0].state if failed else ""
+    figures["grasp.cancelled_by"] = failed[0].event if failed else ""
+    figures["grasp.ends_in"] = grasp[-1].state
+    return figures
+
+
+def _force_metrics(
+    force: ForceSpec, grasp: list[StateInterval], controller: ProcessResult, body: ProcessResult
+) -> dict[str, Any]:
+    """Peak forces of the grasp: ground truth on one force cell, and readings that reached the controller."""
+    start_ns, end_ns = grasp[0].start_ns, grasp[-1].end_ns
+    t_ns = body.arrays["cell_t_ns"]
+    within = (t_ns >= start_ns) & (t_ns <= end_ns)
+    peak_n = float(body.arrays["cell_peak_n"][within].max(initial=0.0))
+    ticks = controller.arrays["patch_t_ns"]
+    told = controller.arrays["patch_felt"][(ticks >= start_ns) & (ticks <= end_ns), :, 0]
+    t_move = controller.arrays["t_ns"]
+    speed = np.abs(controller.arrays["velocity_rad_s"][(t_move >= start_ns) & (t_move <= end_ns)])
+    stages = {name.rpartition(".")[2]: n for name, n in body.facts["peak_cell_n"].items()}
+    by_state = {f"grasp.{span.state}.peak_force_n": stages.get(span.state, 0.0) for span in grasp}
+    return by_state | {
+        "grasp.peak_force_n": peak_n,
+        "grasp.peak_reading": float(np.interp(peak_n, force.calibration_n, force.calibration_reading)),
+        "grasp.peak_reading_told": float(told.max(initial=0.0)),
+        "grasp.peak_speed_rad_s": float(speed.max(initial=0.0)),
+    }
+
+
+def object_metrics(body: ProcessResult) -> dict[str, Any]:
+    """Object metrics from ground truth: its motion, and contacts with bare links, which have no skin."""
+    thing = body.facts.get("object")
+    if thing is None:
+        return {}
+    moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["placed_m"])
+    figures: dict[str, Any] = {
+        "object.name": thing["name"],
+        "object.placed_m": list(thing["placed_m"]),
+        "object.yaw_deg": float(np.degrees(thing["yaw_rad"])),
+        "object.carried_s": thing["carried_away_s"],
+        "object.dropped": thing["dropped_ns"] is not None,
+        "object.sunk_mm": 1e3 * thing["sunk_m"],
+        "object.peak_speed_m_s": thing["peak_speed_m_s"],
+        "object.moved_m": [float(m) for m in moved_m],
+    }
+    for name, met in sorted(thing["met"].items()):
+        figures[f"object.bare.{name}_n"] = met["peak_n"]
+        figures[f"object.bare.{name}_s"] = met["total_s"]
+    return figures

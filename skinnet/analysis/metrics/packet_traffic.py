@@ -1,0 +1,86 @@
+"""Network metrics: packets, drops, latencies, formation, recovery."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.runtime.process_result import ProcessResult
+
+__all__ = ["network_metrics", "percentile_us"]
+
+_DATA = ("event", "reading")
+
+
+def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
+    """Packet counts over all kinds, and latency of data packets from the sample to the gateway."""
+    if not cell_processes:
+        return {}
+    total: dict[str, int] = {}
+    data = data_dropped = 0
+    for host in cell_processes:
+        for kind, counts in host.facts["network"].items():
+            for name, value in counts.items():
+                total[name] = total.get(name, 0) + value
+            if kind in _DATA:
+                data += counts["offered"]
+                data_dropped += counts["offered"] - counts["delivered"] - counts["in_flight"]
+    offered, delivered, in_flight = (total.pop(name) for name in ("offered", "delivered", "in_flight"))
+    histogram = np.sum([host.arrays["latency_us"] for host in cell_processes], axis=0)
+    figures: dict[str, Any] = {
+        "network.offered": offered,
+        "network.delivered": delivered,
+        "network.dropped": sum(total.values()),
+        "network.in_flight": in_flight,
+        "network.conserved": offered == delivered + sum(total.values()) + in_flight,
+        "network.data_packets": data,
+        "network.data_dropped": data_dropped,
+    }
+    figures |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
+    if histogram.sum():
+        figures["network.latency_us.p50"] = percentile_us(histogram, 0.50)
+        figures["network.latency_us.p99"] = percentile_us(histogram, 0.99)
+        figures["network.latency_us.max"] = max(h.facts["latency_max_ns"] for h in cell_processes) * 1e-3
+    figures |= _formation_metrics(cell_processes) | _recovery_metrics(cell_processes)
+    return figures
+
+
+def _formation_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
+    """Metrics of network formation, and cells outside the network at the end."""
+    figures: dict[str, Any] = {}
+    figures["formation.packets"] = sum(host.facts["formation_packets"] for host in cell_processes)
+    formed_ns = [t_ns for host in cell_processes for t_ns in host.facts["formed_ns"].values()]
+    if None not in formed_ns:
+        figures["formation.sim_ms"] = max(formed_ns) * 1e-6
+    figures["formation.repeated_packets"] = sum(host.facts["formation_repeated"] for host in cell_processes)
+    figures["formation.ignored_packets"] = sum(host.facts["formation_ignored"] for host in cell_processes)
+    figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in cell_processes)
+    figures["formation.unreached_cells"] = sum(host.facts["unreached"] for host in cell_processes)
+    if cut_off := [patch for host in cell_processes for patch in host.facts["cut_off"]]:
+        figures["formation.cut_off_patches"] = ", ".join(sorted(cut_off))
+    if without_power := sum(host.facts["without_power"] for host in cell_processes):
+        figures["power.cells_off"] = without_power
+    return figures
+
+
+def _recovery_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
+    """Recovery metrics for links and cells that failed or returned."""
+    recoveries = [recovery for host in cell_processes for recovery in host.facts["recoveries"]]
+    if not recoveries:
+        return {}
+    figures: dict[str, Any] = {
+        "recovery.changes": len(recoveries),
+        "recovery.unfinished": sum(recovery["complete_ns"] is None for recovery in recoveries),
+        "recovery.lost_packets": sum(recovery["lost_packets"] for recovery in recoveries),
+    }
+    for name in ("back", "complete"):
+        took_ns = [r[f"{name}_ns"] - r["t_ns"] for r in recoveries if r[f"{name}_ns"] is not None]
+        if took_ns:
+            figures[f"recovery.{name}_ms.max"] = max(took_ns) * 1e-6
+    return figures
+
+
+def percentile_us(histogram: NDArray[np.int64], fraction: float) -> float:
+    """Latency quantile [µs]: at or below it are `fraction` of the packets; bins of one microsecond."""
+    cumulative = np.cumsum(histogram)
+    return float(np.searchsorted(cumulative, fraction * cumulative[-1]))

@@ -1,0 +1,78 @@
+"""Self-organisation metrics: explored structure and sensory-motor map against the model."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.analysis.metrics.model_reference import ModelReference
+from skinnet.analysis.metrics.stages import stage_intervals
+from skinnet.deployment import Deployment
+from skinnet.runtime.process_result import ProcessResult
+
+__all__ = ["map_metrics", "structure_metrics"]
+
+_MIN_COMPARED_WEIGHT = 0.1
+"""Smallest true weight of a unit row whose sign is compared."""
+
+
+def structure_metrics(
+    deployment: Deployment, controller: ProcessResult, reference: ModelReference
+) -> dict[str, Any]:
+    """Metrics of structural exploration: wrong entries of the activity matrix, size of the tree, duration."""
+    if "structure" not in controller.facts:
+        return {}
+    found = controller.facts["structure"]
+    activity = controller.arrays["activity"]
+    spans = stage_intervals(deployment, controller, "structure")
+    return {
+        "structure.wrong_entries": int(np.count_nonzero(activity != reference.activity)),
+        "structure.entries": int(activity.size),
+        "structure.body_parts": len(found["parts"]),
+        "structure.joints": len(found["joints"]),
+        "structure.is_tree": not found["problems"],
+        "structure.problems": list(found["problems"]),
+        "structure.sim_s": sum(span.end_ns - span.start_ns for span in spans) * 1e-9,
+    }
+
+
+def map_metrics(
+    deployment: Deployment, controller: ProcessResult, reference: ModelReference
+) -> dict[str, Any]:
+    """Agreement of the explored map with the analytic normal Jacobian, in the poses where it was explored.
+
+    The reference goes through the same equations of [M14]: (2) takes the fraction of the normal among the
+    three axes, (3) the entries of DoFs that move the cell, and every row has unit norm. `correlation_normal`
+    compares with the plain normal Jacobian instead, also with rows of unit norm.
+    """
+    if "map" not in controller.arrays:
+        return {}
+    maps, poses = controller.arrays["map"], controller.arrays["map_pose_rad"]
+    jacobians = [reference.cell_jacobian(pose) for pose in poses]
+    kept = np.abs(maps).sum(axis=2, keepdims=True) > 0.0
+    shares = np.array([_unit_rows(_normal_fraction(jacobian)) for jacobian in jacobians]) * kept
+    plain = np.array([_unit_rows(-jacobian[:, :, 2]) for jacobian in jacobians]) * kept
+    large = np.abs(shares) > _MIN_COMPARED_WEIGHT
+    return {
+        "smm.sign_agreement": float(np.mean(np.sign(maps[large]) == np.sign(shares[large]))),
+        "smm.correlation": float(np.corrcoef(maps.ravel(), shares.ravel())[0, 1]),
+        "smm.correlation_normal": float(np.corrcoef(maps.ravel(), plain.ravel())[0, 1]),
+        "smm.entries_compared": int(np.count_nonzero(large)),
+        "smm.cells_cut": int(np.count_nonzero(~kept)),
+        "smm.problems": list(controller.facts["map_problems"]),
+    }
+
+
+def _normal_fraction(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Normal fraction of the true motion by equation (2) of [M14]; positive is inwards, as in the map."""
+    total = np.abs(jacobian).sum(axis=2)
+    share: NDArray[np.float64] = np.divide(
+        -jacobian[:, :, 2], total, out=np.zeros(total.shape), where=total > 1e-9
+    )
+    return share
+
+
+def _unit_rows(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    norm = np.linalg.norm(matrix, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = np.divide(matrix, norm, out=np.zeros_like(matrix), where=norm > 1e-9)
+    return unit

@@ -1,0 +1,109 @@
+"""Published event-driven and clock-driven rates: Bergner et al. 2015 and 2019 [B15, B19]."""
+
+from skinnet.analysis.report.claims import Between, Claim, Equals, LessThanMetrics
+
+__all__ = ["CLAIMS"]
+
+_UR5 = (
+    Claim("cells on the arm", "260", "B15", "", ("size.cells",), Equals(260)),
+    Claim(
+        "rate left when nothing touches, the sensors' own deltas",
+        "16.45 % of clock-driven",
+        "B15",
+        "",
+        ("delta.unstimulated.share.packets",),
+        LessThanMetrics(("delta.stimulated.share.packets",), "when touched"),
+        "the paper's thresholds and motion are not known here",
+    ),
+    Claim(
+        "rate left when half is touched, the sensors' own deltas",
+        "47.69 % of clock-driven",
+        "B15",
+        "",
+        ("delta.stimulated.share.packets",),
+        LessThanMetrics(("clock.stimulated.share.packets",), "clock-driven"),
+        "the paper's thresholds and motion are not known here",
+    ),
+    Claim(
+        "untouched and touched, the deltas of the sweep that come nearest",
+        "16.45 %, 47.69 %",
+        "B15",
+        "",
+        ("nearest.unstimulated.share.packets", "nearest.stimulated.share.packets"),
+        None,
+        "no single threshold gives both",
+    ),
+    Claim(
+        "deltas that give the published shares, untouched and touched",
+        "not given",
+        "B15",
+        "",
+        ("published.B15.unstimulated.delta_sigmas.packets", "published.B15.stimulated.delta_sigmas.packets"),
+    ),
+)
+_H1 = (
+    Claim("cells", "1260", "B19", "", ("size.cells",), Equals(1260)),
+    Claim("patches", "47", "B19", "", ("size.patches",), Equals(47)),
+    Claim("cells touched", "more than 680", "B19", "", ("size.touched_cells",), Between(681, None)),
+    Claim(
+        "clock-driven packets",
+        "315 000 per s (1260 × 250 Hz)",
+        "B19",
+        "",
+        ("clock.stimulated.packets_per_s",),
+        Between(314_000.0, 316_000.0),
+    ),
+    Claim(
+        "of those, dropped on the modelled way and missing after it",
+        "80 000 per s (25 %)",
+        "B19",
+        "",
+        ("clock.stimulated.dropped", "clock.stimulated.missing"),
+        Equals(0),
+        "the published loss was that of the computer, which is none of the model",
+    ),
+    Claim(
+        "event-driven packets, touched",
+        "at most 40 000 per s",
+        "B19",
+        "",
+        ("delta.stimulated.packets_per_s",),
+        Between(None, 40_000.0),
+    ),
+    Claim(
+        "their share of clock-driven",
+        "at most 13 %",
+        "B19",
+        "",
+        ("delta.stimulated.share.packets",),
+        Between(None, 0.13),
+    ),
+    Claim(
+        "of those, dropped and missing",
+        "next to none",
+        "B19",
+        "",
+        ("delta.stimulated.dropped", "delta.stimulated.missing"),
+        Equals(0),
+    ),
+    Claim(
+        "CPU of the controller, clock-driven",
+        "270 %",
+        "B19",
+        "",
+        ("clock.stimulated.cpu.controller",),
+        Between(None, 2.7),
+        "a machine of another decade; at real time 1 CPU s per s is 100 %",
+    ),
+    Claim(
+        "CPU of the controller, event-driven",
+        "at most 100 %",
+        "B19",
+        "",
+        ("delta.stimulated.cpu.controller",),
+        Between(None, 1.0),
+    ),
+)
+
+CLAIMS = {"ur5_260": _UR5, "h1_1260": _H1}
+"""Claims by name of the deployment."""

@@ -1,0 +1,217 @@
+"""Run folder of `skinnet run` or `skinnet stress`, read into one frozen structure."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import msgspec
+
+from skinnet.analysis.report.claims import ClaimComparison, evaluate_claim
+from skinnet.analysis.report.deployment_metrics import deployment_metrics
+from skinnet.analysis.report.papers import CLAIMS
+from skinnet.analysis.report.pictures import Picture, read_pictures
+from skinnet.deployment import Deployment
+from skinnet.errors import RunFolderError
+from skinnet.runtime.outcome import ProcessFailure, ProcessReport
+
+__all__ = [
+    "Results",
+    "RunFiles",
+    "RunResults",
+    "SeedResults",
+    "StressResults",
+    "StressSummary",
+    "Summary",
+    "evaluate_claims",
+    "read_run_folder",
+]
+
+T = TypeVar("T")
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """`summary.json` of one run; unknown keys are kept apart."""
+
+    outcome: str
+    deployment: str
+    version: str
+    seed: int
+    log_sha256: str
+    pace: str
+    sim_s: float
+    wall_s: float
+    loop_s: float
+    rtf: float
+    late_frames: int
+    processes: tuple[ProcessReport, ...]
+    faults: tuple[ProcessFailure, ...]
+    counters: dict[str, dict[str, Any]]
+    figures: dict[str, Any]
+    environment: dict[str, Any] = {}
+    settings: tuple[str, ...] = ()
+
+
+class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """`stress.json` of a sweep."""
+
+    deployment: str
+    stress: dict[str, Any]
+    points: tuple[str, ...]
+    failed: dict[str, str]
+    figures: dict[str, Any]
+    environment: dict[str, Any] = {}
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Deployment and pictures beside a summary in its folder.
+
+    Attributes:
+        deployment: Deployment as it was run; None if absent, or of a version with other keys.
+        deployment_keys: Deployment as plain data; empty if absent.
+        pictures: Readable pictures.
+        damaged_files: Names of PNG files that are not valid.
+    """
+
+    deployment: Deployment | None = None
+    deployment_keys: dict[str, Any] = field(default_factory=dict)
+    pictures: tuple[Picture, ...] = ()
+    damaged_files: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunResults:
+    """Results of one run: summary, unknown summary keys, all metrics, files, and comparison with papers."""
+
+    name: str
+    summary: Summary
+    unknown_keys: dict[str, Any]
+    metrics: dict[str, Any]
+    files: RunFiles
+    comparisons: tuple[ClaimComparison, ...]
+
+
+@dataclass(frozen=True)
+class SeedResults:
+    """Results of several seeds of one deployment."""
+
+    name: str
+    runs: tuple[RunResults, ...]
+
+
+@dataclass(frozen=True)
+class StressResults:
+    """Results of a sweep of `skinnet stress`."""
+
+    name: str
+    summary: StressSummary
+    metrics: dict[str, Any]
+    files: RunFiles
+    comparisons: tuple[ClaimComparison, ...]
+
+
+Results: TypeAlias = RunResults | SeedResults | StressResults
+
+
+def read_run_folder(folder: Path) -> Results:
+    """Read the results in a run folder.
+
+    Raises:
+        RunFolderError: `folder` is no run folder, its run is not finished, or its summary is damaged.
+    """
+    if not folder.is_dir():
+        raise RunFolderError(f"{folder}: there is no such folder; give one that skinnet run or stress wrote")
+    name = folder.resolve().name
+    if (folder / "stress.json").exists():
+        return _read_stress(folder, name)
+    if not (folder / "summary.json").exists():
+        raise RunFolderError(f"{folder}: {_unfinished_reason(folder)}")
+    source = folder / "summary.json"
+    raw = _read(source)
+    if "runs" not in raw:
+        return _read_run(name, source, raw, _read_files(folder))
+    rows = raw["runs"]
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise RunFolderError(f"{source}: damaged: runs must be a list of summaries")
+    names = [f"seed-{row.get('seed')}" for row in rows]
+    return SeedResults(
+        name,
+        tuple(
+            _read_run(one, source, row, _read_files(folder / one))
+            for one, row in zip(names, rows, strict=True)
+        ),
+    )
+
+
+def _unfinished_reason(folder: Path) -> str:
+    if (folder / "deployment.json").exists():
+        logs = f"; {folder / 'logs'} has its last words" if (folder / "logs").is_dir() else ""
+        return f"there is no summary.json: the run failed, was stopped, or is still going on{logs}"
+    if any(folder.glob("*/point.json")):
+        return "there is no stress.json: the sweep is not finished; skinnet stress --resume goes on with it"
+    if any(folder.glob("seed-*/deployment.json")):
+        return "there is no summary.json: not all seeds are finished; each seed's own folder can be reported"
+    return "no run folder: it has neither summary.json nor stress.json"
+
+
+def _read_run(name: str, source: Path, raw: dict[str, Any], files: RunFiles) -> RunResults:
+    summary = _convert(raw, Summary, source)
+    others = {key: value for key, value in raw.items() if key not in Summary.__struct_fields__}
+    figures = deployment_metrics(files.deployment) | summary.figures
+    return RunResults(
+        name,
+        summary,
+        others,
+        figures,
+        files,
+        evaluate_claims(summary.deployment, figures, files.deployment_keys),
+    )
+
+
+def _read_stress(folder: Path, name: str) -> StressResults:
+    source = folder / "stress.json"
+    summary = _convert(_read(source), StressSummary, source)
+    made = _read_files(folder)
+    figures = deployment_metrics(made.deployment) | summary.figures
+    return StressResults(
+        name, summary, figures, made, evaluate_claims(summary.deployment, figures, made.deployment_keys)
+    )
+
+
+def _read_files(folder: Path) -> RunFiles:
+    pictures, damaged = read_pictures(folder)
+    source = folder / "deployment.json"
+    if not source.exists():
+        return RunFiles(None, {}, tuple(pictures), tuple(damaged))
+    keys = _read(source)
+    try:
+        deployment = msgspec.convert(keys, Deployment)
+    except msgspec.ValidationError:
+        deployment = None
+    return RunFiles(deployment, keys, tuple(pictures), tuple(damaged))
+
+
+def evaluate_claims(
+    name: str, metrics: dict[str, Any], deployment_keys: dict[str, Any]
+) -> tuple[ClaimComparison, ...]:
+    """Compare the papers' claims on deployment `name` with a run's metrics and its `deployment_keys`."""
+    found = (evaluate_claim(claim, metrics, deployment_keys) for claim in CLAIMS.get(name, ()))
+    return tuple(compared for compared in found if compared is not None)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        raw = msgspec.json.decode(path.read_bytes())
+    except msgspec.DecodeError as error:
+        raise RunFolderError(f"{path}: damaged: {error}") from None
+    if not isinstance(raw, dict):
+        raise RunFolderError(f"{path}: damaged: it must be a JSON object")
+    return raw
+
+
+def _convert(raw: dict[str, Any], kind: type[T], source: Path) -> T:
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise RunFolderError(f"{source}: damaged: {error}") from None

@@ -1,0 +1,1 @@
+"""Contact between skin and geoms: elastic foundation, surfaces, ray casting."""

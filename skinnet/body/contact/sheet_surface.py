@@ -1,0 +1,53 @@
+"""Sample surface of tactile sheets on their bodies: plane strips of foam on a curved surface."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.contact.skin_surface import SkinSurface, surface_of_patches
+from skinnet.body.model import require_body_id
+from skinnet.errors import DeploymentError
+from skinnet.skin.tactile_sheets import PlacedSheet
+
+__all__ = ["STRIPS_PER_ELEMENT", "sheet_surface"]
+
+STRIPS_PER_ELEMENT = 3
+"""Plane strips per element, 3 sample points each; force ripple 3.5 % (3 × 3) or 29 % (one) (FACTS.md)."""
+
+Floats = NDArray[np.float64]
+
+
+def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Path | str) -> SkinSurface:
+    """Build the surface of `sheets` on the bodies of `mj`: three strips of foam per element, in their order.
+
+    A sheet bends along ξ1 only. So a strip along ξ2 is plane, and its points and their normals are exact.
+
+    Raises:
+        ModelError: a surface names a body that the model does not have.
+        DeploymentError: sheets have elements of different sizes.
+    """
+    areas_m2 = {sheet.area_m2 for sheet in sheets}
+    if len(areas_m2) > 1:
+        pitches_m = ", ".join(f"{area_m2**0.5:g}" for area_m2 in sorted(areas_m2))
+        raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets of a body need the same")
+    pitch_m = float(np.sqrt(areas_m2.pop())) if areas_m2 else 0.0
+    steps_m = pitch_m * (np.arange(STRIPS_PER_ELEMENT) - 0.5 * (STRIPS_PER_ELEMENT - 1)) / STRIPS_PER_ELEMENT
+    frames = [_strips(sheet, steps_m) for sheet in sheets]
+    return surface_of_patches(
+        [require_body_id(mj, s.surface.body, f"surfaces.{s.surface.name}.body", source) for s in sheets],
+        [position_m for position_m, _ in frames],
+        [rotation for _, rotation in frames],
+        sample_m=np.column_stack([np.zeros(STRIPS_PER_ELEMENT), steps_m]),
+        sample_area_m2=(pitch_m / STRIPS_PER_ELEMENT) ** 2,
+        n_taxels=1,
+    )
+
+
+def _strips(sheet: PlacedSheet, steps_m: Floats) -> tuple[Floats, Floats]:
+    """Centres (k, 3) [m] and rotations (k, 3, 3) of the strips of a sheet, frame of its body."""
+    xi_m = np.repeat(sheet.xi_m, len(steps_m), axis=0)
+    xi_m[:, 0] += np.tile(steps_m, sheet.n_elements)
+    return sheet.surface.frame_at(xi_m)

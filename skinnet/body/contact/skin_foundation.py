@@ -1,0 +1,102 @@
+"""Elastic foundation of a whole skin, coupled to one MuJoCo simulation."""
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
+from skinnet.body.contact.contact_scene import ContactScene, Motion
+from skinnet.body.contact.skin_surface import SkinSurface
+from skinnet.body.contact.winkler import ContactState, Foam, Workspace, compute_contact
+from skinnet.body.environment.stand_model import OBJECT
+from skinnet.body.model import PAYLOAD
+from skinnet.deployment.deployment import Deployment, FoamSpec
+from skinnet.deployment.environment.objects import NO_OBJECT, OBJECTS
+
+__all__ = ["Foundation", "compliant_layers", "foam_from_spec"]
+
+Floats = NDArray[np.float64]
+
+
+def foam_from_spec(spec: FoamSpec) -> Foam:
+    """Build the foam of a deployment."""
+    return Foam(spec.thickness_m, spec.stiffness_pa_per_m, spec.damping_pa_s_per_m, spec.friction)
+
+
+def compliant_layers(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, CompliantLayer]:
+    """Compliance of the elastic bodies (payload, object), by body id."""
+    foam, payload = deployment.body.foam, deployment.payload
+    elastic = {}
+    if payload is not None:
+        elastic[PAYLOAD] = CompliantLayer(foam_fraction(payload.sheet_stiffness_pa_per_m, foam))
+    if deployment.stand is not None and deployment.object != NO_OBJECT:
+        elastic[OBJECT] = compliant_layer(OBJECTS[deployment.object].stiffness_pa_per_m, foam)
+    return {int(mj.body(name).id): yielding for name, yielding in elastic.items()}
+
+
+@dataclass
+class Foundation:
+    """Elastic foundation (Winkler) of all cells; the contact law is in `winkler`.
+
+    Attributes:
+        surface: The cells.
+        scene: The solids that skin can contact.
+        foam: Material of the foam.
+        motion: MuJoCo's poses and velocities, read in place.
+        temperature_c: (nbody,) temperatures of the bodies [°C].
+        applied_wrench: (nbody, 6) MuJoCo's `xfrc_applied`; forces are added in place.
+        contact: Contact state of the last call of `compute_contact`.
+        n_in_contact: Number of cells in contact.
+    """
+
+    surface: SkinSurface
+    scene: ContactScene
+    foam: Foam
+    motion: Motion
+    temperature_c: Floats
+    applied_wrench: Floats
+    contact: ContactState = field(init=False)
+    n_in_contact: int = 0
+    _scratch: Workspace = field(init=False)
+
+    def __post_init__(self) -> None:
+        n, n_samples, n_bodies = (
+            len(self.surface.body_id),
+            len(self.surface.sample_m),
+            len(self.temperature_c),
+        )
+        self.contact = ContactState(
+            force_n=np.zeros((n, self.surface.n_taxels)),
+            contact_temperature_c=np.full(n, np.nan),
+            body_normal_force_n=np.zeros(n_bodies),
+            patch_body_force_n=np.zeros((len(self.surface.patch_body_id), n_bodies)),
+            peak_force_n=np.zeros(1),
+            force_weighted_slip_n_m=np.zeros(n_bodies),
+            shear_m=np.zeros((n, n_samples, 2)),
+            in_contact=np.zeros(n, dtype=np.bool_),
+        )
+        solids = len(self.scene.geom_id)
+        self._scratch = Workspace(
+            near=np.zeros(solids, dtype=np.int64),
+            close=np.zeros(solids, dtype=np.int64),
+            hit=np.zeros(n_samples, dtype=np.int64),
+            nearest_m=np.zeros(n_samples),
+        )
+
+    def compute_contact(self, step_s: float) -> None:
+        """Compute contact forces at the present poses and add them to `applied_wrench`; step `step_s` [s]."""
+        if not len(self.surface.body_id):  # the call alone, with all its arrays, costs 7 µs
+            return
+        self.n_in_contact = compute_contact(
+            self.surface,
+            self.scene,
+            self.motion,
+            self.foam,
+            self.temperature_c,
+            step_s,
+            self.contact,
+            self.applied_wrench,
+            self._scratch,
+        )

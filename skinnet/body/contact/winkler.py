@@ -1,0 +1,305 @@
+"""Elastic-foundation (Winkler) contact between the skin and nearby geoms.
+
+MuJoCo's contacts give a cylinder on a box two points; force cells need a pressure field. So every cell
+samples its foam at s points. Where a solid penetrates the face of the foam by the depth d, the pressure is
+
+    p = max(0, k d + c ḋ),    d ≤ thickness.
+
+An elastic solid is a second spring in series: k and c are scaled by the foam's fraction of d, the solid's
+face recedes by the rest, and d may exceed the thickness by as much. Friction is shear of the foam: a spring
+and damper with half of k and c (the ratio of shear to normal stiffness of a foam with Poisson's ratio 0,
+assumed) that slides at μ p. Forces act on both bodies, equal and opposite, at the same point. When the foam
+is fully compressed, MuJoCo's own contact takes over at the rigid surface.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.contact.contact_scene import ContactScene, Motion, may_intersect_sphere, world_to_solid
+from skinnet.body.contact.ray_casting import entry_distance_m
+from skinnet.body.contact.rotations import rotate_inverse
+from skinnet.body.contact.skin_points import cell_axis, point_above_cell, point_velocity, solids_near_patch
+from skinnet.body.contact.skin_surface import SkinSurface
+from skinnet.compilation import compiled_without_nrt
+
+__all__ = ["ContactState", "Foam", "Workspace", "compute_contact"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_RAY_START_DEPTH_M = 0.004
+"""Start of rays [m] below the rigid surface: a solid that penetrates this far still counts as in contact."""
+_SHEAR_STIFFNESS_RATIO = 0.5
+
+
+class Foam(NamedTuple):
+    """Material of the foam layer, the same for all cells.
+
+    Attributes:
+        thickness_m: Distance from the rigid surface to the outer face [m].
+        stiffness_pa_per_m: Foundation stiffness k [Pa/m].
+        damping_pa_s_per_m: Damping c [Pa s/m].
+        friction: Friction coefficient μ.
+    """
+
+    thickness_m: float
+    stiffness_pa_per_m: float
+    damping_pa_s_per_m: float
+    friction: float
+
+
+class ContactState(NamedTuple):
+    """Contact state of a foundation at the present time.
+
+    Attributes:
+        force_n: (n, e) normal force on each force cell [N].
+        contact_temperature_c: (n,) mean temperature of the bodies on a cell [°C]; NaN without contact.
+        body_normal_force_n: (nbody,) normal force of all cells on each body, sum of magnitudes [N].
+        patch_body_force_n: (p, nbody) normal force of each patch on each body, sum of magnitudes [N].
+        peak_force_n: (1,) the largest force on any force cell [N].
+        force_weighted_slip_n_m: (nbody,) sliding distance of each body over the skin in this step times
+            normal force [N m]; μ times this is the work of sliding friction.
+        shear_m: (n, s, 2) shear displacement of the foam at each point, plane of the cell [m].
+        in_contact: (n,) True for cells in contact.
+    """
+
+    force_n: Floats
+    contact_temperature_c: Floats
+    body_normal_force_n: Floats
+    patch_body_force_n: Floats
+    peak_force_n: Floats
+    force_weighted_slip_n_m: Floats
+    shear_m: Floats
+    in_contact: NDArray[np.bool_]
+
+
+class Workspace(NamedTuple):
+    """Scratch arrays of one call: solids near a patch, close to a cell, first hit and distance per point."""
+
+    near: Indices
+    close: Indices
+    hit: Indices
+    nearest_m: Floats
+
+
+@compiled_without_nrt
+def compute_contact(
+    surface: SkinSurface,
+    scene: ContactScene,
+    motion: Motion,
+    foam: Foam,
+    temperature_c: Floats,
+    step_s: float,
+    contact: ContactState,
+    wrench: Floats,
+    workspace: Workspace,
+) -> int:
+    """Compute contact of all cells with the solids near them.
+
+    Args:
+        surface: The cells.
+        scene: The solids.
+        motion: Poses and velocities now.
+        foam: Material of the foam.
+        temperature_c: (nbody,) temperatures of the bodies [°C].
+        step_s: Step over which shear displacement is integrated [s].
+        contact: Contact state, overwritten; shear is updated.
+        wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; added to.
+        workspace: Scratch arrays.
+
+    Returns:
+        Number of cells in contact.
+    """
+    contact.body_normal_force_n[:] = 0.0
+    contact.patch_body_force_n[:] = 0.0
+    contact.peak_force_n[0] = 0.0
+    contact.force_weighted_slip_n_m[:] = 0.0
+    below_m = _RAY_START_DEPTH_M + scene.largest_indentation_m
+    half_m = 0.5 * (foam.thickness_m + below_m)
+    corner_m = 0.0  # largest distance of a sample point from the centre of the cell
+    for s in range(len(surface.sample_m)):
+        corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
+    ball_m = math.hypot(corner_m, half_m)
+    touching = 0
+    for p in range(len(surface.patch_body_id)):
+        n_near = solids_near_patch(surface, scene, motion, p, foam.thickness_m + ball_m, workspace.near)
+        for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
+            n_close = 0
+            if n_near > 0:
+                x, y, z = point_above_cell(surface, motion, i, half_m - below_m)
+                for j in range(n_near):
+                    if may_intersect_sphere(scene, motion, workspace.near[j], x, y, z, ball_m):
+                        workspace.close[n_close] = workspace.near[j]
+                        n_close += 1
+            if n_close == 0 and not contact.in_contact[i]:
+                continue
+            _compute_cell_contact(
+                surface, scene, motion, foam, temperature_c, step_s, contact, wrench, p, i, workspace, n_close
+            )
+            touching += contact.in_contact[i]
+    return touching
+
+
+@compiled_without_nrt
+def _add_force(
+    xipos: Floats, wrench: Floats, b: int, x: float, y: float, z: float, fx: float, fy: float, fz: float
+) -> None:
+    """Add the force (fx, fy, fz) [N] at the point (x, y, z) [m], world, to the wrench of body `b`."""
+    rx, ry, rz = x - xipos[b, 0], y - xipos[b, 1], z - xipos[b, 2]
+    wrench[b, 0] += fx
+    wrench[b, 1] += fy
+    wrench[b, 2] += fz
+    wrench[b, 3] += ry * fz - rz * fy
+    wrench[b, 4] += rz * fx - rx * fz
+    wrench[b, 5] += rx * fy - ry * fx
+
+
+@compiled_without_nrt
+def _cast_rays(
+    surface: SkinSurface, scene: ContactScene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
+) -> None:
+    """Cast rays from the points of cell `i` at solid `k`; update `hit` and `nearest_m` where it is nearer.
+
+    Heights count from `_RAY_START_DEPTH_M` below the rigid surface; a compliant solid may lie deeper.
+    """
+    g, axes, give_m = scene.geom_id[k], motion.geom_xmat, scene.max_indentation_m[k]
+    x, y, z = point_above_cell(surface, motion, i, -_RAY_START_DEPTH_M - give_m)
+    ox, oy, oz = world_to_solid(scene, motion, k, x, y, z)
+    u, v, w = cell_axis(surface, motion, i, 0)
+    xx, xy, xz = rotate_inverse(axes, g, u, v, w)
+    u, v, w = cell_axis(surface, motion, i, 1)
+    yx, yy, yz = rotate_inverse(axes, g, u, v, w)
+    u, v, w = cell_axis(surface, motion, i, 2)
+    nx, ny, nz = rotate_inverse(axes, g, u, v, w)
+    kind, size_a, size_b, size_c = (
+        scene.geom_type[k],
+        scene.size_m[k, 0],
+        scene.size_m[k, 1],
+        scene.size_m[k, 2],
+    )
+    first, last, triangles_m = scene.first_triangle[k], scene.end_triangle[k], scene.triangles_m
+    for s in range(len(surface.sample_m)):
+        a, b = surface.sample_m[s, 0], surface.sample_m[s, 1]
+        x, y, z = ox + a * xx + b * yx, oy + a * xy + b * yy, oz + a * xz + b * yz
+        distance_m = entry_distance_m(
+            kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz
+        )
+        if distance_m - give_m < nearest_m[s]:
+            hit[s], nearest_m[s] = k, distance_m - give_m
+
+
+@compiled_without_nrt
+def _compute_cell_contact(
+    surface: SkinSurface,
+    scene: ContactScene,
+    motion: Motion,
+    foam: Foam,
+    temperature_c: Floats,
+    step_s: float,
+    contact: ContactState,
+    wrench: Floats,
+    patch: int,
+    cell: int,
+    workspace: Workspace,
+    n_close: int,
+) -> None:
+    """Compute contact forces of cell `cell`, of patch `patch`, with the solids close to it."""
+    hit, nearest_m = workspace.hit, workspace.nearest_m
+    hit[:], nearest_m[:] = -1, _RAY_START_DEPTH_M + foam.thickness_m
+    for j in range(n_close):
+        _cast_rays(surface, scene, motion, cell, workspace.close[j], hit, nearest_m)
+    own = surface.body_id[cell]
+    area, per_element = surface.sample_area_m2, len(surface.sample_m) // surface.n_taxels
+    ox, oy, oz = point_above_cell(surface, motion, cell, -_RAY_START_DEPTH_M)
+    xx, xy, xz = cell_axis(surface, motion, cell, 0)
+    yx, yy, yz = cell_axis(surface, motion, cell, 1)
+    nx, ny, nz = cell_axis(surface, motion, cell, 2)
+    contact.force_n[cell, :] = 0.0
+    contacts, warmth_c = 0, 0.0
+    for s in range(len(surface.sample_m)):
+        if hit[s] < 0:
+            contact.shear_m[cell, s, 0] = 0.0
+            contact.shear_m[cell, s, 1] = 0.0
+            continue
+        a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
+        x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
+        other, share, give_m = (
+            scene.body_id[hit[s]],
+            scene.foam_fraction[hit[s]],
+            scene.max_indentation_m[hit[s]],
+        )
+        lift_m = max(nearest_m[s], _RAY_START_DEPTH_M - give_m)
+        depth_m = _RAY_START_DEPTH_M + foam.thickness_m - lift_m
+        lift_m += min((1.0 - share) * depth_m, give_m)
+        x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
+        vx, vy, vz = point_velocity(motion, other, x, y, z)
+        wx, wy, wz = point_velocity(motion, own, x, y, z)
+        vx, vy, vz = vx - wx, vy - wy, vz - wz
+        rate_m_s = -(vx * nx + vy * ny + vz * nz)
+        elastic_pa, viscous_pa = foam.stiffness_pa_per_m * depth_m, foam.damping_pa_s_per_m * rate_m_s
+        normal_n = area * max(0.0, share * (elastic_pa + viscous_pa))
+        along_x, along_y, slid_m = _friction_force(
+            foam,
+            share * area,
+            normal_n,
+            vx * xx + vy * xy + vz * xz,
+            vx * yx + vy * yy + vz * yz,
+            step_s,
+            contact.shear_m,
+            cell,
+            s,
+        )
+        fx = normal_n * nx + along_x * xx + along_y * yx
+        fy = normal_n * ny + along_x * xy + along_y * yy
+        fz = normal_n * nz + along_x * xz + along_y * yz
+        _add_force(motion.xipos, wrench, other, x, y, z, fx, fy, fz)
+        _add_force(motion.xipos, wrench, own, x, y, z, -fx, -fy, -fz)
+        contact.force_n[cell, s // per_element] += normal_n
+        contact.body_normal_force_n[other] += normal_n
+        contact.patch_body_force_n[patch, other] += normal_n
+        contact.force_weighted_slip_n_m[other] += normal_n * slid_m
+        warmth_c += temperature_c[other]
+        contacts += 1
+    for e in range(surface.n_taxels):
+        contact.peak_force_n[0] = max(contact.peak_force_n[0], contact.force_n[cell, e])
+    contact.in_contact[cell] = contacts > 0
+    contact.contact_temperature_c[cell] = warmth_c / contacts if contacts > 0 else math.nan
+
+
+@compiled_without_nrt
+def _friction_force(
+    foam: Foam,
+    area: float,
+    normal_n: float,
+    slip_x: float,
+    slip_y: float,
+    step_s: float,
+    shear_m: Floats,
+    i: int,
+    s: int,
+) -> tuple[float, float, float]:
+    """Friction force [N] at slip velocity (slip_x, slip_y) [m/s], plane of the cell; sliding distance [m].
+
+    Elastic-plastic Coulomb friction: shear displacement grows with the slip until the force reaches μ N;
+    beyond, the solid slides at constant displacement. So a body at rest on a slope stays at rest.
+    """
+    stiffness = _SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
+    damping = _SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
+    strain_x, strain_y = shear_m[i, s, 0] + slip_x * step_s, shear_m[i, s, 1] + slip_y * step_s
+    fx, fy = -stiffness * strain_x - damping * slip_x, -stiffness * strain_y - damping * slip_y
+    limit_n, slid_m = foam.friction * normal_n, 0.0
+    if (
+        abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n
+    ):  # the first test is cheap and mostly decides
+        force_n = math.hypot(fx, fy)
+        fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
+        held = foam.friction * normal_n / stiffness
+        stretch = math.hypot(strain_x, strain_y)
+        if stretch > held:
+            slid_m = stretch - held
+            strain_x, strain_y = strain_x * held / stretch, strain_y * held / stretch
+    shear_m[i, s, 0], shear_m[i, s, 1] = strain_x, strain_y
+    return fx, fy, slid_m

@@ -1,0 +1,1 @@
+"""Ground truth of a run, for metrics and tests, never for control."""

@@ -1,0 +1,243 @@
+"""Contact onset ground truth: threshold crossings, peak forces, and touches; hidden from the controller."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.deployment.deployment import CellSpec, ForceSpec, ProximitySpec, StageSpec, TouchSpec
+from skinnet.protocol.messages import N_FORCE_CHANNELS, STIMULUS_NAMES, Modality
+
+__all__ = [
+    "Crossing",
+    "CrossingDetector",
+    "PeakForceTrace",
+    "TouchGroundTruth",
+    "distance_thresholds_m",
+    "force_thresholds_n",
+    "reaction_crossing_detector",
+]
+
+Floats = NDArray[np.float64]
+
+_DISTANCE = STIMULUS_NAMES.index("distance_m")
+_FIRST_CHANNEL = {Modality.FORCE: 0, Modality.PROXIMITY: N_FORCE_CHANNELS}
+
+
+class Crossing(NamedTuple):
+    """Threshold crossing towards more contact.
+
+    Attributes:
+        t_ns: Time [ns], interpolated between two physics steps (force) or stimulus samples (proximity).
+        cell: Row of the cell.
+        modality: FORCE or PROXIMITY.
+        channel: Force cell, or 0.
+        level: Number of the threshold, from 1 for the least contact.
+    """
+
+    t_ns: int
+    cell: int
+    modality: Modality
+    channel: int
+    level: int
+
+
+@dataclass
+class CrossingDetector:
+    """Detector of threshold crossings of force and distance, for all cells.
+
+    Attributes:
+        force_thresholds_n: (l,) ascending thresholds of the normal force of a force cell [N].
+        distance_thresholds_m: (m,) descending thresholds of the distance [m]; an approach crosses them.
+        threshold_readings: Noise-free sensor readings at the thresholds, by modality; indexed by level − 1.
+        crossings: Crossings so far, in the order of detection.
+    """
+
+    force_thresholds_n: Floats
+    distance_thresholds_m: Floats
+    threshold_readings: Mapping[Modality, Sequence[float]] = field(default_factory=dict)
+    crossings: list[Crossing] = field(default_factory=list)
+    _force_before: Floats | None = None
+    _distance_before: Floats | None = None
+    _distance_ns: int = 0
+    _was_without_contact: bool = True
+    _was_out_of_range: bool = False
+
+    def observe_forces(self, t_ns: int, step_ns: int, force_n: Floats, in_contact: bool) -> None:
+        """Observe forces (n, 3) [N] at `t_ns` [ns], a step after the last; `in_contact`: any in contact."""
+        if not len(self.force_thresholds_n) or (self._was_without_contact and not in_contact):
+            return
+        if self._force_before is None:
+            self._force_before = np.zeros_like(force_n)
+        before = self._force_before
+        if not np.array_equal(before, force_n):
+            self._find(t_ns, step_ns, before, force_n, self.force_thresholds_n, Modality.FORCE)
+            before[:] = force_n
+        self._was_without_contact = not in_contact
+
+    def observe_stimulus(self, t_ns: int, stimulus: Floats) -> None:
+        """Observe distances of the stimulus (n, 8) at `t_ns` [ns], later than the last one."""
+        if not len(self.distance_thresholds_m):
+            return
+        nearness = -stimulus[:, _DISTANCE : _DISTANCE + 1]
+        nothing_near = not np.isfinite(nearness).any()
+        if nothing_near and self._was_out_of_range:
+            self._distance_before, self._distance_ns = nearness, t_ns
+            return
+        self._was_out_of_range = nothing_near
+        if self._distance_before is not None:
+            step_ns = t_ns - self._distance_ns
+            self._find(
+                t_ns,
+                step_ns,
+                self._distance_before,
+                nearness,
+                -self.distance_thresholds_m,
+                Modality.PROXIMITY,
+            )
+        self._distance_before, self._distance_ns = nearness, t_ns
+
+    def facts(self) -> list[tuple[int, int, int, float]]:
+        """Crossings as facts: time [ns], cell, touch channel (0–2 force, 3 proximity), reading."""
+        return [
+            (
+                c.t_ns,
+                c.cell,
+                _FIRST_CHANNEL[c.modality] + c.channel,
+                self.threshold_readings[c.modality][c.level - 1],
+            )
+            for c in self.crossings
+        ]
+
+    def _find(
+        self, t_ns: int, step_ns: int, before: Floats, now: Floats, thresholds: Floats, modality: Modality
+    ) -> None:
+        rises = (before[:, :, None] < thresholds) & (now[:, :, None] >= thresholds)
+        for cell, channel, index in np.argwhere(rises).tolist():
+            low, high = before[cell, channel], now[cell, channel]
+            share = (thresholds[index] - low) / (high - low) if math.isfinite(low) else 1.0
+            start_ns = t_ns - step_ns
+            self.crossings.append(
+                Crossing(start_ns + round(share * step_ns), cell, modality, channel, index + 1)
+            )
+
+
+class PeakForceTrace:
+    """Peak force trace of all force cells: over time, and by stage of the controller's program.
+
+    Attributes:
+        by_stage_n: Peak force of each stage with a force above 0, by name [N].
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        """Initialise an empty trace of period `period_ns` [ns]."""
+        self.by_stage_n: dict[str, float] = {}
+        self._period_ns, self._stage = period_ns, ""
+        self._peak_n = 0.0
+        self._t_ns: list[int] = []
+        self._trace_n: list[float] = []
+
+    def begin_stage(self, name: str) -> None:
+        """Begin stage `name` of the controller's program."""
+        self._stage = name
+
+    def observe(self, t_ns: int, peak_n: float) -> None:
+        """Observe the largest force now [N] at `t_ns` [ns], one physics step after the last call."""
+        if peak_n > 0.0:
+            self._peak_n = max(self._peak_n, peak_n)
+            self.by_stage_n[self._stage] = max(self.by_stage_n.get(self._stage, 0.0), peak_n)
+        if t_ns % self._period_ns == 0:
+            self._t_ns.append(t_ns)
+            self._trace_n.append(self._peak_n)
+            self._peak_n = 0.0
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Peak force time series: the largest force [N] in the period that ends at each time."""
+        return {
+            "cell_t_ns": np.array(self._t_ns, dtype=np.int64),
+            "cell_peak_n": np.array(self._trace_n, dtype=np.float32),
+        }
+
+
+def reaction_crossing_detector(stages: Iterable[StageSpec], cells: CellSpec) -> CrossingDetector:
+    """Build the crossing detector for the reaction thresholds of all guide stages."""
+    guides = [stage for stage in stages if stage.kind == "guide"]
+    force = sorted({stage.force_threshold for stage in guides})
+    proximity = sorted({stage.proximity_threshold for stage in guides})
+    return CrossingDetector(
+        force_thresholds_n(cells.force, force),
+        distance_thresholds_m(cells.proximity, proximity),
+        {Modality.FORCE: force, Modality.PROXIMITY: proximity},
+    )
+
+
+def force_thresholds_n(spec: ForceSpec, readings: Sequence[float] | None = None) -> Floats:
+    """Force thresholds (l,) [N] at which a noise-free force cell reads `readings`; default: Table I [M14]."""
+    wanted = spec.levels if readings is None else readings
+    thresholds: Floats = np.interp(wanted, spec.calibration_reading, spec.calibration_n)
+    return thresholds
+
+
+def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None = None) -> Floats:
+    """Distance thresholds (m,) [m] at noise-free proximity `readings`; default: Table I [M14].
+
+    Inverse of the sensor law (d0 / (d0 + distance))² of `ProximitySpec`.
+    """
+    root_at_reach = math.sqrt(spec.reading_at_reach)
+    d0_m = spec.reach_m * root_at_reach / (1.0 - root_at_reach)
+    thresholds: Floats = d0_m * (1.0 / np.sqrt(np.array(spec.levels if readings is None else readings)) - 1.0)
+    return thresholds
+
+
+@dataclass
+class TouchGroundTruth:
+    """Ground truth of a touch of the teacher.
+
+    Attributes:
+        touch: Index in the deployment's list of touches.
+        cell: Name of the target cell, as in the deployment.
+        stage: Stage of the program in which it took place.
+        begin_ns: Time at which the finger appeared [ns].
+        contact_ns: Time of the first force on the finger [ns]; None without contact.
+        hold_ns: Begin of the hold phase [ns]; None if not reached.
+        end_ns: End, with the finger parked [ns]; None before.
+        peak_n: Largest normal force on the finger [N].
+        aimed_peak_n: Largest normal force on the target: a force cell, or the finger [N].
+        held_n: Mean force on the target in the hold phase [N]; NaN without one.
+        impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
+    """
+
+    touch: int
+    cell: str
+    stage: str
+    begin_ns: int
+    contact_ns: int | None = None
+    hold_ns: int | None = None
+    end_ns: int | None = None
+    peak_n: float = 0.0
+    aimed_peak_n: float = 0.0
+    held_n: float = math.nan
+    impulse_n_s: float = 0.0
+    _held_steps: int = 0
+
+    def facts(self, touches: Sequence[TouchSpec]) -> dict[str, Any]:
+        """Public fields as facts, and `by_depth`: True for depth control, False for force control."""
+        public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
+        return public | {"by_depth": touches[self.touch].depth_m is not None}
+
+    def observe(
+        self, t_ns: int, step_s: float, finger_n: float, target_force_n: float, holding: bool
+    ) -> None:
+        """Record one physics step at `t_ns` [ns]: forces on the finger and on the target [N]."""
+        if finger_n > 0.0 and self.contact_ns is None:
+            self.contact_ns = t_ns
+        self.peak_n = max(self.peak_n, finger_n)
+        self.aimed_peak_n = max(self.aimed_peak_n, target_force_n)
+        self.impulse_n_s += finger_n * step_s
+        if holding:
+            mean_n = 0.0 if self._held_steps == 0 else self.held_n
+            self._held_steps += 1
+            self.held_n = mean_n + (target_force_n - mean_n) / self._held_steps

@@ -1,0 +1,1 @@
+"""Scripted body: stimuli without physics."""

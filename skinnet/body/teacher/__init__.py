@@ -1,0 +1,1 @@
+"""Teacher's finger: touches, lessons and strokes on the skin."""

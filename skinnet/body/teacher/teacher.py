@@ -1,0 +1,182 @@
+"""Teacher: one finger that executes a script of touches, lessons and strokes, by program stage."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import mujoco
+
+from skinnet.body.contact.skin_foundation import Foundation
+from skinnet.body.ground_truth.contact_onsets import TouchGroundTruth
+from skinnet.body.ground_truth.teaching_outcome import LessonGroundTruth, StrokeGroundTruth
+from skinnet.body.model import BodyModel
+from skinnet.body.teacher.evasion import Evasion
+from skinnet.body.teacher.finger import ContactTarget, Finger, FingerPhase, FingerTask, contact_target
+from skinnet.body.teacher.lesson_plan import PositionGoals
+from skinnet.body.teacher.lessons import Lesson
+from skinnet.body.teacher.strokes import Stroke, SweepPath, plan_sweeps
+from skinnet.body.teacher.touches import Touch
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.environment.teacher import TeacherSpec, parse_cell_range
+
+__all__ = ["FingerPhase", "Teacher", "TeacherSkin"]
+
+_PUSHED_FORCE_CELL = 0
+"""Force cell that a lesson with contact pushes on each cell: one force cell gives the largest reading."""
+
+
+class TeacherSkin(NamedTuple):
+    """Skin interface of the teacher: foundation and cell names.
+
+    Attributes:
+        foundation: Foundation of the cells.
+        cells: Rows of each patch's cells, by the name of the patch.
+        spec: Geometry of a cell.
+    """
+
+    foundation: Foundation
+    cells: Mapping[str, slice]
+    spec: CellSpec
+
+    def contact_targets(
+        self, key: str, names: Sequence[str], force_cell: int | None = None
+    ) -> list[ContactTarget]:
+        """Resolve contact targets of the cells `names`, given under `key` of the deployment.
+
+        Raises:
+            DeploymentError: there is no such patch or cell.
+        """
+        sizes = {patch: rows.stop - rows.start for patch, rows in self.cells.items()}
+        found = [parse_cell_range(key, name, sizes) for name in names]
+        rows = [self.cells[patch].start + cell for patch, cells in found for cell in cells]
+        return [contact_target(self.foundation, row, self.spec, force_cell) for row in rows]
+
+
+class _ScheduledTask(NamedTuple):
+    """Scheduled task of the present stage: begin time [ns] and factory."""
+
+    t_ns: int
+    begin: Callable[[int], FingerTask]
+
+
+class Teacher:
+    """Teacher that executes its script of touches, lessons and strokes, one task at a time.
+
+    A task begins `start_s` after its stage, or when the finger is free again: in the order of `start_s`,
+    touches before lessons before strokes. Each time a stage begins, all its touches are scheduled, and the
+    next one of its lessons and strokes. When another stage begins, the finger withdraws and the remaining
+    tasks of the old stage are dropped.
+
+    Attributes:
+        touches: Ground truth of the touches so far; the last one may be in progress.
+        lessons: Ground truth of the lessons so far.
+        strokes: Ground truth of the strokes so far.
+    """
+
+    def __init__(
+        self, model: BodyModel, data: mujoco.MjData, skin: TeacherSkin, spec: TeacherSpec, source: str
+    ) -> None:
+        """Resolve the script and park the finger.
+
+        Args:
+            model: The robot model.
+            data: MuJoCo's state.
+            skin: The robot's skin.
+            spec: The script.
+            source: Model file, for error messages.
+
+        Raises:
+            DeploymentError: the script names a cell that does not exist.
+            ModelError: a lesson's goal names a body that does not exist.
+        """
+        self.touches: list[TouchGroundTruth] = []
+        self.lessons: list[LessonGroundTruth] = []
+        self.strokes: list[StrokeGroundTruth] = []
+        foundation = skin.foundation
+        self._finger = Finger(data, model.finger_body_id, foundation, spec.tip_radius_m)
+        self._model, self._data, self._foundation, self._spec = model, data, foundation, spec
+        self._touch_targets = [
+            skin.contact_targets(f"teacher.touches[{i}].cell", [touch.cell], touch.force_cell)[0]
+            for i, touch in enumerate(spec.touches)
+        ]
+        self._lesson_targets = [
+            skin.contact_targets(
+                f"teacher.lessons[{i}].cells",
+                lesson.cells or tuple(skin.cells),
+                None if lesson.depth_m is None else _PUSHED_FORCE_CELL,
+            )
+            for i, lesson in enumerate(spec.lessons)
+        ]
+        self._goals = [
+            PositionGoals(model, data, lesson.goals, f"teacher.lessons[{i}]", source)
+            for i, lesson in enumerate(spec.lessons)
+        ]
+        self._sweeps = [
+            [
+                SweepPath(spots)
+                for name in stroke.cells
+                for spots in plan_sweeps(
+                    skin.contact_targets(f"teacher.strokes[{i}].cells", [name]), skin.spec.side_m
+                )
+            ]
+            for i, stroke in enumerate(spec.strokes)
+        ]
+        self._stage_visits: Counter[str] = Counter()
+        self._queue: deque[_ScheduledTask] = deque()
+        self._task: FingerTask | None = None
+
+    @property
+    def phase(self) -> FingerPhase:
+        """Motion phase of the finger."""
+        return FingerPhase.PARKED if self._task is None else self._task.phase
+
+    def begin_stage(self, name: str, t_ns: int) -> None:
+        """Begin stage `name` of the controller's program at `t_ns` [ns]: schedule its tasks."""
+        spec = self._spec
+        count = self._stage_visits[name]
+        self._stage_visits[name] += 1
+        touches = [i for i, touch in enumerate(spec.touches) if touch.stage == name]
+        lessons = [i for i, lesson in enumerate(spec.lessons) if lesson.stage == name]
+        strokes = [i for i, stroke in enumerate(spec.strokes) if stroke.stage == name]
+        due = [(spec.touches[i].start_s, partial(self._touch, i)) for i in touches]
+        due += [(spec.lessons[i].start_s, partial(self._lesson, i)) for i in lessons[count : count + 1]]
+        due += [(spec.strokes[i].start_s, partial(self._stroke, i)) for i in strokes[count : count + 1]]
+        due.sort(key=lambda entry: entry[0])
+        self._queue = deque(_ScheduledTask(t_ns + round(start_s * NS_PER_S), begin) for start_s, begin in due)
+        if self._task is not None:
+            self._task.abort(t_ns)
+
+    def write_finger_velocity(self) -> None:
+        """Write the finger's velocity into MuJoCo's state."""
+        self._finger.write_velocity()
+
+    def step(self, t_ns: int, step_ns: int) -> None:
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
+        if self._task is None and self._queue and t_ns >= self._queue[0].t_ns:
+            self._task = self._queue.popleft().begin(t_ns)
+        if self._task is not None:
+            self._task.step(t_ns, step_ns)
+            if self._task.finished:
+                self._task = None
+
+    def _touch(self, index: int, t_ns: int) -> FingerTask:
+        spec = self._spec.touches[index]
+        truth = TouchGroundTruth(touch=index, cell=spec.cell, stage=spec.stage, begin_ns=t_ns)
+        self.touches.append(truth)
+        return Touch(self._finger, spec, self._touch_targets[index], truth, self._foundation.foam.thickness_m)
+
+    def _lesson(self, index: int, t_ns: int) -> FingerTask:
+        spec, foundation = self._spec.lessons[index], self._foundation
+        truth = LessonGroundTruth(lesson=index, stage=spec.stage, begin_ns=t_ns)
+        self.lessons.append(truth)
+        evasion = Evasion(self._model, self._data, foundation.surface, foundation.foam.thickness_m)
+        return Lesson(self._finger, spec, self._lesson_targets[index], self._goals[index], evasion, truth)
+
+    def _stroke(self, index: int, t_ns: int) -> FingerTask:
+        spec, sweeps = self._spec.strokes[index], self._sweeps[index]
+        asked = [spot.row for sweep in sweeps for spot in sweep.targets]
+        truth = StrokeGroundTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, asked=asked)
+        self.strokes.append(truth)
+        return Stroke(self._finger, self._foundation, spec, sweeps, truth)

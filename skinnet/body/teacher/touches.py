@@ -1,0 +1,93 @@
+"""Touch task: the finger approaches a cell, holds a depth or a force, and withdraws."""
+
+from skinnet.body.ground_truth.contact_onsets import TouchGroundTruth
+from skinnet.body.teacher.finger import ContactTarget, Finger, FingerPhase
+from skinnet.clock import NS_PER_S
+from skinnet.deployment.environment.teacher import TouchSpec
+
+__all__ = ["Touch"]
+
+_INTEGRAL_GAIN_M_S = 0.08
+"""Integral gain [m/s] of force control: finger speed at a relative force error of 1 (assumed).
+
+A sphere in foam has F ∝ depth², hence a time constant of depth / (2 × gain): 30 ms at 5 mm.
+"""
+_FORCE_TOLERANCE = 0.02
+"""Relative tolerance within which a force counts as reached."""
+
+
+class Touch:
+    """Touch task of the teacher's script.
+
+    A touch by force controls the force on the targeted force cell, or the total force on the finger
+    when it targets the centre of a cell.
+
+    Attributes:
+        phase: Motion phase of the finger.
+        finished: The touch has ended and the finger is parked.
+        ground_truth: Ground truth of the touch.
+    """
+
+    def __init__(
+        self,
+        finger: Finger,
+        spec: TouchSpec,
+        target: ContactTarget,
+        ground_truth: TouchGroundTruth,
+        foam_thickness_m: float,
+    ) -> None:
+        """Place the finger above `target`, on foam of thickness `foam_thickness_m` [m]."""
+        self.phase = FingerPhase.APPROACH
+        self.finished = False
+        self.ground_truth = ground_truth
+        self._finger, self._spec, self._target = finger, spec, target
+        self._min_height_m = -foam_thickness_m
+        self._height_m = spec.approach_m
+        self._line = finger.approach_line(target)
+        finger.place(self._line, self._height_m)
+
+    def abort(self, t_ns: int) -> None:
+        """Abort the touch: the finger withdraws."""
+        self.phase = FingerPhase.WITHDRAW
+
+    def step(self, t_ns: int, step_ns: int) -> None:
+        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
+        spec, finger, step_s = self._spec, self._finger, step_ns / NS_PER_S
+        felt_n = self._target_force_n()
+        self.ground_truth.observe(t_ns, step_s, finger.force_n(), felt_n, self.phase is FingerPhase.HOLD)
+        if self.phase is FingerPhase.WITHDRAW:
+            self._height_m += spec.speed_m_s * step_s
+            if self._height_m >= spec.approach_m:
+                self.ground_truth.end_ns = t_ns
+                self.phase, self.finished = FingerPhase.PARKED, True
+                finger.park()
+                return
+        else:
+            self._advance(felt_n, t_ns, step_s)
+        if spec.force_n is not None:  # a touch by force tracks the moving cell
+            self._line = finger.approach_line(self._target)
+        finger.move(self._line, self._height_m, step_s)
+
+    def _advance(self, target_force_n: float, t_ns: int, step_s: float) -> None:
+        """Advance approach or hold by one step of `step_s` [s]."""
+        spec = self._spec
+        if spec.force_n is not None:
+            error = 1.0 - target_force_n / spec.force_n
+            inward_m_s = min(max(_INTEGRAL_GAIN_M_S * error, -spec.speed_m_s), spec.speed_m_s)
+            self._height_m = max(self._height_m - inward_m_s * step_s, self._min_height_m)
+            there = abs(error) <= _FORCE_TOLERANCE or self._height_m <= self._min_height_m
+        else:
+            assert spec.depth_m is not None
+            self._height_m = max(self._height_m - spec.speed_m_s * step_s, -spec.depth_m)
+            there = self._height_m <= -spec.depth_m
+        truth = self.ground_truth
+        if self.phase is FingerPhase.APPROACH and there:
+            truth.hold_ns, self.phase = t_ns, FingerPhase.HOLD
+        if truth.hold_ns is not None and t_ns >= truth.hold_ns + round(spec.hold_s * NS_PER_S):
+            self.phase = FingerPhase.WITHDRAW
+
+    def _target_force_n(self) -> float:
+        """Normal force [N] on the target: a force cell, or the finger."""
+        if self._spec.force_cell is None:
+            return self._finger.foam_force_n()
+        return self._finger.force_on_cell_n(self._target.row, self._spec.force_cell)

@@ -1,0 +1,1 @@
+"""Specs of the controller: nursing, teaching and grasping."""

@@ -1,0 +1,109 @@
+"""Teach-and-grasp spec: teaching by touch and grasping, on request [M14, IV and V]."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, field
+
+from skinnet.deployment.types import Fraction, NonNegative, Positive, Table, ns_of_ms, ns_of_s
+
+__all__ = ["AreaReactionSpec", "OperatorRequestSpec", "StateName", "StateParametersSpec", "TeachAndGraspSpec"]
+
+AreaName = Literal["pat", "contact", "chest", "other"]
+StateName = Literal[
+    "idle",
+    "guide_force",
+    "guide_proximity",
+    "attend",
+    "remember",
+    "go",
+    "open",
+    "approach",
+    "contact",
+    "load",
+    "pull",
+    "hold",
+    "set_down",
+    "release",
+    "safe",
+]
+LevelNumber = Annotated[int, Meta(ge=1, le=4)]
+
+
+class AreaReactionSpec(Table, frozen=True, kw_only=True):
+    """Tactile reaction of one area in one state; defaults are those of Table II [M14]."""
+
+    force_threshold: NonNegative | None = None
+    force_gain: NonNegative | None = None
+    proximity_threshold: NonNegative | None = None
+    proximity_gain: NonNegative | None = None
+
+
+class StateParametersSpec(Table, frozen=True, kw_only=True):
+    """Parameters of one state; defaults are those of Table II [M14]."""
+
+    speed_rad_s: Positive | None = None
+    accuracy_rad: Positive | None = None
+    patience_s: Positive | None = None
+    areas: dict[AreaName, AreaReactionSpec] = field(default_factory=dict)
+
+
+class OperatorRequestSpec(Table, frozen=True, kw_only=True):
+    """Request of the scripted operator, who sends one after the other.
+
+    It is sent once the session has been in `state` for `after_s`, counted from the previous request if that
+    was later, without any contact for `quiet_s`.
+    """
+
+    state: StateName
+    request: Literal["guide", "attend", "remember", "go", "grasp", "release", "cancel", "end"]
+    argument: str = ""
+    after_s: NonNegative = 0.5
+    quiet_s: NonNegative = 0.0
+
+
+class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
+    """Teaching and grasping [M14]; levels are those of Table I, counted from 1."""
+
+    operator: tuple[OperatorRequestSpec, ...] = ()
+    """Scripted requests; without any, external clients send requests until one of them ends the session."""
+    patience_s: Positive = 10.0
+    """Timeout of the scripted operator, while the robot is at rest; then the session ends."""
+    pre_contact: bool = True
+    """Use proximity and force to grasp; if false, force only."""
+    near_level: LevelNumber = 2
+    """Proximity level at which an object is near an arm: medium *(settled in docs/grasping.md)*."""
+    contact_level: LevelNumber = 4
+    """Proximity level that counts as contact, close contact; any level of force counts too."""
+    load_level: LevelNumber = 2
+    """Force level at which an object is held: medium."""
+    pain_level: LevelNumber = 4
+    """Force level of pain, at which the grasp is cancelled."""
+    lost_ms: Positive = 300.0
+    """Time without contact after which an arm has lost the object *(assumed)*."""
+    stall_ms: Positive = 1500.0
+    """Time without progress towards the pose after which the robot is stalled *(assumed)*."""
+    set_down_s: Positive = 4.0
+    """Time for which the robot holds an object to be taken before it lets go *(assumed)*."""
+    least_skin: Fraction = 0.5
+    """Fraction of an area's cells below which the area is lost *(assumed)*."""
+    states: dict[StateName, StateParametersSpec] = field(default_factory=dict)
+
+    @property
+    def lost_ns(self) -> int:
+        """Timeout of an arm without contact [ns]."""
+        return ns_of_ms(self.lost_ms)
+
+    @property
+    def stall_ns(self) -> int:
+        """Timeout of a robot without progress [ns]."""
+        return ns_of_ms(self.stall_ms)
+
+    @property
+    def set_down_ns(self) -> int:
+        """Duration of the wait before it lets go [ns]."""
+        return ns_of_s(self.set_down_s)
+
+    @property
+    def patience_ns(self) -> int:
+        """Timeout of the scripted operator [ns]."""
+        return ns_of_s(self.patience_s)

@@ -1,0 +1,1 @@
+"""Specs of the environment: teacher, stand, objects, payload, scripted stimuli."""

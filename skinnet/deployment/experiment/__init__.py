@@ -1,0 +1,1 @@
+"""Specs of an experiment: faults, memory, link budget, stress sweep."""

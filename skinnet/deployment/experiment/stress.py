@@ -1,0 +1,50 @@
+"""Stress sweep spec of `skinnet stress`."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from skinnet.deployment.types import Fraction, NonNegative, Positive, Table
+
+__all__ = ["EncodingName", "PublishedRateSpec", "StressSpec"]
+
+EncodingName = Literal["clock", "delta", "levels"]
+_Count = Annotated[int, Meta(ge=1)]
+
+
+class PublishedRateSpec(Table, frozen=True, kw_only=True):
+    """Published fraction of the clock-driven rate, for comparison with the measured one."""
+
+    share: Fraction
+    of: Literal["bytes", "packets", "rate"] = "rate"
+    """Quantity of the fraction; "rate" where the source gives no packet length: it is then compared with
+    both."""
+    stimulated: bool
+    at_most: bool = False
+    """Upper bound instead of a value."""
+    source: str
+
+    def is_of(self, quantity: str) -> bool:
+        """Check if the published fraction applies to `quantity`, "bytes" or "packets"."""
+        return self.of in (quantity, "rate")
+
+
+class StressSpec(Table, frozen=True, kw_only=True):
+    """Parameter sweep of `skinnet stress`: one run for every combination."""
+
+    cells: tuple[_Count, ...] = ()
+    """Numbers of cells, reached by whole patches from the first; all unless given."""
+    gateways: tuple[_Count, ...] = ()
+    """Numbers of gateways per patch, placed by search; those of the deployment unless given."""
+    stimulated: tuple[Fraction, ...] = ()
+    """Fractions of stimulated cells, which need a script; zero and the fraction of the script unless
+    given."""
+    encodings: Annotated[tuple[EncodingName, ...], Meta(min_length=1)] = ("clock", "delta", "levels")
+    delta_sigmas: tuple[Positive, ...] = ()
+    """Send-on-delta thresholds as multiples of each sensor's noise, quantisation included: further runs with
+    all cells and each fraction of stimulated ones."""
+    settle_s: NonNegative = 1.0
+    """Warm-up before the measurement (simulated time), in which cells send their first readings."""
+    duration_s: Positive = 4.0
+    """Duration of the measurement (simulated time)."""
+    published: tuple[PublishedRateSpec, ...] = ()

@@ -1,0 +1,1 @@
+"""Specs of the skin: tactile sheets and their boards."""

@@ -1,0 +1,133 @@
+"""Tactile sheet specs: surfaces, sheets, boards and the network of the boards.
+
+Values marked *assumed* have no published source; all others cite theirs.
+"""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, field
+
+from skinnet.deployment.types import Fraction, Name, NonNegative, Positive, Table, Vector3, ns_of_ms
+
+__all__ = [
+    "MAX_SIDE",
+    "BoardNetworkSpec",
+    "BoardSpec",
+    "PressureSpec",
+    "RegionSpec",
+    "SheetSpec",
+    "SurfaceSpec",
+]
+
+MAX_SIDE = 8
+"""Largest number of rows and of columns of a sheet [R11]."""
+
+
+class SurfaceSpec(Table, frozen=True, kw_only=True):
+    """Surface of a body that carries tactile sheets, with its own tactile coordinates ξ.
+
+    `origin_m` is the point ξ = 0 on the rigid surface; `normal` points outwards and `up` along ξ2, all in the
+    frame of the body. Without `radius_m` the surface is a plane. With it, the surface is flat over `flat_m`
+    across `up`, half to each side of the origin, and then bends with the radius: a cylinder if `flat_m` is 0.
+    """
+
+    name: Name
+    body: str
+    origin_m: Vector3
+    normal: Vector3
+    up: Vector3
+    radius_m: Positive | None = None
+    flat_m: NonNegative = 0.0
+
+
+class SheetSpec(Table, frozen=True, kw_only=True):
+    """Tactile sheet with its board: 8 × 8 elements at a pitch of 21.5 mm [R11], or fewer.
+
+    `middle_xi_m` are the tactile coordinates of the centre of the grid. `mask` has one string per row, from
+    the top, with `#` for an element and `.` for one that is cut away, as seen from outside with `up` upwards;
+    without it the grid is full. With `joins_gaps`, elements on both sides of a gap of one cut row or column
+    are neighbours, as if the teeth of the comb touched.
+    """
+
+    name: Name
+    surface: Name
+    middle_xi_m: tuple[float, float] = (0.0, 0.0)
+    columns: Annotated[int, Meta(ge=1, le=MAX_SIDE)] = MAX_SIDE
+    rows: Annotated[int, Meta(ge=1, le=MAX_SIDE)] = MAX_SIDE
+    pitch_m: Positive = 0.0215
+    mask: tuple[str, ...] = ()
+    joins_gaps: bool = True
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements, for a valid mask."""
+        return sum(row.count("#") for row in self.mask) if self.mask else self.columns * self.rows
+
+
+class PressureSpec(Table, frozen=True, kw_only=True):
+    """Pressure elements: 0 to above 90 kPa, more than 5 bit [R11].
+
+    Eight bits, since in the feasibility study a grasp with 5 bits dropped its object and one with 8 held it.
+    """
+
+    range_kpa: Positive = 90.0
+    bits: Annotated[int, Meta(ge=1, le=24)] = 8
+    noise_kpa: NonNegative = 0.1
+    """Standard deviation of a reading *(assumed)*."""
+    element_us: Positive = 50.0
+    """Read time of one element *(assumed: 64 in 3.2 ms leave time to compute and send within 4 ms)*."""
+
+    @property
+    def lsb_kpa(self) -> float:
+        """Resolution of a reading [kPa]."""
+        return self.range_kpa / (2.0**self.bits - 1.0)
+
+
+class RegionSpec(Table, frozen=True, kw_only=True):
+    """Contact regions: activation thresholds of elements, and tracking between scans *(assumed)*."""
+
+    on_kpa: Positive = 1.0
+    off_kpa: Positive = 0.6
+    follow_m: NonNegative = 0.032
+    """Association distance between two scans without a common element; a row plus a column is 0.0304 m."""
+
+
+class BoardSpec(Table, frozen=True, kw_only=True):
+    """Board of a tactile sheet, with a scan period of 4 ms [R11]."""
+
+    period_ms: Positive = 4.0
+    compute_us: NonNegative = 200.0
+    """Processing delay from the last reading of a scan to the sending of its message *(assumed)*."""
+    pattern_every: Annotated[int, Meta(ge=0)] = 0
+    """Interval of raw patterns, in scans; 0: only on request."""
+    pressure: PressureSpec = field(default_factory=PressureSpec)
+    regions: RegionSpec = field(default_factory=RegionSpec)
+
+    @property
+    def period_ns(self) -> int:
+        """Scan period [ns]."""
+        return ns_of_ms(self.period_ms)
+
+
+class BoardNetworkSpec(Table, frozen=True, kw_only=True):
+    """Network from the boards to the main PC *(assumed; more than 20 boards share one in [R11])*.
+
+    `bus` is a medium shared by all boards and the PC, such as CAN, first come, first served. `star` gives
+    each board its own wire. In a `chain` each board forwards the messages of the boards behind it. The wires
+    of star and chain are full-duplex. 14 bits a byte correspond to the 111 bits of a CAN frame of 8 bytes.
+    """
+
+    kind: Literal["bus", "star", "chain"] = "bus"
+    bits_per_s: Annotated[int, Meta(gt=0)] = 1_000_000
+    bits_per_byte: Annotated[int, Meta(gt=0, le=64)] = 14
+    delay_us: NonNegative = 0.0
+    """Propagation delay of each link."""
+    jitter_us: NonNegative = 0.0
+    loss: Fraction = 0.0
+    """Probability that a link loses a message."""
+    queue_messages: Annotated[int, Meta(ge=-1)] = 32
+    """Capacity of the queue of each link; −1 for no bound."""
+    head_bytes: Annotated[int, Meta(gt=0)] = 8
+    """Header of any message: board, kind, scan number, count."""
+    region_bytes: Annotated[int, Meta(gt=0)] = 12
+    """Size of a region: id, lineage id, force, ξ1, ξ2 of two bytes each, peak and elements of one."""

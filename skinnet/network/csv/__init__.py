@@ -1,0 +1,1 @@
+"""Packet networks in CSV files: tables, topologies, simulations."""

@@ -1,0 +1,1 @@
+"""Fault rules: targets by name, and the schedule of a run."""

@@ -1,0 +1,1 @@
+"""Wire protocol: channel table and keys, messages, record layouts."""

@@ -1,0 +1,1 @@
+"""Access for external clients: observer endpoint, requests, live page, process load."""

@@ -1,0 +1,1 @@
+"""Runtime of the logical processes: period loop, upstreams, worker, process results."""

@@ -1,0 +1,307 @@
+"""Conservative synchronisation (Chandy-Misra-Bryant) of the logical processes of a run.
+
+A process states the time up to which it needs each upstream before it can compute its next period. The loop
+receives messages until the watermark of every live upstream has reached that time, lets the process compute,
+and repeats. In lockstep that is all; in real time the periods of the body also wait for the wall clock and,
+past their deadline, start without the upstreams that are late.
+"""
+
+import logging
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol, runtime_checkable
+
+from skinnet.clock import WallClockPace
+from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
+from skinnet.protocol.channels import ALIVE, EXTERNAL, RECORDER, Keys
+from skinnet.runtime.process_result import ProcessResult
+from skinnet.runtime.upstream import Upstream
+from skinnet.transport.interface import Delivery, Transport
+
+__all__ = ["Closeable", "LogicalProcess", "Put", "SubscriptionAware", "TelemetrySource", "run_loop"]
+
+log = logging.getLogger(__name__)
+
+Put = Callable[[str, bytes], None]
+"""Callback that adds a message (key, payload) to the batch of the period."""
+
+
+class LogicalProcess(Protocol):
+    """Logical process of the simulation: its logic without I/O.
+
+    Attributes:
+        name: Process name.
+        role: Role, for the liveliness token.
+        subscriptions: Key expressions that it subscribes to.
+        senders: Names of the processes whose messages it receives.
+        upstreams: Upstreams by name.
+        tolerated_losses: Names of the processes whose loss does not end this one.
+        peers: Names of the processes that must be present before the first period.
+        counters: Event counts by name.
+        follows_wall_clock: Periods follow the wall clock when the run's pace is real time.
+    """
+
+    name: str
+    role: str
+    subscriptions: tuple[str, ...]
+    senders: frozenset[str]
+    upstreams: Mapping[str, Upstream]
+    tolerated_losses: frozenset[str]
+    peers: frozenset[str]
+    counters: Counter[str]
+    follows_wall_clock: bool
+
+    def start(self, put: Put) -> None:
+        """Publish the messages that precede the first period."""
+
+    def needs(self) -> Mapping[str, int] | None:
+        """Return the watermark [ns] that each upstream must reach; None when the process is finished."""
+
+    def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
+        """Accept a message.
+
+        Raises:
+            ProtocolError: the message is malformed; the state is unchanged.
+        """
+
+    def on_upstream_lost(self, upstream: Upstream) -> None:
+        """Continue safely without an upstream that is lost."""
+
+    def due_ns(self) -> int:
+        """Return the simulated time [ns] at which the next period ends."""
+
+    def step(self, put: Put) -> None:
+        """Compute the next period and publish its messages."""
+
+    def best_effort_messages(self) -> Iterable[tuple[str, bytes]]:
+        """Return keys and payloads for best-effort publication to observers, outside the loop."""
+
+    def result(self) -> ProcessResult:
+        """Return the facts and arrays of this process for the summary, after the loop."""
+
+
+@runtime_checkable
+class SubscriptionAware(Protocol):
+    """Logical process that skips publications without a subscriber."""
+
+    def use_subscriber_check(self, has_subscribers: Callable[[str], bool]) -> None:
+        """Take `has_subscribers`, which returns whether a key has a subscriber."""
+
+
+@runtime_checkable
+class Closeable(Protocol):
+    """Logical process with a resource to close, however the run ends (a file that must be complete)."""
+
+    def close(self) -> None:
+        """Close the resource, at the end of the run or on an error."""
+
+
+@runtime_checkable
+class TelemetrySource(Protocol):
+    """Logical process that publishes telemetry by the wall clock, only while an observer subscribes.
+
+    Attributes:
+        telemetry_key: Key expression of the telemetry.
+    """
+
+    telemetry_key: str
+
+    def telemetry(self) -> Iterable[tuple[str, bytes]]:
+        """Return keys and payloads of the telemetry."""
+
+
+_TELEMETRY_PERIOD_S = 0.5
+_RECORDER_BATCH_PERIODS = 8
+"""Periods per batch to the recorder: it has no deadline, and each batch costs CPU time in three processes."""
+_LIVELINESS_GRACE_S = 0.2
+"""Grace period [s]: the loss of a token may overtake the last messages, which come through another thread."""
+
+
+class _Loop:
+    def __init__(self, process: LogicalProcess, transport: Transport, keys: Keys, deadline_s: float) -> None:
+        self.process = process
+        self.transport = transport
+        self.keys = keys
+        self.deadline_s = deadline_s
+        self.present: set[str] = set()
+        self.lost_at_s: dict[str, float] = {}
+        self.last_delivery_s = time.monotonic()
+        self._logged_keys: set[str] = set()
+
+    async def wait_for_peers(self) -> None:
+        """Wait until every peer has declared its liveliness token, including those gone again."""
+        while not self.process.peers <= self.present | self.lost_at_s.keys():
+            self.dispatch(await self.transport.receive(1.0))
+
+    async def wait_for_watermarks(self, pace: WallClockPace | None) -> None:
+        """Receive messages until the needed watermarks are reached or, in real time, the period is due."""
+        self.last_delivery_s = time.monotonic()
+        while (needs := self.process.needs()) is not None:
+            missing = self.missing(needs)
+            if pace is None:
+                if not missing:
+                    return
+                # every missing upstream still owes one period end at least
+                self.dispatch(await self.transport.receive(self.timeout_s(missing), len(missing)))
+            else:
+                wait_s = pace.wait_s(self.process.due_ns())
+                # receive even when late, or messages would stay unread until the body has caught up
+                self.dispatch(await self.transport.receive(max(wait_s, 0.0)))
+                if wait_s <= 0.0:
+                    self.process.counters["late_frames"] += bool(self.missing(needs))
+                    return
+            for up in missing:
+                self.check_timeout(up)
+
+    def missing(self, needs: Mapping[str, int]) -> list[Upstream]:
+        """Return the live upstreams whose watermark is below the needed time."""
+        sources = self.process.upstreams
+        return [
+            up for name, t_ns in needs.items() if (up := sources[name]).watermark_ns < t_ns and not up.lost
+        ]
+
+    def timeout_s(self, missing: list[Upstream]) -> float:
+        """Return the timeout [s] for the next message before the missing upstreams are checked."""
+        return (
+            _LIVELINESS_GRACE_S / 4
+            if any(up.process in self.lost_at_s for up in missing)
+            else self.deadline_s
+        )
+
+    def check_timeout(self, upstream: Upstream) -> None:
+        """Drop a missing upstream whose process is gone, or silent beyond the deadline."""
+        now_s = time.monotonic()
+        if now_s - self.lost_at_s.get(upstream.process, now_s) > _LIVELINESS_GRACE_S:
+            self.drop_upstream(upstream, "is gone")
+        elif now_s - self.last_delivery_s >= self.deadline_s:
+            self.drop_upstream(upstream, f"sent no frame for {self.deadline_s:g} s")
+
+    def dispatch(self, deliveries: list[Delivery]) -> None:
+        """Dispatch deliveries: liveliness changes to the loop, messages to the process."""
+        if deliveries:
+            self.last_delivery_s = time.monotonic()
+        for key, payload in deliveries:
+            if payload is None:
+                process = key.rsplit("/", 1)[-1]
+                self.present.discard(process)
+                self.lost_at_s.setdefault(process, time.monotonic())
+            elif payload == b"" and f"/{ALIVE}/" in key:
+                self.present.add(key.rsplit("/", 1)[-1])
+            else:
+                self.accept(key, payload)
+
+    def accept(self, key: str, payload: bytes) -> None:
+        """Pass a message to the process; count and drop a malformed one."""
+        try:
+            row, fields = self.keys.parse(key)
+            self.process.accept(row.name, fields, payload)
+        except ProtocolError as error:
+            self.process.counters["malformed"] += 1
+            if key not in self._logged_keys and len(self._logged_keys) < 1000:  # once per source
+                self._logged_keys.add(key)
+                log.warning("dropped a message on %s: %s", key, error)
+
+    def drop_upstream(self, upstream: Upstream, reason: str) -> None:
+        """Continue without an upstream if its loss is tolerated.
+
+        Raises:
+            UpstreamLostError: it is not.
+        """
+        if upstream.lost:
+            return
+        upstream.lost = True
+        self.process.on_upstream_lost(upstream)
+        self.process.counters["lost_upstreams"] += 1
+        text = f"{upstream.process} (source of {upstream.name}) {reason}"
+        if upstream.process not in self.process.tolerated_losses:
+            raise UpstreamLostError(f"{self.process.name}: {text}")
+        log.warning("%s; going on without it", text)
+
+
+def _claim_name(name: str, transport: Transport, keys: Keys) -> None:
+    """Claim the process name `name` by a liveliness token.
+
+    The token is declared before the others are read: of several simultaneous claimants at most one succeeds,
+    and possibly none.
+
+    Raises:
+        NameTakenError: another process holds the name.
+    """
+    own = keys.name_claim(name, uuid.uuid4().hex)
+    transport.declare_token(own)
+    if transport.liveliness_tokens(keys.name_claim(name, "*")) - {own}:
+        raise NameTakenError(
+            f"{name}: there is a process of this name in the loop already; only one may speak in it, "
+            f"so this one leaves (end the other first)"
+        )
+
+
+class _TelemetryPublisher:
+    """Telemetry publisher of a process that is a `TelemetrySource`."""
+
+    def __init__(self, process: LogicalProcess, transport: Transport) -> None:
+        self._publish_best_effort = transport.publish_best_effort
+        self._source = process if isinstance(process, TelemetrySource) else None
+        if self._source is not None:
+            self._has_subscribers = transport.matching_listener(self._source.telemetry_key)
+        self._due_s = time.monotonic()
+
+    def publish_if_due(self) -> None:
+        """Publish telemetry if it is due and an observer subscribes."""
+        if self._source is None or (now_s := time.monotonic()) < self._due_s:
+            return
+        self._due_s = now_s + _TELEMETRY_PERIOD_S
+        if self._has_subscribers():
+            for key, payload in self._source.telemetry():
+                self._publish_best_effort(key, payload)
+
+
+async def run_loop(
+    process: LogicalProcess,
+    transport: Transport,
+    keys: Keys,
+    *,
+    deadline_s: float,
+    realtime: bool = False,
+    on_period: Callable[[int], None] | None = None,
+) -> set[str]:
+    """Run the logical process `process` over `transport` until it is finished.
+
+    After each period, `on_period` is called with the simulated time [ns] at which it ended.
+
+    Returns:
+        Names of the processes that are still present.
+
+    Raises:
+        NameTakenError: a process of this name is in the loop; it is not disturbed.
+        UpstreamLostError: an upstream whose loss is not tolerated is gone or silent.
+    """
+    _claim_name(process.name, transport, keys)
+    transport.subscribe(process.subscriptions, sorted(process.senders | {EXTERNAL}))
+    transport.subscribe_liveliness(keys.liveliness("*", "*"))
+    if isinstance(process, SubscriptionAware):
+        process.use_subscriber_check(transport.has_subscribers)
+    transport.declare_token(keys.liveliness(process.role, process.name))
+    if RECORDER in process.peers:
+        transport.enable_recording(_RECORDER_BATCH_PERIODS)
+    loop = _Loop(process, transport, keys, deadline_s)
+    await loop.wait_for_peers()
+    pace = WallClockPace() if realtime and process.follows_wall_clock else None
+    reports = _TelemetryPublisher(process, transport)
+    process.start(transport.put)
+    transport.flush()
+    while True:
+        await loop.wait_for_watermarks(pace)
+        if process.needs() is None:
+            transport.flush(last=True)
+            return loop.present
+        due_ns = process.due_ns()
+        process.step(transport.put)
+        transport.flush()
+        if on_period is not None:
+            on_period(due_ns)
+        for key, payload in process.best_effort_messages():
+            transport.publish_best_effort(key, payload)
+        reports.publish_if_due()

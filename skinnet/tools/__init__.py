@@ -1,0 +1,1 @@
+"""Tools beside single runs: link budget, stress sweeps, benchmarks."""

@@ -1,0 +1,121 @@
+"""Sweep of a stress test: runs its points in sequence and keeps the finished ones."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+
+from skinnet import __version__
+from skinnet.deployment import Deployment, resolved_json
+from skinnet.deployment.experiment.stress import StressSpec
+from skinnet.errors import SkinnetError
+from skinnet.files import write_json
+from skinnet.run.launch import RunOptions, run_once
+from skinnet.run.process_list import process_list
+from skinnet.run.progress import ProgressDisplay
+from skinnet.tools.stress.measurement import measure_point
+from skinnet.tools.stress.other_load import OtherLoad
+from skinnet.tools.stress.points import Point, derive_deployment, sweep_points
+
+__all__ = ["PointResult", "run_sweep"]
+
+_RESULT = "point.json"
+
+
+@dataclass
+class PointResult:
+    """Result of a point: its metrics, or the reason of its failure."""
+
+    point: Point
+    figures: dict[str, Any] = field(default_factory=dict)
+    failed: str | None = None
+
+
+def run_sweep(
+    file: Path,
+    deployment: Deployment,
+    spec: StressSpec,
+    out: Path,
+    *,
+    resume: bool,
+    progress: Callable[[str], None],
+) -> list[PointResult]:
+    """Run every point of `spec` in a folder of its own below `out`; a failed point does not end the sweep.
+
+    Args:
+        file: The deployment's file; paths in it start from its folder.
+        deployment: Deployment to vary.
+        spec: Sweep to run.
+        out: Folder of the sweep.
+        resume: Keep the points in `out` that are finished and were made from the same deployment.
+        progress: Callback for progress, one line at a time.
+
+    Raises:
+        DeploymentError: a point is not a valid deployment; then nothing has run.
+    """
+    points = sweep_points(deployment, spec)
+    derived = [derive_deployment(deployment, point, spec) for point in points]
+    (out / "stress.json").unlink(missing_ok=True)  # of an earlier sweep in this folder
+    results = []
+    for number, (point, what) in enumerate(zip(points, derived, strict=True), start=1):
+        head = f"{number}/{len(points)} {point.name}"
+        folder, mark = out / point.name, _fingerprint(what, file)
+        result = _load_finished(folder, mark, point) if resume else None
+        if result is not None:
+            progress(f"{head}: kept, {_result_line(result)}")
+        else:
+            result = _run_point(file, what, spec, point, folder)
+            if result.failed is None:
+                write_json(folder / _RESULT, {"mark": mark} | asdict(result))
+            progress(f"{head}: {_result_line(result)}")
+        results.append(result)
+    return results
+
+
+def _fingerprint(deployment: Deployment, file: Path) -> str:
+    """Fingerprint of a result's inputs: deployment, folder of its paths, and program version."""
+    what = resolved_json(deployment) + f"{file.resolve().parent} {__version__}".encode()
+    return hashlib.sha256(what).hexdigest()
+
+
+def _load_finished(folder: Path, mark: str, point: Point) -> PointResult | None:
+    try:
+        saved = msgspec.json.decode((folder / _RESULT).read_bytes())
+    except (FileNotFoundError, msgspec.DecodeError):
+        return None
+    return PointResult(point, saved["figures"]) if saved.get("mark") == mark else None
+
+
+def _run_point(
+    file: Path, deployment: Deployment, spec: StressSpec, point: Point, folder: Path
+) -> PointResult:
+    (folder / _RESULT).unlink(missing_ok=True)
+    quiet = ProgressDisplay(Console(stderr=True), quiet=True)
+    others = OtherLoad()
+    try:
+        run_once(RunOptions(file, plots=False), deployment, folder, quiet)
+        busy = {"others_cores": others.cores}
+        names = [process.name for process in process_list(deployment)]
+        return PointResult(point, measure_point(deployment, spec, folder, names) | busy)
+    except SkinnetError as error:
+        return PointResult(point, failed=_one_line(error))
+
+
+def _one_line(error: SkinnetError) -> str:
+    """Error message in one line: its first and its last line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0] if len(lines) < 2 else f"{lines[0]} {lines[-1]}"
+
+
+def _result_line(result: PointResult) -> str:
+    if result.failed is not None:
+        return f"failed: {result.failed}"
+    figures = result.figures
+    return (
+        f"{figures['packets_per_s']:.0f} packets/s, {100 * figures['share.packets']:.1f} % of clock-driven, "
+        f"controller {figures['cpu.controller']:.2f} CPU-s/s, {figures['rtf']:.2f} × real time"
+    )

@@ -1,0 +1,1 @@
+"""Live page: server, body, charts and controls."""

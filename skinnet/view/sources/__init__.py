@@ -1,0 +1,1 @@
+"""Message sources of the live page: a run, or its recording."""

@@ -1,0 +1,1 @@
+"""State of a run as its messages tell it, without I/O."""
