@@ -58,7 +58,7 @@ class CellProcess:
 
     def __init__(self, deployment: Deployment, name: str) -> None:
         self.name = name
-        mine = deployment.host_patches()[name]
+        mine = deployment.patches_by_process()[name]
         placed = tuple(place_patch(patch, deployment.cells) for patch in deployment.patches)
         patches = {patch.name: patch for patch in placed}
         self._patches = tuple(patches[patch] for patch in mine)
@@ -69,16 +69,18 @@ class CellProcess:
         self._body = Upstream("body", "body", watermark_ns=-1)
         self.upstreams = {"body": self._body}
         self.senders = frozenset({"body", "controller"})
-        self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
-        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
+        self.peers = frozenset({"body", "controller", *deployment.skin_processes()})
+        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
         self.counters: Counter[str] = Counter()
         self._counters_key = keys.of("counters", name)
         self._period_ns = deployment.cells.period_ns
-        self._end_ns = deployment.max_ns
+        self._end_ns = deployment.max_duration_ns
         self._period_index = 0
         self._stimuli: dict[int, NDArray[np.float32]] = {}
         self._configs: list[tuple[int, int, Config]] = []
-        groups = [[patches[patch] for patch in group] for group in deployment.groups() if group[0] in mine]
+        groups = [
+            [patches[patch] for patch in group] for group in deployment.bridged_patches() if group[0] in mine
+        ]
         self._wiring = wire_cells(groups, deployment.network, resolve_bridges(deployment.bridges, placed))
         n_cells = self._wiring.n_cells
         seed = deployment.seed
@@ -107,7 +109,9 @@ class CellProcess:
         self._new_topologies: list[tuple[str, bytes]] = []
         self.telemetry_key = keys.of("links", "*")
         self._link_telemetry = LinkTelemetry(self._wiring, keys)
-        self._publishers = [PatchPublisher(p.name, keys, deployment.network.bundle) for p in self._patches]
+        self._publishers = [
+            PatchPublisher(p.name, keys, deployment.network.aggregate_events) for p in self._patches
+        ]
 
     def _fed_cells(self, deployment: Deployment) -> list[int]:
         """Return the cells of this process that have a power feed."""
@@ -150,7 +154,7 @@ class CellProcess:
         if len(values) != self._wiring.n_cells:
             raise ProtocolError(f"stimulus of {len(values)} cells; this host has {self._wiring.n_cells}")
         self._stimuli[stimulus.t_ns] = values
-        self._body.end_period(stimulus.covered_ns, stimulus.configs)
+        self._body.end_period(stimulus.watermark_ns, stimulus.n_configs)
         if stimulus.end_ns is not None:
             self._end_ns = min(self._end_ns, stimulus.end_ns)
 
@@ -165,7 +169,7 @@ class CellProcess:
         if config.t_ns:
             self._body.count_arrivals()
         else:
-            self.counters["configs_from_outside"] += 1
+            self.counters["external_configs"] += 1
         self._configs.append((config.t_ns, cell, config))
 
     def on_upstream_lost(self, upstream: Upstream) -> None:
@@ -226,15 +230,15 @@ class CellProcess:
         """Inject the processing delay of a slow-host fault; results do not change."""
         for span in self._slow_process_faults:
             if span.t_ns <= t_ns < span.until_ns and isinstance(span.rule, SlowProcess):
-                time.sleep(span.rule.extra_ms * 1e-3)
+                time.sleep(span.rule.added_delay_ms * 1e-3)
 
     def _configure(self, cell: int, config: Config) -> None:
         """Apply a received configuration to a cell; count and ignore an invalid one."""
         try:
             self._encoder.configure(cell, config)
         except ProtocolError as error:
-            self.counters["refused_configs"] += 1
-            if self.counters["refused_configs"] == 1:
+            self.counters["rejected_configs"] += 1
+            if self.counters["rejected_configs"] == 1:
                 log.warning("%s/%d refused a configuration: %s", config.patch, config.cell, error)
 
     def _publish(self, put: Put, data: list[DeliveredPackets], start_ns: int, end_ns: int) -> None:
@@ -256,7 +260,7 @@ class CellProcess:
         """Return the counters of the network and of this process up to `t_ns`."""
         packets = self._network.counters()
         counts = {f"{kind}.{what}": n for kind, entry in packets.items() for what, n in entry.items()}
-        return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
+        return Counters(process=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def best_effort_messages(self) -> list[tuple[str, bytes]]:
         """Return new topologies for best-effort publication, for late-joining subscribers."""
@@ -276,17 +280,17 @@ class CellProcess:
             "logs": {publisher.patch: publisher.log_sha256 for publisher in self._publishers},
             "network": self._network.counters(),
             "formation_packets": self._network.formation_driver.sent,
-            "formation_repeated": self._network.formation_driver.retransmitted,
-            "formation_ignored": self._network.formation_driver.dropped_packets,
+            "formation_retransmitted": self._network.formation_driver.retransmitted,
+            "formation_dropped": self._network.formation_driver.dropped_packets,
             "tree_depth": self._network.membership.tree_depth(),
             "formed_ns": self._network.membership.formed_ns_by_patch(),
-            "unreached": sum(
+            "unreachable_cells": sum(
                 self._network.membership.n_unreachable(patch) for patch in range(len(self._patches))
             ),
-            "cut_off": [
+            "unreachable_patches": [
                 name for i, name in enumerate(self._patch_index) if self._network.membership.is_unreachable(i)
             ],
-            "without_power": int((~self._network.formation_driver.powered).sum()),
+            "unpowered_cells": int((~self._network.formation_driver.powered).sum()),
             "recoveries": self._recovery_facts(),
             "latency_max_ns": self._network.demultiplexer.latency_max_ns,
         }

@@ -26,7 +26,7 @@ class PatchPublisher:
         self._bundle = bundle
         self._keys = keys
         self._stream_key = keys.of("stream", patch)
-        self._period_end_key = keys.of("frame", patch)
+        self._period_end_key = keys.of("period_end", patch)
         self._log_hash = hashlib.sha256()
         self._seq = 0
         self._n_published = 0
@@ -100,12 +100,12 @@ class PatchPublisher:
         """
         events, self._n_published = self._n_published, 0
         if stream is None:
-            frame = PeriodEnd(patch=self.patch, t_ns=t_ns, covered_ns=watermark_ns, events=events)
+            frame = PeriodEnd(patch=self.patch, t_ns=t_ns, watermark_ns=watermark_ns, n_events=events)
             self._publish(put, self._period_end_key, encode(frame))
             return
         stream["seq"] = self._next_seq(len(stream))
         message = Stream(
-            patch=self.patch, t_ns=t_ns, covered_ns=watermark_ns, events=events, rows=stream.tobytes()
+            patch=self.patch, t_ns=t_ns, watermark_ns=watermark_ns, n_events=events, rows=stream.tobytes()
         )
         self._publish(put, self._stream_key, encode(message))
 

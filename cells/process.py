@@ -35,22 +35,22 @@ def warm_up(deployment: Deployment) -> int:
     """Warm up with two cells that stream; return the number of readings delivered."""
     stage = replace(
         deployment,
-        hosts=1,
+        cell_processes=1,
         patches=(_WARM_UP_PATCH,),
         bridges=(),
         surfaces=(),
         sheets=(),
         faults=(),
         power=None,
-        cells=replace(deployment.cells, encoding=EncodingSpec(kind="clock")),
+        cells=replace(deployment.cells, encoding=EncodingSpec(kind="periodic")),
     )
-    node = CellProcess(stage, "host0")
+    node = CellProcess(stage, "cells0")
     felt = np.zeros((_WARM_UP_PATCH.n_cells, len(STIMULUS_NAMES)), dtype="<f4").tobytes()
     node.start(_discard)
     for frame in range(_WARM_UP_PERIODS + 1):
-        t_ns = frame * stage.body.stimulus_ns
-        stimulus = Stimulus(host="host0", t_ns=t_ns, covered_ns=t_ns, values=felt)
-        node.accept("stimulus", ("host0",), encode(stimulus))
+        t_ns = frame * stage.body.stimulus_period_ns
+        stimulus = Stimulus(process="cells0", t_ns=t_ns, watermark_ns=t_ns, values=felt)
+        node.accept("stimulus", ("cells0",), encode(stimulus))
         if frame:
             node.step(_discard)
     delivered: int = node.result().facts["network"]["reading"]["delivered"]

@@ -26,7 +26,7 @@ def describe_program(control: ControllerSpec, poses: Iterable[str], t_ns: int) -
     requests: dict[str, list[str]] = {}
     ends = [(FORMING, "network formed")]
     for stage in control.program:
-        if control.stages[stage].kind == "session":
+        if control.stages[stage].kind == "teach_and_grasp":
             own, inside, following = _teach_and_grasp_transitions(stage)
             requests = request_arguments(poses)
         else:
@@ -35,14 +35,16 @@ def describe_program(control: ControllerSpec, poses: Iterable[str], t_ns: int) -
         states += own
         ends = following
     return StateMachineDescription(
-        t_ns=t_ns, states=list(dict.fromkeys(states)), moves=moves, requests=requests
+        t_ns=t_ns, states=list(dict.fromkeys(states)), transitions=moves, requests=requests
     )
 
 
 def describe_nursing(t_ns: int) -> StateMachineDescription:
     """Describe the states of the nursing program, which takes no requests."""
     moves = [[state.value, event.value, to.value] for (state, event), to in nursing.TRANSITIONS.items()]
-    return StateMachineDescription(t_ns=t_ns, states=[state.value for state in nursing.State], moves=moves)
+    return StateMachineDescription(
+        t_ns=t_ns, states=[state.value for state in nursing.State], transitions=moves
+    )
 
 
 class Capabilities:
@@ -54,7 +56,7 @@ class Capabilities:
     """
 
     def __init__(self, keys: Keys, control: ControllerSpec) -> None:
-        self._key, self._control = keys.of("machine"), control
+        self._key, self._control = keys.of("state_machine"), control
         self._published_poses: tuple[str, ...] | None = None
 
     def publish_if_changed(self, poses: Iterable[str], t_ns: int) -> list[tuple[str, bytes]]:

@@ -51,7 +51,7 @@ class Controller:
 
     def __init__(self, spec: ControllerSpec, cell_input: CellInput, n_cells: int) -> None:
         self.cell_input = cell_input
-        self.self_model = SelfModel(min_row_norm=spec.map.cut)
+        self.self_model = SelfModel(min_row_norm=spec.map.min_row_norm)
         self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""
         self.tactile_state = TactileState(n_cells)
@@ -229,9 +229,9 @@ class Controller:
 
 def _safety_limits(control: ControllerSpec) -> SafetyLimits:
     safety = control.safety
-    stale_ns = round(safety.stale_ms * 1e6)
+    stale_ns = round(safety.input_timeout_ms * 1e6)
     return SafetyLimits(
-        speed_rad_s=safety.joint_speed_rad_s,
+        speed_rad_s=safety.max_joint_speed_rad_s,
         joints_max_age_ns=stale_ns,
         skin_max_age_ns=stale_ns,
         ramp_ns=round(safety.ramp_ms * 1e6),

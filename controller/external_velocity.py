@@ -38,14 +38,14 @@ class ExternalVelocityInput:
         self._valid_until_ns = -1
         if not self._allowed:
             raise ProtocolError(
-                "this run takes no velocities; start it with controller.outside_velocity=true"
+                "this run takes no velocities; start it with controller.external_velocity=true"
             )
         wanted = np.array(decode(payload, ExternalVelocity).velocity_rad_s, dtype=np.float64)
         if len(wanted) != self._n_dofs:
             raise ProtocolError(f"velocities of {len(wanted)} joints; this run has {self._n_dofs}")
         if not np.isfinite(wanted).all():
             raise ProtocolError("joint velocities that are not finite")
-        self._counters["velocities_from_outside"] += 1
+        self._counters["external_velocities"] += 1
         self._velocity_rad_s, self._valid_until_ns = wanted, t_ns + _VALIDITY_NS
 
     def at(self, t_ns: int) -> NDArray[np.float64] | None:

@@ -36,5 +36,5 @@ class PatchTrace:
         """Return times (n,) and largest force and proximity readings (n, P, 2)."""
         return {
             "patch_t_ns": np.array(self._t_ns, dtype=np.int64),
-            "patch_felt": np.array(self._readings, dtype=np.float32).reshape(-1, self._n_patches, 2),
+            "patch_readings": np.array(self._readings, dtype=np.float32).reshape(-1, self._n_patches, 2),
         }

@@ -61,19 +61,19 @@ class ControllerProcess:
         keys = Keys(deployment.robot)
         self.subscriptions = (
             keys.of("joints"),
-            *(keys.of(channel, "*") for channel in ("frame", "stream", "topology", "bundle")),
+            *(keys.of(channel, "*") for channel in ("period_end", "stream", "topology", "bundle")),
             keys.of("events", "*", "*"),
             keys.of("request", "*"),
             keys.of("velocity"),
         )
-        hosts = deployment.host_patches()
+        hosts = deployment.patches_by_process()
         host_of = {patch: host for host, patches in hosts.items() for patch in patches}
         self._body_upstream = Upstream("body", "body", watermark_ns=-1)
         self._patch_upstreams = {patch: Upstream(patch, host_of[patch]) for patch in cell_counts}
         self.upstreams: Mapping[str, Upstream] = {"body": self._body_upstream, **self._patch_upstreams}
         self.senders = frozenset({"body", *hosts})
-        self.peers: frozenset[str] = frozenset({"body", name, *deployment.hosts_of_skin()})
-        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
+        self.peers: frozenset[str] = frozenset({"body", name, *deployment.skin_processes()})
+        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
         if "cells" in self.tolerated_losses:
             self.tolerated_losses |= frozenset(hosts)
         self.counters: Counter[str] = Counter()
@@ -81,8 +81,8 @@ class ControllerProcess:
         self._command_key = keys.of("command")
         self._period_ns = deployment.controller.period_ns
         self._delay_ns = deployment.controller.command_delay_ns
-        self._skin_period_ns = deployment.frame_ns
-        self._max_ns = deployment.max_ns
+        self._skin_period_ns = deployment.hyperperiod_ns
+        self._max_ns = deployment.max_duration_ns
         self._patch_of_cell = [(patch, cell) for patch, n in cell_counts.items() for cell in range(n)]
         self._topologies: dict[str, deque[Topology]] = {patch: deque() for patch in cell_counts}
         self._formed_patches: set[str] = set()
@@ -95,7 +95,7 @@ class ControllerProcess:
         self._capabilities, self._recorded_capabilities = (
             Capabilities(keys, deployment.controller) for _ in range(2)
         )
-        allowed = deployment.controller.outside_velocity
+        allowed = deployment.controller.external_velocity
         self._external_velocity = ExternalVelocityInput(allowed, self._n_dofs, self.counters)
         self._last_state_s = -1e9
         self._published_state = ""
@@ -137,7 +137,7 @@ class ControllerProcess:
             if not np.isfinite(position).all():
                 raise ProtocolError("joint positions that are not finite")
             self._joints[joints.t_ns] = position
-            self._body_upstream.end_period(joints.covered_ns)
+            self._body_upstream.end_period(joints.watermark_ns)
             return
         if channel == "request":
             self._request_queue.add(fields[0], decode(payload, Request))
@@ -158,10 +158,10 @@ class ControllerProcess:
             case "stream":
                 stream = decode(payload, Stream)
                 self._controller.cell_input.add_stream(patch.name, stream)
-                patch.end_period(stream.covered_ns, stream.events)
-            case "frame":
+                patch.end_period(stream.watermark_ns, stream.n_events)
+            case "period_end":
                 frame = decode(payload, PeriodEnd)
-                patch.end_period(frame.covered_ns, frame.events)
+                patch.end_period(frame.watermark_ns, frame.n_events)
             case "topology":
                 topology = decode(payload, Topology)
                 if len(topology.network_id) != len(self._controller.cell_input.cells(patch.name)):
@@ -198,10 +198,10 @@ class ControllerProcess:
         command = Command(
             t_ns=t_ns,
             effect_ns=effect_ns,
-            covered_ns=FOREVER_NS if self._finished else effect_ns + self._period_ns,
+            watermark_ns=FOREVER_NS if self._finished else effect_ns + self._period_ns,
             velocity_rad_s=tick.velocity_rad_s.tolist(),
             stage=self._controller.stage,
-            configs=configs,
+            config_counts=configs,
             end_ns=end_ns if self._finished else None,
         )
         if RECORDER in self.peers:
@@ -275,7 +275,7 @@ class ControllerProcess:
             "stages": brain.stage_log,
             "end_ns": self._t_ns,
             "rejected": brain.tactile_state.rejected,
-            "asked_again": brain.repeated_stream_requests,
+            "repeated_stream_requests": brain.repeated_stream_requests,
             "received_packets": brain.cell_input.received,
             "missing_packets": brain.cell_input.missing,
             "cells": self._patch_of_cell,
@@ -284,7 +284,7 @@ class ControllerProcess:
         }
         explored, arrays = knowledge.result()
         facts |= explored
-        arrays |= self._trace.arrays() | {"drives": brain.reaction_log.rows}
+        arrays |= self._trace.arrays() | {"reaction_log": brain.reaction_log.rows}
         if brain.teach_and_grasp_stages:
             arrays |= self._patch_trace.arrays()
             facts |= teach_and_grasp_facts(brain.teach_and_grasp_stages, knowledge)

@@ -26,7 +26,7 @@ class Reply(NamedTuple):
 
     accepted: bool
     state: str
-    why: str = ""
+    reason: str = ""
 
 
 @runtime_checkable
@@ -63,7 +63,7 @@ class RequestQueue:
 
         The launcher's request server bounds open requests; clients that bypass it may be dropped.
         """
-        self._counters["requests_from_outside"] += 1
+        self._counters["external_requests"] += 1
         if len(self._pending) < _MAX_PENDING:
             self._pending.append((name, request))
         else:

@@ -39,7 +39,7 @@ class RunTrace:
             "t_ns": np.array(self._t_ns, dtype=np.int64),
             "velocity_rad_s": np.array(self._velocity, dtype=np.float32),
             # counts of events and of full readings
-            "taken": np.array(self._input_counts, dtype=np.int64).reshape(-1, 2),
-            "touch_t_ns": np.array(self._tactile_input_ns, dtype=np.int64),
-            "touch": np.array(self._tactile_input, dtype=np.float16),
+            "input_counts": np.array(self._input_counts, dtype=np.int64).reshape(-1, 2),
+            "tactile_input_t_ns": np.array(self._tactile_input_ns, dtype=np.int64),
+            "tactile_input": np.array(self._tactile_input, dtype=np.float16),
         }

@@ -20,6 +20,6 @@ def warm_up(deployment: Deployment) -> None:
     )  # fmt: skip
     skin.add_events("none", events)
     rows = np.zeros(1, dtype=STREAM_ROW).tobytes()
-    skin.add_stream("none", Stream(patch="none", t_ns=0, covered_ns=0, events=0, rows=rows))
+    skin.add_stream("none", Stream(patch="none", t_ns=0, watermark_ns=0, n_events=0, rows=rows))
     still = np.zeros(len(deployment.body.joints))
     Controller(deployment.controller, skin, 1).tick(1, still, 1, 1, ready=False)

@@ -201,7 +201,7 @@ def _directive(state: State, directive: StateParameters) -> tuple[str, ...]:
     ]
     pose = directive.pose or ("as asked" if state is State.GO else "–")
     speed = f"{directive.speed_rad_s:g}" if pose != "–" else "–"
-    patience = f"{directive.patience_s:g}" if directive.patience_s < math.inf else "–"
+    patience = f"{directive.timeout_s:g}" if directive.timeout_s < math.inf else "–"
     return (f"`{state.value}`", *forces, *nears, pose, speed, patience)
 
 

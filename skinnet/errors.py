@@ -2,6 +2,7 @@
 
     SkinnetError
     ├── DeploymentError     invalid deployment or option: names file, key, value, what is allowed
+    ├── FormatError         file of a newer format than this program reads
     ├── MemoryFileError     long-term memory file damaged, locked, or of another robot or version
     ├── RecordingError      not a recording, of a newer version, or damaged
     ├── RecorderError       a recording cannot be written
@@ -19,6 +20,7 @@ A bug of this program is an AssertionError or an ordinary Python exception, neve
 
 __all__ = [
     "DeploymentError",
+    "FormatError",
     "MemoryFileError",
     "ModelError",
     "NameTakenError",
@@ -40,6 +42,10 @@ class SkinnetError(Exception):
 
 class DeploymentError(SkinnetError):
     """Invalid deployment or option; the text names file, key, value, what is allowed, what to do."""
+
+
+class FormatError(SkinnetError):
+    """File of a newer format, or of none; the text says which formats this program reads."""
 
 
 class MemoryFileError(SkinnetError):

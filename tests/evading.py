@@ -45,8 +45,8 @@ class Evader:
         cells = CellSpec()
         readings = np.interp(stimulus[:, :3], cells.force.calibration_n, cells.force.calibration_reading)
         force = np.where(readings > 0.05, readings - 0.05, 0.0).sum(axis=1)
-        root = np.sqrt(cells.proximity.reading_at_reach)
-        d0_m = cells.proximity.reach_m * root / (1.0 - root)
+        root = np.sqrt(cells.proximity.reading_at_range)
+        d0_m = cells.proximity.range_m * root / (1.0 - root)
         near = (d0_m / (d0_m + stimulus[:, _DISTANCE])) ** 2
         activation = self._force_gain * force + self._proximity_gain * np.where(near > 0.01, near - 0.01, 0.0)
         activation[self._asleep] = 0.0

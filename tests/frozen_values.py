@@ -20,6 +20,8 @@ import numba
 import numpy as np
 from value_hash import channel_hashes, value_hash
 
+from skinnet.migration.summaries import current_metric
+
 __all__ = ["FROZEN", "NAMES", "arithmetic", "compared", "measured"]
 
 FROZEN = Path(__file__).with_suffix(".json")
@@ -71,7 +73,7 @@ def compared(name: str, now: dict[str, Any]) -> list[str]:
         for number, digest in frozen["channels"].items()
         if now["channels"].get(number) != digest
     ]
-    expected = frozen["metrics"]
+    expected = {current_metric(key): value for key, value in frozen["metrics"].items()}
     found += [
         f"{name}: {key} = {now['metrics'].get(key)!r}, was {value!r}"
         for key, value in expected.items()

@@ -55,8 +55,14 @@ def _paddle(name: str, inwards: float) -> PatchSpec:
 def rig_deployment(thing: ObjectName = "delivery_box", seed: int = 1, **stand: Any) -> Deployment:
     """The rig with an object between the paddles, the middle of which lies at x = 0.4 m."""
     scene = deployment_of((_paddle("left", -1.0), _paddle("right", 1.0)), ("left", "right"), servo=_SERVO)
-    depth_m, nearer_m = (0.3, 0.0) if thing == "none" else (OBJECTS[thing].size_m[0], OBJECTS[thing].nearer_m)
-    defaults = {"near_x_m": _AT_X_M - 0.5 * depth_m + nearer_m, "plate_near_x_m": 0.25, "lower_stage": "hold"}
+    depth_m, nearer_m = (
+        (0.3, 0.0) if thing == "none" else (OBJECTS[thing].size_m[0], OBJECTS[thing].shift_to_robot_m)
+    )
+    defaults = {
+        "object_face_x_m": _AT_X_M - 0.5 * depth_m + nearer_m,
+        "plate_edge_x_m": 0.25,
+        "lower_stage": "hold",
+    }
     keys = {"object": thing, "seed": seed, "stand": defaults | stand}
     return msgspec.convert(msgspec.to_builtins(scene) | keys, Deployment)
 

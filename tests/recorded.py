@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 CYLINDER = ROOT / "deployments" / "riba_cylinder.toml"
-SHORT_ARM = ("run.max_s=2.0", "controller.structure.settle_s=0.1", "controller.structure.average_s=0.1")
+SHORT_ARM = ("run.max_s=2.0", "controller.structure.settle_s=0.1", "controller.structure.averaging_s=0.1")
 SHORT_CYLINDER = ("nursing.waypoints.0.t_s=0.5", "nursing.settle_s=0.2", "nursing.hold_s=0.8")
 SHORT_TOUCH = (
     'controller.program=["map", "force_guidance"]',

@@ -11,5 +11,5 @@ CYLINDER = DEPLOYMENTS / "riba_cylinder.toml"
 
 def riba(*overrides: str) -> BodySimulation:
     """The robot when its arms have closed and the world still holds the cylinder."""
-    spec = ("payload.mass_kg=3.0", "payload.grip_n=60.0", 'payload.release_stage="hold"', *overrides)
+    spec = ("payload.mass_kg=3.0", "payload.grip_force_n=60.0", 'payload.release_stage="hold"', *overrides)
     return BodySimulation(load(CYLINDER, spec), DEPLOYMENTS)

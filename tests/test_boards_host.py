@@ -30,8 +30,8 @@ SURFACES = (
     },
 )
 SHEETS = (
-    {"name": "a", "surface": "left", "middle_xi_m": (0.0, 0.086), "rows": 4, "columns": 4},
-    {"name": "b", "surface": "left", "middle_xi_m": (0.0, 0.0), "rows": 4, "columns": 4},
+    {"name": "a", "surface": "left", "centre_xi_m": (0.0, 0.086), "n_regions": 4, "columns": 4},
+    {"name": "b", "surface": "left", "centre_xi_m": (0.0, 0.0), "n_regions": 4, "columns": 4},
 )
 
 
@@ -48,7 +48,7 @@ def pressed(*elements: int) -> bytes:
 def told(node: BoardProcess, *frames: bytes) -> list[Regions]:
     sent: list[tuple[str, bytes]] = []
     for i, values in enumerate(frames):
-        message = Pressures(t_ns=i * PERIOD_NS, covered_ns=i * PERIOD_NS, values=values)
+        message = Pressures(t_ns=i * PERIOD_NS, watermark_ns=i * PERIOD_NS, values=values)
         node.accept("pressures", (), encode(message))
         if i:
             assert node.needs() == {"body": i * PERIOD_NS}
@@ -60,17 +60,17 @@ def told(node: BoardProcess, *frames: bytes) -> list[Regions]:
 def test_what_is_pressed_is_told_and_every_period_is_closed() -> None:
     node = BoardProcess(skinned(), "boards")
     regions = told(node, *[pressed(5, 6, 21)] * 6)
-    assert [(r.t_ns, r.covered_ns) for r in regions] == [
+    assert [(r.t_ns, r.watermark_ns) for r in regions] == [
         (i * PERIOD_NS, (i + 1) * PERIOD_NS) for i in range(5)
     ]
     frames = np.concatenate([unpack(r.frames, SCAN_FRAME_ROW) for r in regions])
     rows = np.concatenate([unpack(r.rows, REGION_ROW) for r in regions])
-    assert int(frames["rows"].sum()) == len(rows)
+    assert int(frames["n_regions"].sum()) == len(rows)
     area_m2 = 0.0215**2
     for board, n in ((0, 2), (1, 1)):
         last = rows[rows["board"] == board][-1]
         assert last["force_n"] == pytest.approx(n * 30e3 * area_m2, rel=0.02)
-        assert last["elements"] == n
+        assert last["n_elements"] == n
     assert [r.seq for r in regions] == np.cumsum(
         [0, *(len(unpack(r.frames, SCAN_FRAME_ROW)) for r in regions)]
     )[:-1].tolist()
@@ -81,20 +81,24 @@ def test_what_is_pressed_is_told_and_every_period_is_closed() -> None:
 def test_pressures_of_another_skin_are_refused() -> None:
     node = BoardProcess(skinned(), "boards")
     with pytest.raises(ProtocolError, match="3 elements; there are 32"):
-        node.accept("pressures", (), encode(Pressures(t_ns=0, covered_ns=0, values=bytes(12))))
+        node.accept("pressures", (), encode(Pressures(t_ns=0, watermark_ns=0, values=bytes(12))))
     with pytest.raises(ProtocolError, match="does not read"):
         node.accept("stimulus", (), b"")
 
 
 def test_a_raw_pattern_comes_to_who_asks_for_it() -> None:
     node = BoardProcess(skinned(), "boards")
-    node.accept("config", ("boards", "1"), encode(Config(patch="boards", cell=1, pattern_every=2)))
+    node.accept("config", ("boards", "1"), encode(Config(patch="boards", cell=1, pattern_interval_scans=2)))
     patterns = np.concatenate([unpack(r.patterns, PATTERN_ROW) for r in told(node, *[pressed(21)] * 9)])
     assert set(patterns["board"]) == {1}
-    assert set(np.diff(patterns["frame"])) == {2}
+    assert set(np.diff(patterns["scan_index"])) == {2}
     assert patterns["pressure_kpa"][-1].argmax() == 21 - 16
-    assert node.counters["configs_from_outside"] == 1
-    for wrong in ({"cell": 2, "pattern_every": 1}, {"cell": 0}, {"cell": 0, "pattern_every": -1}):
+    assert node.counters["external_configs"] == 1
+    for wrong in (
+        {"cell": 2, "pattern_interval_scans": 1},
+        {"cell": 0},
+        {"cell": 0, "pattern_interval_scans": -1},
+    ):
         with pytest.raises(ProtocolError, match="config of board"):
             node.accept("config", ("boards", "0"), encode(Config(patch="boards", **wrong)))  # type: ignore[arg-type]
 
@@ -140,10 +144,10 @@ def test_messages_that_contradict_themselves_are_refused() -> None:
     frame = np.zeros(1, dtype=SCAN_FRAME_ROW)
     frame["board"] = 7
     with pytest.raises(ProtocolError, match="board 7; there are 2"):
-        ear.add(Regions(t_ns=0, covered_ns=0, frames=frame.tobytes(), rows=b""))
-    frame["board"], frame["rows"] = 0, 1
+        ear.add(Regions(t_ns=0, watermark_ns=0, frames=frame.tobytes(), rows=b""))
+    frame["board"], frame["n_regions"] = 0, 1
     with pytest.raises(ProtocolError, match="0 regions; the frames announce 1"):
-        ear.add(Regions(t_ns=0, covered_ns=0, frames=frame.tobytes(), rows=b""))
+        ear.add(Regions(t_ns=0, watermark_ns=0, frames=frame.tobytes(), rows=b""))
 
 
 def test_the_controller_knows_one_sheet_for_each_surface() -> None:

@@ -128,7 +128,7 @@ def test_the_reference_sways_a_little_and_the_arms_hold_their_pose(robot):
 @pytest.mark.parametrize(
     ("keys", "error", "words"),
     [
-        ({"reference": "chest"}, ModelError, ["body.reference", "chest", "base", "arm"]),
+        ({"reference": "chest"}, ModelError, ["body.reference_body", "chest", "base", "arm"]),
         ({"model": "nowhere.xml"}, DeploymentError, ["body.model", "nowhere.xml", "hrp2_upper"]),
         ({"model": "../models/hrp2_upper"}, DeploymentError, ["body.model"]),
         ({"home_rad": {"lift": 2.0}}, DeploymentError, ["body.home_rad.lift", "2.0", "-1", "1"]),

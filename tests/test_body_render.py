@@ -37,7 +37,7 @@ def test_a_machine_that_cannot_draw_says_why(tmp_path, monkeypatch):
 
 def test_the_picture_shows_the_object_where_it_is(tmp_path):
     deployment = body_scenes.load(
-        body_scenes.HRP2, ("object=delivery_box", "stand.below_m=0.5", "stand.near_x_m=0.3")
+        body_scenes.HRP2, ("object=delivery_box", "stand.rise_m=0.5", "stand.object_face_x_m=0.3")
     )
     up, down = [0.43, 0.0, 1.07, 1.0, 0.0, 0.0, 0.0], [0.43, 0.0, 0.57, 1.0, 0.0, 0.0, 0.0]
     images = []

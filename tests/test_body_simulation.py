@@ -65,7 +65,7 @@ def test_the_seed_moves_the_sway_and_nothing_else():
 
 def test_force_crossings_are_exact_between_physics_steps(tmp_path):
     """Against the same touch with steps of 0.1 ms: the crossing lies within a hundredth of a step or so."""
-    coarse, fine = touched_arm(tmp_path), body_scenes.arm(tmp_path, touches=(TOUCH,), physics_ms=0.1)
+    coarse, fine = touched_arm(tmp_path), body_scenes.arm(tmp_path, touches=(TOUCH,), timestep_ms=0.1)
     fine.begin_stage("guide")
     for body in (coarse, fine):
         body.advance(1200 * MS)
@@ -134,4 +134,4 @@ def test_every_touch_of_the_shipped_deployment_reaches_its_cell():
             assert truth.end_ns is not None
             assert (truth.contact_ns is not None) == (stage == "force_guidance")
             if truth.contact_ns is not None:
-                assert truth.aimed_peak_n > 0.9
+                assert truth.target_peak_force_n > 0.9

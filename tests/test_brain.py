@@ -45,10 +45,10 @@ STAGES: dict[str, Any] = {
     "structure": {"kind": "structure"},
     "map": {"kind": "map"},
     "guide": {"kind": "guide", "duration_s": 2.0, "force_gain": 1.0, "force_threshold": 0.05},
-    "listen": {"kind": "listen", "duration_s": 0.5},
+    "listen": {"kind": "passive", "duration_s": 0.5},
 }
 FAST = {
-    "structure": {"settle_s": 0.0, "average_s": 0.01},
+    "structure": {"settle_s": 0.0, "averaging_s": 0.01},
     "map": {"settle_s": 0.0, "periods": 1, "frequency_hz": 10.0},
     "poses_rad": {"bow": (0.3, -0.2)},
     "stages": STAGES,
@@ -68,7 +68,7 @@ def events(patch: str, *rows: tuple[int, int, float], t_ns: int = 0, seq: int = 
         "seq": list(range(seq, seq + n)),
         "modality": [int(Modality.FORCE)] * n,
         "channel": [0] * n,
-        "kind": [int(EventKind.LEVEL)] * n,
+        "kind": [int(EventKind.LEVEL_CROSSING)] * n,
         "level": [row[1] for row in rows],
         "value": [row[2] for row in rows],
     }
@@ -154,7 +154,7 @@ def say(robot: Robot, *cells: int, patch: str = "arm") -> None:
     rows = np.zeros(len(cells), dtype=STREAM_ROW)
     rows["cell"], rows["t_sampled_ns"], rows["t_delivered_ns"] = cells, robot.t_ns - 2000, robot.t_ns - 1000
     rows["seq"] = robot.t_ns + np.arange(len(cells))
-    robot.skin.add_stream(patch, Stream(patch=patch, t_ns=0, covered_ns=0, events=0, rows=rows.tobytes()))
+    robot.skin.add_stream(patch, Stream(patch=patch, t_ns=0, watermark_ns=0, n_events=0, rows=rows.tobytes()))
 
 
 def test_a_cell_that_does_not_stream_is_asked_again() -> None:
@@ -239,7 +239,7 @@ def test_guidance_is_that_of_the_paper() -> None:
     drives = robot.brain.reaction_log.rows
     assert drives[["cell", "channel", "tick_ns"]].tolist() == [(0, 0, TICK_NS), (3, 0, 2 * TICK_NS)]
     assert (drives["tick_ns"] - drives["t_sampled_ns"] == 2000).all()
-    for _ in range(12):  # nothing more is heard of that touch for longer than `stale_ms`
+    for _ in range(12):  # nothing more is heard of that touch for longer than `input_timeout_ms`
         tick = robot.tick()
     assert not tick.velocity_rad_s.any()
 
@@ -301,7 +301,7 @@ def test_whatever_comes_in_what_goes_out_is_finite_and_within_the_limit(
             if streamed:
                 full = np.zeros(1, dtype=STREAM_ROW)
                 full["t_sampled_ns"], full["cell"], full["values"] = robot.t_ns - 2000, cell, value
-                message = Stream(patch=patch, t_ns=0, covered_ns=0, events=0, rows=full.tobytes())
+                message = Stream(patch=patch, t_ns=0, watermark_ns=0, n_events=0, rows=full.tobytes())
                 robot.skin.add_stream(patch, message)
         robot.position_rad = np.array(position_rad)
         velocity = robot.tick().velocity_rad_s
@@ -364,7 +364,9 @@ class Wired:
         **more: Any,
     ) -> None:
         control = FAST | {"program": program} | more
-        deployment: Deployment = small(controller=control, hosts="per_patch", run={"may_be_lost": ("cells",)})
+        deployment: Deployment = small(
+            controller=control, cell_processes="per_patch", run={"tolerated_losses": ("cells",)}
+        )
         self.node = ControllerProcess(deployment, "controller", SIZES)
         self.sent: list[tuple[str, bytes]] = []
         self.position_rad = HOME_RAD
@@ -394,11 +396,13 @@ class Wired:
 
     def step(self) -> Command:
         self.accept(
-            "joints", Joints(t_ns=self.t_ns, covered_ns=self.t_ns, position_rad=self.position_rad.tolist())
+            "joints", Joints(t_ns=self.t_ns, watermark_ns=self.t_ns, position_rad=self.position_rad.tolist())
         )
         for patch in self.here:
-            frame = PeriodEnd(patch=patch, t_ns=self.t_ns, covered_ns=self.t_ns, events=int(self.t_ns == 0))
-            self.accept("frame", frame, patch)
+            frame = PeriodEnd(
+                patch=patch, t_ns=self.t_ns, watermark_ns=self.t_ns, n_events=int(self.t_ns == 0)
+            )
+            self.accept("period_end", frame, patch)
         needs = self.node.needs()
         assert needs is not None
         ups = self.node.upstreams
@@ -427,18 +431,18 @@ def test_a_command_says_when_it_takes_effect_and_what_was_sent_with_it() -> None
         assert (command.t_ns, command.effect_ns) == (t_ns, t_ns + TICK_NS)
         assert all(config.t_ns == command.effect_ns for config in robot.configs)
         by_patch = {patch: sum(c.patch == patch for c in robot.configs) for patch in SIZES}
-        assert command.configs == {patch: n for patch, n in by_patch.items() if n}
+        assert command.config_counts == {patch: n for patch, n in by_patch.items() if n}
         counted += len(robot.configs)
         if command.end_ns is not None:
             break
-        assert command.covered_ns == t_ns + 2 * TICK_NS
+        assert command.watermark_ns == t_ns + 2 * TICK_NS
     assert robot.node.needs() is None
     # the end lies after the effect: until then, everybody still owes a frame to everybody
     assert command.end_ns is not None
     assert command.effect_ns < command.end_ns <= command.effect_ns + 20_000_000
     assert command.end_ns % 20_000_000 == 0
-    assert command.covered_ns > command.end_ns
-    assert counted == 2 * S + robot.result.facts["asked_again"]  # these cells never answer
+    assert command.watermark_ns > command.end_ns
+    assert counted == 2 * S + robot.result.facts["repeated_stream_requests"]  # these cells never answer
     assert robot.result.facts["done"]
     assert [name for name, _ in robot.result.facts["stages"]] == ["structure", "bow"]
 
@@ -482,12 +486,12 @@ two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
 @pytest.mark.parametrize(
     ("channel", "fields", "message", "said"),
     [
-        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[0.0, math.nan]), "finite"),
-        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[-math.inf, 0.0]), "finite"),
-        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[0.0]), "1 joints; this run has 2"),
-        ("joints", (), Joints(t_ns=0, covered_ns=9**9, position_rad=[]), "0 joints"),
-        ("frame", ("leg",), PeriodEnd(patch="leg", t_ns=0, covered_ns=9**9, events=0), "leg"),
-        ("frame", ("arm",), events("arm", (0, 1, 0.5)), "PeriodEnd"),
+        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[0.0, math.nan]), "finite"),
+        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[-math.inf, 0.0]), "finite"),
+        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[0.0]), "1 joints; this run has 2"),
+        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[]), "0 joints"),
+        ("period_end", ("leg",), PeriodEnd(patch="leg", t_ns=0, watermark_ns=9**9, n_events=0), "leg"),
+        ("period_end", ("arm",), events("arm", (0, 1, 0.5)), "PeriodEnd"),
         ("events", ("arm", "3"), events("arm", (3, 1, 0.5)), "unknown cell of arm: .* 0 to 2"),
         ("events", ("arm", "0"), events("arm", (-1, 1, 0.5)), "unknown cell"),
         ("events", ("arm", "0"), events("hand", (0, 1, 0.5)), "hand under a key of arm"),
@@ -498,11 +502,16 @@ two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
         ("bundle", ("arm",), events("arm", (0, 1, 0.5), channel=[3]), "channel"),
         ("bundle", ("arm",), events("arm", (0, 1, 0.5), channel=[-1]), "channel"),
         ("bundle", ("arm",), events("arm", (0, 1, 0.5), modality=[1], channel=[1]), "channel"),
-        ("stream", ("arm",), Stream(patch="arm", t_ns=0, covered_ns=9, events=0, rows=bytes(61)), "61 bytes"),
         (
             "stream",
             ("arm",),
-            Stream(patch="arm", t_ns=0, covered_ns=9, events=0, rows=b"\xff" * 60),
+            Stream(patch="arm", t_ns=0, watermark_ns=9, n_events=0, rows=bytes(61)),
+            "61 bytes",
+        ),
+        (
+            "stream",
+            ("arm",),
+            Stream(patch="arm", t_ns=0, watermark_ns=9, n_events=0, rows=b"\xff" * 60),
             "unknown cell",
         ),
         ("config", ("arm", "0"), Config(patch="arm", cell=0), "does not read config"),

@@ -31,7 +31,7 @@ from skinnet.transport.interface import key_matches
 
 KEYS = Keys("bot")
 names = st.text("abcXYZ019_-", min_size=1, max_size=12) | st.sampled_from(
-    ["events", "body", "skin", "frame", "stream", "config", "alive", "topology"]
+    ["events", "body", "skin", "period_end", "stream", "config", "alive", "topology"]
 )
 rows = st.sampled_from(CHANNELS)
 
@@ -130,7 +130,7 @@ def test_the_table_says_who_talks_to_whom() -> None:
     assert [row.name for row in CHANNELS if not row.public] == ["stimulus", "pressures", "fault"]
     only_told = ["links", "processes"]  # by the wall clock
     assert [row.name for row in CHANNELS if not row.recorded] == ["stimulus", "pressures", *only_told]
-    assert channel("world").receivers == ()
+    assert channel("free_bodies").receivers == ()
 
 
 def test_lanes_are_the_receivers() -> None:
@@ -219,8 +219,8 @@ def test_fields_may_be_added_with_a_default() -> None:
     class NewJoints(Joints, frozen=True, kw_only=True, tag="joints"):
         torque_nm: tuple[float, ...] = ()
 
-    old = Joints(t_ns=1, covered_ns=2, position_rad=[0.5])
-    new = NewJoints(t_ns=1, covered_ns=2, position_rad=[0.5], torque_nm=(3.0,))
+    old = Joints(t_ns=1, watermark_ns=2, position_rad=[0.5])
+    new = NewJoints(t_ns=1, watermark_ns=2, position_rad=[0.5], torque_nm=(3.0,))
     assert decode(encode(new), Joints) == old
     assert decode(encode(old), NewJoints) == msgspec.structs.replace(new, torque_nm=())
 
@@ -243,7 +243,7 @@ def test_bulk_numbers_survive_the_wire(values: list[list[float]]) -> None:
 def test_a_stream_is_rows_without_gaps() -> None:
     rows = np.zeros(2, dtype=STREAM_ROW)
     rows["cell"], rows["values"] = (1, 2), np.arange(16).reshape(2, 8)
-    message = Stream(patch="p", t_ns=0, covered_ns=1, events=0, rows=rows.tobytes())
+    message = Stream(patch="p", t_ns=0, watermark_ns=1, n_events=0, rows=rows.tobytes())
     back: Any = unpack(decode(encode(message), Stream).rows, STREAM_ROW)
     assert back.tobytes() == rows.tobytes()
     assert back["values"][1, 7] == 15

@@ -17,9 +17,12 @@ def skinnet(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 BAD = {
     "unknown key": ("body.moddel=x", ["body.moddel", "unknown key", "did you mean model?"]),
-    "wrong type": ("body.physics_ms=fast", ["body.physics_ms", "'fast'", "expected `float`"]),
-    "out of range": ("body.physics_ms=-1.0", ["body.physics_ms", "-1.0", "> 0"]),
-    "period that does not divide": ("body.stimulus_ms=4.5", ["body.stimulus_ms = 4.5", "whole multiple"]),
+    "wrong type": ("body.timestep_ms=fast", ["body.timestep_ms", "'fast'", "expected `float`"]),
+    "out of range": ("body.timestep_ms=-1.0", ["body.timestep_ms", "-1.0", "> 0"]),
+    "period that does not divide": (
+        "body.stimulus_period_ms=4.5",
+        ["body.stimulus_period_ms = 4.5", "whole multiple"],
+    ),
     "periods that deadlock": ("controller.command_delay_ms=1.0", ["command_delay_ms", "at least 3"]),
     "overlapping cells": (
         "patches.left_upper_arm.body=left_forearm",
@@ -31,10 +34,10 @@ BAD = {
     ),
     "unknown body": ("patches.torso.body=belly", ["belly", "no such body", "torso"]),
     "two processes for one patch": (
-        'hosts={a=["torso", "left_hand"], b=["torso"]}',
-        ["hosts.b", "patch torso already runs on a"],
+        'cell_processes={a=["torso", "left_hand"], b=["torso"]}',
+        ["cell_processes.b", "patch torso already runs on a"],
     ),
-    "patch without process": ('hosts={a=["torso"]}', ["no host runs", "left_hand"]),
+    "patch without process": ('cell_processes={a=["torso"]}', ["no host runs", "left_hand"]),
     "unknown joint": ('body.joints=["knee"]', ["knee", "hinge and slide joints"]),
     "no such model": ("body.model=nobody.xml", ["nobody.xml", "shipped model"]),
     "unknown stage": ('controller.program=["dance"]', ["dance", "structure"]),

@@ -36,7 +36,7 @@ def broken(
     deployment = small(faults=rules, **SKIN)
     placed = place_patches(deployment.patches, deployment.cells)
     by_name = {one.name: one for one in placed}
-    groups = [[by_name[name] for name in group] for group in deployment.groups() if group[0] in on]
+    groups = [[by_name[name] for name in group] for group in deployment.bridged_patches() if group[0] in on]
     return fault_schedule(deployment, placed), wire_cells(
         groups, deployment.network, resolve_bridges(deployment.bridges, placed)
     )
@@ -122,9 +122,9 @@ def test_a_host_takes_what_is_its_own_and_nothing_of_sensors_or_hosts() -> None:
         rule("link_cut", "foot/0:0"),
         rule("loss", "foot", probability=0.5),
         rule("bit_errors", "arm/0:0", rate=0.1),
-        rule("stuck", "*", channel="all"),
-        rule("babble", "*", packets_per_s=1.0),
-        rule("slow_host", "*", extra_ms=1.0),
+        rule("stuck_at", "*", channel="all"),
+        rule("babbling_idiot", "*", packets_per_s=1.0),
+        rule("slow_process", "*", added_delay_ms=1.0),
     )
     for on, broke, lossy in ((("arm", "hand"), 1, 2), (("foot",), 3, 4)):
         spans, wiring = broken(*rules, on=on)
@@ -175,7 +175,7 @@ def share_of(span: FaultSpan, t_ns: int) -> tuple[float, float]:
         case "loss":
             return span.rule.probability, 0.0  # type: ignore[union-attr]
         case "bit_errors":
-            return 0.0, span.rule.rate  # type: ignore[union-attr]
+            return 0.0, span.rule.bit_error_rate  # type: ignore[union-attr]
         case _:
             return [
                 p for at_ns, p in takewhile(lambda one: one[0] <= t_ns, gilbert_elliott_phases(span, SEED))

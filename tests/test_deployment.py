@@ -33,11 +33,11 @@ def refusal(*overrides: str) -> str:
     return text
 
 
-TALK = "controller.stages.talk={kind='session'}"
+TALK = "controller.stages.talk={kind='teach_and_grasp'}"
 
 
 def lesson(keys: str = "", stage: str = "talk.hold") -> tuple[str, ...]:
-    goals = "goals=[{body='left_hand', at_m=[0.4, 0.2, 1.0]}]"
+    goals = "goals=[{body='left_hand', position_m=[0.4, 0.2, 1.0]}]"
     return (TALK, f"teacher.lessons=[{{{', '.join(filter(None, (f'stage={stage!r}', goals, keys)))}}}]")
 
 
@@ -46,7 +46,7 @@ def stroke(cells: str, stage: str = "talk.hold") -> tuple[str, ...]:
 
 
 def test_lessons_and_strokes_may_belong_to_a_state_of_a_stage() -> None:
-    check(load(SHIPPED, (*lesson("gap_m=0.002"), *stroke("'torso/0-17', 'left_hand'"))))
+    check(load(SHIPPED, (*lesson("clearance_m=0.002"), *stroke("'torso/0-17', 'left_hand'"))))
 
 
 def test_the_shipped_deployment_holds() -> None:
@@ -83,11 +83,14 @@ def test_an_unknown_key_is_named_with_the_nearest_known_one(override: str, said:
         ("body.home_rad.left_elbow_pitch=true", ("body.home_rad.left_elbow_pitch = True", "`float`")),
         ("cells.period_ms=0", ("cells.period_ms = 0", "> 0")),
         ("cells.force.levels=[0.1, 0.2, 0.3, 0.4, 0.5]", ("cells.force.levels", "length <= 4")),
-        ('cells.encoding.kind="morse"', ("cells.encoding.kind = 'morse'", "'levels', 'delta', 'clock'")),
+        (
+            'cells.encoding.kind="morse"',
+            ("cells.encoding.kind = 'morse'", "'level_crossing', 'send_on_delta', 'periodic'"),
+        ),
         ("network.bits_per_s=2.5", ("network.bits_per_s = 2.5", "`int`")),
         ('run.pace="fast"', ("run.pace = 'fast'", "'lockstep', 'realtime'")),
-        ('hosts="many"', ("hosts = 'many'", "a whole number, 'per_patch', a table")),
-        ('hosts={"left/arm"=["torso"]}', ("hosts", "'left/arm'", "regex")),
+        ('cell_processes="many"', ("hosts = 'many'", "a whole number, 'per_patch', a table")),
+        ('cell_processes={"left/arm"=["torso"]}', ("hosts", "'left/arm'", "regex")),
         ("patches.torso.lattice.normal=[1, 0]", ("patches[0].lattice.normal", "length 3, got 2")),
         ("patches.torso.interfaces.0.port=4", ("patches[0].interfaces[0].port = 4", "<= 3")),
         ('patches.torso.name="a b"', ("patches[0].name = 'a b'", "regex")),
@@ -105,34 +108,37 @@ def test_a_value_that_the_schema_refuses(override: str, said: tuple[str, ...]) -
     assert all(word in text for word in said), text
 
 
-PER_PATCH = 'hosts="per_patch"'
+PER_PATCH = 'cell_processes="per_patch"'
 
 
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
-        (("body.stimulus_ms=4.5", "cells.period_ms=4.5"), ("body.stimulus_ms = 4.5", "multiple of", "= 1")),
-        (("body.physics_ms=1e-9",), ("body.physics_ms = 1e-09", "multiple")),
-        (("cells.period_ms=8",), ("cells.period_ms = 8", "body.stimulus_ms = 4")),
-        (("controller.period_ms=10",), ("controller.period_ms = 10", "body.joints_ms = 5")),
+        (
+            ("body.stimulus_period_ms=4.5", "cells.period_ms=4.5"),
+            ("body.stimulus_period_ms = 4.5", "multiple of", "= 1"),
+        ),
+        (("body.timestep_ms=1e-9",), ("body.timestep_ms = 1e-09", "multiple")),
+        (("cells.period_ms=8",), ("cells.period_ms = 8", "body.stimulus_period_ms = 4")),
+        (("controller.period_ms=10",), ("controller.period_ms = 10", "body.joint_state_period_ms = 5")),
         (("controller.command_delay_ms=2.5",), ("controller.command_delay_ms = 2.5", "multiple")),
         (("controller.command_delay_ms=2",), ("controller.command_delay_ms = 2", "at least 3")),
-        (("patches.1.name='torso'", "hosts=2"), ("torso", "2 times")),
-        (("hosts=0",), ("hosts = 0", "at least 1", "per_patch")),
-        (("hosts.left=['torso', 'tail']",), ("hosts.left", "'tail'", "right_hand")),
-        (("hosts.right=['torso']",), ("hosts.right", "torso", "already runs on left")),
-        (("hosts.right=['right_hand']",), ("hosts", "no host runs right_upper_arm, right_forearm")),
-        (("hosts.third=[]",), ("hosts.third", "no patches")),
-        (("hosts={body=['torso']}",), ("hosts.body", "choose another")),
-        (("hosts={outside=['torso']}",), ("hosts.outside", "choose another")),
-        (("hosts={cells=['torso']}",), ("hosts.cells", "choose another")),
-        (("run.may_be_lost=['lefty']",), ("run.may_be_lost", "'lefty'", "left", "right")),
-        (("run.may_be_lost=['body']",), ("run.may_be_lost", "body")),
+        (("patches.1.name='torso'", "cell_processes=2"), ("torso", "2 times")),
+        (("cell_processes=0",), ("hosts = 0", "at least 1", "per_patch")),
+        (("cell_processes.left=['torso', 'tail']",), ("cell_processes.left", "'tail'", "right_hand")),
+        (("cell_processes.right=['torso']",), ("cell_processes.right", "torso", "already runs on left")),
+        (("cell_processes.right=['right_hand']",), ("hosts", "no host runs right_upper_arm, right_forearm")),
+        (("cell_processes.third=[]",), ("cell_processes.third", "no patches")),
+        (("cell_processes={body=['torso']}",), ("cell_processes.body", "choose another")),
+        (("cell_processes={outside=['torso']}",), ("cell_processes.outside", "choose another")),
+        (("cell_processes={cells=['torso']}",), ("cell_processes.cells", "choose another")),
+        (("run.tolerated_losses=['lefty']",), ("run.tolerated_losses", "'lefty'", "left", "right")),
+        (("run.tolerated_losses=['body']",), ("run.tolerated_losses", "body")),
         (("cells.force.levels=[0.3, 0.2]",), ("cells.force.levels = [0.3, 0.2]", "ascend")),
         (("cells.proximity.levels=[0.1, 0.1]",), ("cells.proximity.levels", "ascend")),
         (("cells.force.calibration_n=[0.0, 1.0]",), ("calibration_reading has 4", "has 2")),
         (("cells.temperature.min_c=60",), ("cells.temperature.min_c = 60", "max_c = 55")),
-        (("cells.proximity.reading_at_reach=1.5",), ("reading_at_reach = 1.5", "between 0 and 1")),
+        (("cells.proximity.reading_at_range=1.5",), ("reading_at_range = 1.5", "between 0 and 1")),
         (("controller.program=['map', 'dance']",), ("controller.program", "'dance'", "force_guidance")),
         (
             ("controller.program=['force_guidance']",),
@@ -152,12 +158,12 @@ PER_PATCH = 'hosts="per_patch"'
         (("teacher.touches.0.cell='tail/1'",), ("teacher.touches[0].cell = 'tail/1'", "torso")),
         (("teacher.touches.0.cell='torso/18'",), ("teacher.touches[0].cell", "torso has cells 0 to 17")),
         (lesson(), ("teacher.lessons[0]", "either gap_m, for proximity guidance, or depth_m")),
-        (lesson("gap_m=0.002, depth_m=0.004"), ("teacher.lessons[0]", "either gap_m")),
+        (lesson("clearance_m=0.002, depth_m=0.004"), ("teacher.lessons[0]", "either gap_m")),
         (
-            lesson("gap_m=0.002", stage="nap.hold"),
+            lesson("clearance_m=0.002", stage="nap.hold"),
             ("teacher.lessons[0].stage = 'nap.hold'", "force_guidance"),
         ),
-        (lesson("gap_m=0.002, cells=['tail']"), ("teacher.lessons[0].cells = 'tail'", "torso")),
+        (lesson("clearance_m=0.002, cells=['tail']"), ("teacher.lessons[0].cells = 'tail'", "torso")),
         (stroke("'torso', 'left_hand/4-6'"), ("teacher.strokes[0].cells = 'left_hand/4-6'", "0 to 5")),
         (stroke("'torso/5-3'"), ("teacher.strokes[0].cells = 'torso/5-3'", "smaller number comes first")),
         (stroke("'torso'", stage="nap"), ("teacher.strokes[0].stage = 'nap'", "force_guidance")),
@@ -240,7 +246,9 @@ def test_a_setting_sets_what_toml_would(path: list[str], value: Any) -> None:
     assert by_setting == tomllib.loads(f"{'.'.join(path)} = {text}")
 
 
-@pytest.mark.parametrize("overrides", [(), ("hosts=3",), (PER_PATCH,), ("controller.command_delay_ms=10",)])
+@pytest.mark.parametrize(
+    "overrides", [(), ("cell_processes=3",), (PER_PATCH,), ("controller.command_delay_ms=10",)]
+)
 def test_what_was_resolved_says_the_same_again(overrides: tuple[str, ...]) -> None:
     deployment = load(SHIPPED, overrides, seed=3)
     text = resolved_json(deployment)
@@ -265,7 +273,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
 @given(hosts=st.one_of(st.integers(1, 9), st.just("per_patch")), n=st.integers(1, 6))
 def test_every_patch_runs_on_one_host(hosts: int | str, n: int) -> None:
     names = [f"patch{i}" for i in range(n)]
-    spread = small(*map(patch, names), hosts=hosts).host_patches()
+    spread = small(*map(patch, names), cell_processes=hosts).patches_by_process()
     assert sorted(name for patches in spread.values() for name in patches) == names
     assert all(spread.values())
     assert len(spread) == (n if hosts == "per_patch" else min(int(hosts), n))
@@ -298,7 +306,7 @@ def test_periods_are_refused_if_and_only_if_everybody_would_wait(
     stimulus: int, control: int, delay: int
 ) -> None:
     deployment = small(
-        body={"stimulus_ms": stimulus, "joints_ms": control},
+        body={"stimulus_period_ms": stimulus, "joint_state_period_ms": control},
         cells={"period_ms": stimulus},
         controller={"period_ms": control, "command_delay_ms": delay},
     )

@@ -25,7 +25,7 @@ PROXIMITY = (0.01, 0.02, 0.10, 0.80)
 Event = tuple[int, int, int, int, int, float]
 
 
-def spec(kind: str = "levels") -> CellSpec:
+def spec(kind: str = "level_crossing") -> CellSpec:
     return CellSpec(encoding=EncodingSpec(kind=kind))  # type: ignore[arg-type]
 
 
@@ -61,7 +61,7 @@ def test_table_one_up_and_down_with_one_event_a_change() -> None:
     for proximity in (0.0, 0.015, 0.9, 0.75, 0.0):
         near += events(encoder.encode(rows(1, proximity=proximity)))
     assert [event[1:5] for event in near] == [
-        (Modality.PROXIMITY, 0, EventKind.LEVEL, level) for level in (1, 4, 3, 0)
+        (Modality.PROXIMITY, 0, EventKind.LEVEL_CROSSING, level) for level in (1, 4, 3, 0)
     ]
 
 
@@ -95,7 +95,7 @@ def test_levels_are_what_thresholds_and_hysteresis_allow(seed: int, margin: floa
 def test_send_on_delta_keeps_the_receivers_picture_within_delta(seed: int) -> None:
     dice = np.random.default_rng(seed)
     n = 4
-    encoder = Encoder(spec("delta"), n)
+    encoder = Encoder(spec("send_on_delta"), n)
     delta = np.array([0.02] * 4 + [0.1] * 3 + [0.5])
     first = [3 * (m > 0) + (m > 1) + 3 * (m > 2) for m in range(4)]
     picture = np.full((n, 8), np.nan)
@@ -107,7 +107,7 @@ def test_send_on_delta_keeps_the_receivers_picture_within_delta(seed: int) -> No
             assert len(emission.cell) == 8 * n
         for cell, modality, channel, kind, level, value in events(emission):
             column = first[modality] + channel
-            assert (kind, level, value) == (EventKind.DELTA, 0, readings[cell, column])
+            assert (kind, level, value) == (EventKind.SEND_ON_DELTA, 0, readings[cell, column])
             assert not abs(value - picture[cell, column]) <= delta[column]
             picture[cell, column] = value
         assert np.all(np.abs(picture - readings) <= delta)
@@ -115,9 +115,9 @@ def test_send_on_delta_keeps_the_receivers_picture_within_delta(seed: int) -> No
 
 def test_clock_and_stream_send_full_readings_and_a_stream_leaves_the_events_alone() -> None:
     encoder = Encoder(spec(), 5)
-    encoder.configure(1, config(encoding="clock"))
+    encoder.configure(1, config(encoding="periodic"))
     encoder.configure(3, config(stream=True))
-    encoder.configure(4, config(encoding="clock", stream=True))
+    encoder.configure(4, config(encoding="periodic", stream=True))
     touched = rows(5, force0=0.2)
     emission = encoder.encode(touched)
     assert emission.full_cell.tolist() == [1, 3, 4]
@@ -148,15 +148,15 @@ def test_a_cell_says_the_same_whoever_is_beside_it(seed: int) -> None:
 def test_a_change_of_encoding_keeps_the_receivers_picture_right() -> None:
     encoder = Encoder(spec(), 1)
     encoder.encode(rows(1, force0=0.2))
-    encoder.configure(0, config(encoding="delta"))
+    encoder.configure(0, config(encoding="send_on_delta"))
     assert len(encoder.encode(rows(1, force0=0.0)).cell) == 8  # all of them: nothing was sent as a value
-    encoder.configure(0, config(encoding="delta"))
+    encoder.configure(0, config(encoding="send_on_delta"))
     assert len(encoder.encode(rows(1, force0=0.01)).cell) == 0  # the same encoding again changes nothing
-    encoder.configure(0, config(encoding="levels"))
+    encoder.configure(0, config(encoding="level_crossing"))
     assert [event[4] for event in events(encoder.encode(rows(1, force0=0.0)))] == [0]
-    encoder.configure(0, config(encoding="delta"))
+    encoder.configure(0, config(encoding="send_on_delta"))
     assert len(encoder.encode(rows(1, force0=0.01)).cell) == 8  # a level may have been sent since
-    encoder.configure(0, config(encoding="levels"))
+    encoder.configure(0, config(encoding="level_crossing"))
     encoder.encode(rows(1, force0=0.5))
     encoder.configure(0, config(levels={"force": [0.3]}))
     assert [event[4] for event in events(encoder.encode(rows(1, force0=0.5)))] == [1]
@@ -165,7 +165,7 @@ def test_a_change_of_encoding_keeps_the_receivers_picture_right() -> None:
 @pytest.mark.parametrize(
     ("settings", "names"),
     [
-        ({"encoding": "morse"}, "'levels', 'delta', 'clock'"),
+        ({"encoding": "morse"}, "'level_crossing', 'send_on_delta', 'periodic'"),
         ({"levels": {"temperature": [1.0]}}, "use one of .*'force', 'proximity'"),
         ({"levels": {"force": [0.1, 0.1]}}, "ascend"),
         ({"levels": {"force": [0.1, math.nan]}}, "finite"),
@@ -182,7 +182,7 @@ def test_a_wrong_setting_is_refused_whole(settings: dict[str, object], names: st
     encoder, untouched = Encoder(spec(), 2), Encoder(spec(), 2)
     good: dict[str, object] = {
         "stream": True,
-        "encoding": "delta",
+        "encoding": "send_on_delta",
         "levels": {"proximity": [0.5]},
         "hysteresis": {"proximity": 0.0},
         "deltas": {"proximity": 0.001},
@@ -264,7 +264,7 @@ def test_a_cell_that_is_switched_on_again_is_as_new_and_the_others_are_as_they_w
     encoder, steady, fresh = Encoder(spec(kind), n), Encoder(spec(kind), n), Encoder(spec(kind), n)
     settings = config(
         stream=True,
-        encoding="delta",
+        encoding="send_on_delta",
         levels={"force": [0.5]},
         hysteresis={"force": 0.2},
         deltas={"force": 0.3, "proximity": 0.4, "acceleration": 0.5, "temperature": 0.6},
@@ -295,10 +295,10 @@ def test_a_snapshot_of_an_encoder_brings_everything_back(seed: int) -> None:
     path = walk(dice, 4, 30)
     for readings in path[:15]:
         encoder.encode(readings)
-    encoder.configure(1, config(encoding="delta", stream=True))
+    encoder.configure(1, config(encoding="send_on_delta", stream=True))
     then, levels = encoder.snapshot(), encoder.last_levels.copy()
     said = [(events(emission), emission.full_cell.tolist()) for emission in map(encoder.encode, path[15:])]
-    encoder.configure(2, config(encoding="clock"))
+    encoder.configure(2, config(encoding="periodic"))
     for again in (encoder, Encoder(spec(), 4)):
         again.restore(then)
         assert np.array_equal(again.last_levels, levels)

@@ -38,14 +38,14 @@ EVERYTHING = (
     """faults=[
         {kind="link_cut", target="base/0:0", at_s=0.3, duration_s=0.3},
         {kind="cell_dead", target="upper_link/3", at_s=0.4, duration_s=0.25},
-        {kind="stuck", target="base/1", channel="all", at_s=0.2},
+        {kind="stuck_at", target="base/1", channel="all", at_s=0.2},
         {kind="drift", target="base/2", channel="force0", per_s=0.5},
-        {kind="babble", target="base/4", packets_per_s=200},
+        {kind="babbling_idiot", target="base/4", packets_per_s=200},
         {kind="bit_errors", target="upper_link/*", rate=1e-3, at_s=0.3},
         {kind="loss", target="fore_link/0:0", probability=0.3},
         {kind="burst_loss", target="base/*:0", mean_good_s=0.05, mean_bad_s=0.02},
         {kind="gateway_lost", target="fore_link:1", at_s=0.5},
-        {kind="slow_host", target="*", extra_ms=0.2},
+        {kind="slow_process", target="*", added_delay_ms=0.2},
     ]""",
 )
 
@@ -57,7 +57,7 @@ def played(out: Path, *settings: str, in_process: bool = True) -> dict[str, Any]
         order, load_and_check(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
     )
     assert summary["outcome"] == "completed"
-    explain(summary["figures"])
+    explain(summary["metrics"])
     return summary
 
 
@@ -89,21 +89,21 @@ def test_all_kinds_are_among_everything() -> None:
 
 
 def test_of_everything_that_breaks_the_summary_tells(broken: dict[str, Any]) -> None:
-    figures = broken["figures"]
+    figures = broken["metrics"]
     assert all(figures[f"network.dropped.{cause}"] > 0 for cause in ("corrupted", "link_failed", "loss"))
-    assert figures["recovery.changes"] == 5
+    assert figures["recovery.count"] == 5
     assert figures["recovery.unfinished"] == 0
     assert figures["formation.unreached_cells"] == 1  # a cell without neighbours that lost its gateway
     assert figures["formation.repeated_packets"] > 0
     assert figures["formation.ignored_packets"] > 0
-    assert 0 < figures["recovery.back_ms.max"] <= figures["recovery.complete_ms.max"]
+    assert 0 < figures["recovery.rejoin_ms.max"] <= figures["recovery.complete_ms.max"]
 
 
 @pytest.mark.processes
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("in_process", "settings"),
-    [(True, ("hosts=1",)), (False, ()), (False, ("hosts=per_patch",))],
+    [(True, ("cell_processes=1",)), (False, ()), (False, ("cell_processes=per_patch",))],
     ids=["one host", "processes", "one host per patch"],
 )
 def test_with_all_faults_a_bridge_and_power_the_log_is_the_same(
@@ -111,7 +111,7 @@ def test_with_all_faults_a_bridge_and_power_the_log_is_the_same(
 ) -> None:
     other = played(tmp_path, *EVERYTHING, *settings, in_process=in_process)
     assert other["log_sha256"] == broken["log_sha256"]
-    assert other["figures"] == broken["figures"]
+    assert other["metrics"] == broken["metrics"]
 
 
 FEW = 5
@@ -121,16 +121,16 @@ FEW = 5
 def nothing_is_dropped(figures: Figures, whole: Figures) -> None:
     assert figures["network.dropped"] == 0
     assert abs(figures["network.data_packets"] - whole["network.data_packets"]) <= FEW
-    assert "recovery.changes" not in figures
+    assert "recovery.count" not in figures
 
 
 def a_link_goes_and_comes(figures: Figures, whole: Figures) -> None:
     assert figures["network.dropped"] == figures["network.dropped.link_failed"] > 0
-    assert (figures["recovery.changes"], figures["recovery.unfinished"]) == (2, 0)
+    assert (figures["recovery.count"], figures["recovery.unfinished"]) == (2, 0)
     assert figures["formation.unreached_cells"] == 0
     assert abs(figures["network.data_packets"] - whole["network.data_packets"]) <= FEW
     assert 0 < figures["recovery.lost_packets"] == figures["network.data_dropped"]
-    assert 0.5 < figures["recovery.back_ms.max"] <= figures["recovery.complete_ms.max"] < 50
+    assert 0.5 < figures["recovery.rejoin_ms.max"] <= figures["recovery.complete_ms.max"] < 50
 
 
 def a_cell_is_missing(figures: Figures, whole: Figures) -> None:
@@ -138,15 +138,15 @@ def a_cell_is_missing(figures: Figures, whole: Figures) -> None:
     assert figures["power.cells_off"] == 1
     missing = whole["network.data_packets"] - figures["network.data_packets"]
     assert abs(missing - 75) <= FEW  # 250 Hz for 0.3 s
-    assert (figures["recovery.changes"], figures["recovery.unfinished"]) == (1, 0)
+    assert (figures["recovery.count"], figures["recovery.unfinished"]) == (1, 0)
 
 
 def a_patch_is_cut_off(figures: Figures, whole: Figures) -> None:
     assert figures["formation.cut_off_patches"] == "base"
     assert figures["formation.unreached_cells"] == 6
     assert "power.cells_off" not in figures
-    assert (figures["recovery.changes"], figures["recovery.unfinished"]) == (1, 0)
-    assert "recovery.back_ms.max" not in figures
+    assert (figures["recovery.count"], figures["recovery.unfinished"]) == (1, 0)
+    assert "recovery.rejoin_ms.max" not in figures
     assert figures["network.data_dropped"] >= 6 * 75 - 6
     assert figures["network.dropped"] == figures["network.dropped.link_failed"]
 
@@ -180,11 +180,11 @@ def cells_have_no_power(figures: Figures, whole: Figures) -> None:
         ),
         ('faults=[{kind="cell_dead", target="base/5", at_s=0.3}]', a_cell_is_missing),
         (
-            'faults=[{kind="stuck", target="base/1", channel="force0", value=0.5, at_s=0.3}]',
+            'faults=[{kind="stuck_at", target="base/1", channel="force0", value=0.5, at_s=0.3}]',
             nothing_is_dropped,
         ),
         ('faults=[{kind="drift", target="base/1", channel="force0", per_s=0.5}]', nothing_is_dropped),
-        ('faults=[{kind="babble", target="base/1", packets_per_s=500, at_s=0.3}]', more_is_said),
+        ('faults=[{kind="babbling_idiot", target="base/1", packets_per_s=500, at_s=0.3}]', more_is_said),
         ('faults=[{kind="bit_errors", target="base", rate=1e-3, at_s=0.3}]', some_are_corrupted),
         ('faults=[{kind="loss", target="base", probability=0.2, at_s=0.3}]', some_are_lost),
         ('faults=[{kind="burst_loss", target="*", mean_good_s=0.05, mean_bad_s=0.02}]', some_are_lost),
@@ -197,14 +197,14 @@ def test_of_each_alone_the_summary_tells_what_it_did(
     whole: dict[str, Any], tmp_path: Path, setting: str, told: Callable[[Figures, Figures], None]
 ) -> None:
     alone = played(tmp_path, setting)
-    told(alone["figures"], whole["figures"])
+    told(alone["metrics"], whole["metrics"])
     assert alone["log_sha256"] != whole["log_sha256"]
 
 
 def test_a_slow_host_takes_longer_and_changes_nothing(whole: dict[str, Any], tmp_path: Path) -> None:
-    slow = played(tmp_path, 'faults=[{kind="slow_host", target="host0", extra_ms=2.0}]')
+    slow = played(tmp_path, 'faults=[{kind="slow_process", target="cells0", added_delay_ms=2.0}]')
     assert slow["log_sha256"] == whole["log_sha256"]
-    assert slow["figures"] == whole["figures"]
+    assert slow["metrics"] == whole["metrics"]
     assert slow["loop_s"] > 0.3  # 150 periods of 2 ms at least
 
 
@@ -213,11 +213,11 @@ def test_a_run_that_ends_in_the_middle_of_a_recovery_tells_what_was_known_last(
 ) -> None:
     """A link is cut at 598 ms of 600: half a millisecond to notice, and more than one to re-form."""
     fault = 'faults=[{kind="link_cut", target="upper_link/0:0", at_s=0.598}]'
-    figures = played(tmp_path, fault)["figures"]
-    assert (figures["recovery.changes"], figures["recovery.unfinished"]) == (1, 1)
+    figures = played(tmp_path, fault)["metrics"]
+    assert (figures["recovery.count"], figures["recovery.unfinished"]) == (1, 1)
     assert "formation.cut_off_patches" not in figures
     assert figures["formation.unreached_cells"] == 0
-    assert figures["formation.tree_depth"] == whole["figures"]["formation.tree_depth"]
+    assert figures["formation.tree_depth"] == whole["metrics"]["formation.tree_depth"]
 
 
 @pytest.fixture
@@ -254,7 +254,7 @@ def test_what_is_lost_is_counted_once_however_many_things_break_meanwhile() -> N
         found=lambda w: [cut(w, c, 0, t * MS) for c, t in ((0, 300), (5, 301), (1, 302))],
     ).run(500 * MS)
     recoveries = life.network.recovery_log.recoveries
-    assert [recovery.complete_ns is None for recovery in recoveries] == [False] * 3
+    assert [recovery.topology_complete_ns is None for recovery in recoveries] == [False] * 3
     assert sum(recovery.lost_packets for recovery in recoveries) == life.dropped > 0
 
 
@@ -302,9 +302,9 @@ def test_what_is_lost_for_good_between_two_changes_belongs_to_neither() -> None:
         600 * MS
     )
     gone, back = life.network.recovery_log.recoveries
-    assert gone.complete_ns is not None
-    assert back.complete_ns is not None
-    known_ns = (gone.complete_ns - gone.t_ns) + (back.complete_ns - back.t_ns)
+    assert gone.topology_complete_ns is not None
+    assert back.topology_complete_ns is not None
+    known_ns = (gone.topology_complete_ns - gone.t_ns) + (back.topology_complete_ns - back.t_ns)
     assert gone.lost_packets > 0
     assert gone.lost_packets + back.lost_packets <= 6 * (known_ns // (4 * MS) + 2)
     assert life.dropped >= 6 * 45

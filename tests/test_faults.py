@@ -74,9 +74,9 @@ def interrupts() -> Iterator[None]:
         ("kind='cell_dead', target='torso/4:1'", ("cell_dead is about cells; write patch/cell",)),
         ("kind='gateway_lost', target='torso/0'", ("gateway_lost is about gateways; write patch:gateway",)),
         ("kind='gateway_lost', target='torso:1'", ("gateways 0 to 0",)),
-        ("kind='slow_host', target='middle', extra_ms=1", ("unknown host", "left, right")),
+        ("kind='slow_process', target='middle', added_delay_ms=1", ("unknown host", "left, right")),
         ("kind='link_cut', target='belly*'", ("matches none of the links", "patch/cell:port")),
-        ("kind='stuck', target='*:0', channel='all'", ("matches none of the cells", "patch/cell")),
+        ("kind='stuck_at', target='*:0', channel='all'", ("matches none of the cells", "patch/cell")),
         ("kind='cell_dead', target='torso/*', pick=19", ("pick = 19: only 18 cells match",)),
         ("kind='cell_dead', target='torso/4', pick=0", ("faults[0].pick = 0", ">= 1")),
         ("kind='link_cut', target='torso/0:0', at_s=1, mean_interval_s=2", ("at_s and mean_interval_s",)),
@@ -85,19 +85,25 @@ def interrupts() -> Iterator[None]:
         ("kind='link_cut', target='torso/0:0', between_s=[1, 301]", ("[1, 301]", "run.max_s = 300")),
         ("kind='link_cut', target='torso/0:0', between_s=[2, 1]", ("between_s = [2, 1]", "ascend")),
         ("kind='link_cut', target='torso/0:0', mean_interval_s=0", ("mean_interval_s = 0", ">= 0.001")),
-        ("kind='stuck', target='torso/0', channel='force0', value=2", ("value = 2", "force0 reads 0 to 1")),
-        ("kind='stuck', target='torso/0', channel='ax_g', value=-9", ("ax_g reads -8 to 8",)),
-        ("kind='stuck', target='torso/0', channel='all', value=2", ("all reads 0 to 1; give each",)),
+        (
+            "kind='stuck_at', target='torso/0', channel='force0', value=2",
+            ("value = 2", "force0 reads 0 to 1"),
+        ),
+        ("kind='stuck_at', target='torso/0', channel='ax_g', value=-9", ("ax_g reads -8 to 8",)),
+        ("kind='stuck_at', target='torso/0', channel='all', value=2", ("all reads 0 to 1; give each",)),
         ("kind='drift', target='torso/0', channel='all', per_s=1", ("channel = 'all'", "'force0'")),
         ("kind='drift', target='torso/0', channel='ax_g', per_s=0", ("per_s = 0", "nothing would drift")),
-        ("kind='babble', target='torso/0', packets_per_s=1e9", ("packets_per_s", "<= 100000")),
+        ("kind='babbling_idiot', target='torso/0', packets_per_s=1e9", ("packets_per_s", "<= 100000")),
         ("kind='burst_loss', target='*', mean_good_s=1, mean_bad_s=0", ("mean_bad_s = 0", ">= 0.0001")),
         ("kind='loss', target='*', probability=1.1", ("probability = 1.1", "<= 1.0")),
         ("kind='loss', target='*'", ("faults[0]", "missing required field `probability`")),
         ("kind='lnk_cut', target='*'", ("faults[0].kind = 'lnk_cut': allowed: 'link_cut', 'cell_dead'",)),
         ("target='*'", ("faults[0]", "missing required field `kind`; allowed: 'link_cut'")),
         ("kind=3", ("faults[0].kind = 3", "expected `str`")),
-        ("kind='stuck', target='*', chanel='all'", ("chanel: unknown key; did you mean channel?", "value")),
+        (
+            "kind='stuck_at', target='*', chanel='all'",
+            ("chanel: unknown key; did you mean channel?", "value"),
+        ),
         ("kind='link_cut', target='*', valeu=1", ("valeu: unknown key; allowed: kind, target, pick, at_s")),
         ("kind='link_cut', target='*', direction='up'", ("direction = 'up': allowed: 'out', 'in', 'both'",)),
         ("kind='link_cut', target='torso/00:1'", ("target = 'torso/00:1'", "regex")),
@@ -170,7 +176,7 @@ def test_cells_gateways_and_hosts_by_name_and_pattern() -> None:
     assert where(rule("gateway_lost", "*")) == ["arm:0", "hand:0"]
     assert where(rule("gateway_lost", "hand")) == ["hand:0"]
     hosts = {
-        "faults": [rule("slow_host", "le*", extra_ms=1.0)],
+        "faults": [rule("slow_process", "le*", added_delay_ms=1.0)],
         "hosts": {"left": ["arm"], "right": ["hand"]},
     }
     deployment = small(**hosts)
@@ -206,7 +212,7 @@ def test_the_order_is_time_then_rule_then_deployment() -> None:
     found = spans(
         rule("cell_dead", "arm/*", at_s=2.0),
         rule("cell_dead", "hand/0", at_s=1.0),
-        rule("stuck", "arm/0", channel="all", at_s=2.0),
+        rule("stuck_at", "arm/0", channel="all", at_s=2.0),
     )
     assert [span.target for span in found] == ["hand/0", *(f"arm/{c}" for c in range(6)), "arm/0"]
     assert [span.index for span in found] == [1, *[0] * 6, 2]
@@ -286,7 +292,7 @@ def test_draws_belong_to_the_seed_the_rule_and_the_name() -> None:
     assert alone == spans(flicker, cut)
     assert alone != spans(flicker, cut, seed=2)
     for hosts in (1, 2, "per_patch", {"a": ["hand"], "b": ["arm"]}):
-        assert spans(flicker, cut, hosts=hosts) == alone
+        assert spans(flicker, cut, cell_processes=hosts) == alone
     more = spans(flicker, cut, rule("loss", "*", mean_interval_s=1.0, duration_s=0.1, probability=0.5))
     assert tuple(span for span in more if span.index < 2) == alone
     # another patch beside it changes nothing either

@@ -41,13 +41,13 @@ class Host:
     Touches come and go, of every cell at times of its own, from `quiet_ms` on.
     """
 
-    def __init__(self, deployment: Deployment, name: str = "host0", quiet_ms: int = 0) -> None:
+    def __init__(self, deployment: Deployment, name: str = "cells0", quiet_ms: int = 0) -> None:
         self.node = CellProcess(deployment, name)
         self.keys = Keys(deployment.robot)
         self.period_ns = deployment.cells.period_ns
         self.quiet_ns = quiet_ms * MS
-        self.patches = [p for p in deployment.patches if p.name in deployment.host_patches()[name]]
-        self.patches.sort(key=lambda p: deployment.host_patches()[name].index(p.name))
+        self.patches = [p for p in deployment.patches if p.name in deployment.patches_by_process()[name]]
+        self.patches.sort(key=lambda p: deployment.patches_by_process()[name].index(p.name))
         self.sent: list[tuple[str, bytes]] = []
         self.t_ns = 0
         self._announced = 0
@@ -70,11 +70,11 @@ class Host:
     def _feel(self, t_ns: int, end_ns: int | None = None) -> None:
         values = np.vstack([self._felt(p.name, p.n_cells, t_ns) for p in self.patches])
         frame = Stimulus(
-            host=self.node.name,
+            process=self.node.name,
             t_ns=t_ns,
-            covered_ns=t_ns,
+            watermark_ns=t_ns,
             values=pack(values, "<f4"),
-            configs=self._announced,
+            n_configs=self._announced,
             end_ns=end_ns,
         )
         self._announced = 0
@@ -111,11 +111,11 @@ class Host:
 
 def together(deployment_settings: Sequence[str], hosts: str, n_periods: int) -> dict[str, Any]:
     """Logs by patch, summed counters and all messages by patch of the shipped skin, spread over `hosts`."""
-    deployment = load(SHIPPED, (*deployment_settings, f"hosts={hosts}"))
+    deployment = load(SHIPPED, (*deployment_settings, f"cell_processes={hosts}"))
     logs: dict[str, str] = {}
     said: dict[str, list[tuple[str, bytes]]] = {patch.name: [] for patch in deployment.patches}
     counters: dict[str, int] = {}
-    for name in deployment.host_patches():
+    for name in deployment.patches_by_process():
         host = Host(deployment, name).run(n_periods)
         logs |= host.facts["logs"]
         for key, payload in host.sent:
@@ -130,8 +130,8 @@ def together(deployment_settings: Sequence[str], hosts: str, n_periods: int) -> 
     "settings",
     [
         (),
-        ("network.bundle=true", 'cells.encoding.kind="delta"', "network.jitter_us=20.0"),
-        ('cells.encoding.kind="clock"', "network.queue_packets=2", "network.bits_per_s=500000"),
+        ("network.aggregate_events=true", 'cells.encoding.kind="send_on_delta"', "network.jitter_us=20.0"),
+        ('cells.encoding.kind="periodic"', "network.queue_packets=2", "network.bits_per_s=500000"),
     ],
     ids=["levels", "delta, bundled", "clock, crowded"],
 )
@@ -205,7 +205,7 @@ def test_the_topology_is_told_once_when_the_network_is_formed() -> None:
     assert {topology.patch for topology in found} == {"arm", "hand"}
     assert len(found) == 2
     assert host.facts["formed_ns"] == {topology.patch: topology.t_ns for topology in found}
-    assert host.facts["unreached"] == 0
+    assert host.facts["unreachable_cells"] == 0
     assert {payload for _, payload in host.node.best_effort_messages()} == {
         encode(topology) for topology in found
     }
@@ -240,7 +240,7 @@ def test_a_configuration_holds_from_the_next_sample_on() -> None:
 def test_thresholds_and_encoding_of_one_cell() -> None:
     host = Host(small(hosts=1, cells={"proximity": {"noise": 0.0}}), quiet_ms=40).run(8)
     host.send_config(Config(patch="arm", cell=1, t_ns=32 * MS, levels={"force": [], "proximity": []}))
-    host.send_config(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="clock"))
+    host.send_config(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="periodic"))
     host.run(40)
     events = [cell for message in host.published(Events) if message.patch == "arm" for cell in message.cell]
     assert set(events) == {0, 3, 4, 5}
@@ -255,7 +255,7 @@ def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogC
                 Config(patch="arm", cell=cell, t_ns=40 * MS, levels={"force": [0.5, 0.1]}, stream=True)
             )
         told.run(30)
-    assert told.node.counters == {"refused_configs": 3}
+    assert told.node.counters == {"rejected_configs": 3}
     assert len(caplog.records) == 1  # once per source
     assert "arm/0" in caplog.records[0].getMessage()
     assert not streamed(told)
@@ -268,7 +268,7 @@ def test_strangers_configure_without_confusing_the_account() -> None:
     host.send_config(Config(patch="hand", cell=1, stream=True))
     host.send_config(Config(patch="hand", cell=1, encoding="morse"))
     host.run(5)
-    assert host.node.counters == {"configs_from_outside": 2, "refused_configs": 1}
+    assert host.node.counters == {"external_configs": 2, "rejected_configs": 1}
     sampled = [t_ns for _, t_ns in streamed(host, "hand")]
     assert [t_ns // host.period_ns for t_ns in sampled] == [11, 12, 13, 14]
     assert host.node.upstreams["body"].n_missing == 0
@@ -293,10 +293,20 @@ def test_the_host_waits_for_configurations_that_were_announced() -> None:
         ("config", ("leg", "0"), Config(patch="leg", cell=0), "leg/0"),
         ("config", ("arm", "1"), Config(patch="arm", cell=2), "under the key of arm/1"),
         ("config", ("hand", "0"), Config(patch="arm", cell=0), "under the key of hand/0"),
-        ("config", ("arm", "0"), PeriodEnd(patch="arm", t_ns=0, covered_ns=0, events=0), "Config"),
-        ("stimulus", ("host0",), Stimulus(host="host0", t_ns=0, covered_ns=9, values=bytes(32)), "1 cells"),
-        ("stimulus", ("host0",), Stimulus(host="host0", t_ns=0, covered_ns=9, values=bytes(33)), "33 bytes"),
-        ("joints", (), PeriodEnd(patch="arm", t_ns=0, covered_ns=0, events=0), "joints"),
+        ("config", ("arm", "0"), PeriodEnd(patch="arm", t_ns=0, watermark_ns=0, n_events=0), "Config"),
+        (
+            "stimulus",
+            ("cells0",),
+            Stimulus(process="cells0", t_ns=0, watermark_ns=9, values=bytes(32)),
+            "1 cells",
+        ),
+        (
+            "stimulus",
+            ("cells0",),
+            Stimulus(process="cells0", t_ns=0, watermark_ns=9, values=bytes(33)),
+            "33 bytes",
+        ),
+        ("joints", (), PeriodEnd(patch="arm", t_ns=0, watermark_ns=0, n_events=0), "joints"),
     ],
 )
 def test_what_makes_no_sense_changes_nothing(
@@ -325,8 +335,8 @@ def test_a_host_ends_where_the_body_says() -> None:
 def test_noise_belongs_to_the_cell() -> None:
     """One more patch, or other cells on the host, do not shift what a cell draws."""
     assert stream_key(1, "arm", 0, "noise") != stream_key(1, "hand", 0, "noise")
-    one = Host(small(patch("hand", 2, 1), hosts=1)).run(20)
-    more = Host(small(patch("arm"), patch("hand", 2, 1), patch("leg"), hosts=1)).run(20)
+    one = Host(small(patch("hand", 2, 1), cell_processes=1)).run(20)
+    more = Host(small(patch("arm"), patch("hand", 2, 1), patch("leg"), cell_processes=1)).run(20)
     assert one.facts["logs"]["hand"] == more.facts["logs"]["hand"]
     assert len(one.published(Events)) > 10
 
@@ -334,7 +344,10 @@ def test_noise_belongs_to_the_cell() -> None:
 def test_cells_are_fed_where_the_deployment_says_and_nowhere_else() -> None:
     """A host none of whose cells is named is dark, though its gateways are wired."""
     deployment = small(hosts="per_patch", power={"feeds": ("arm/0:0",)})
-    dark = {name: Host(deployment, name).run(5).facts["without_power"] for name in deployment.host_patches()}
+    dark = {
+        name: Host(deployment, name).run(5).facts["unpowered_cells"]
+        for name in deployment.patches_by_process()
+    }
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
     assert list(dark.values()) == [0, sizes["hand"]]
 

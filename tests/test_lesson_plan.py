@@ -43,8 +43,8 @@ def test_goals_see_points_of_bodies_and_plan_by_their_true_motion():
     body = body_scenes.hrp2()
     elbow, wrist = (body.data.body(name).xpos.copy() for name in ("left_forearm", "left_hand"))
     specs = (
-        GoalSpec(body="left_forearm", at_m=tuple(elbow)),
-        GoalSpec(body="left_forearm", point_m=(0.0, 0.0, -0.25), at_m=tuple(wrist), weight=4.0),
+        GoalSpec(body="left_forearm", position_m=tuple(elbow)),
+        GoalSpec(body="left_forearm", point_m=(0.0, 0.0, -0.25), position_m=tuple(wrist), weight=4.0),
     )
     goals = PositionGoals(body.model, body.data, specs, "teacher.lessons[0]", "hrp2_upper")
     np.testing.assert_allclose(goals.error_m(), 0.0, atol=1e-9)
@@ -60,5 +60,9 @@ def test_a_goal_of_a_body_that_is_not_there_is_named():
     body = body_scenes.hrp2()
     with pytest.raises(ModelError, match=r"teacher.lessons\[2\].goals\[0\].body = \"left_tail\".*left_hand"):
         PositionGoals(
-            body.model, body.data, (GoalSpec(body="left_tail", at_m=(0, 0, 0)),), "teacher.lessons[2]", "x"
+            body.model,
+            body.data,
+            (GoalSpec(body="left_tail", position_m=(0, 0, 0)),),
+            "teacher.lessons[2]",
+            "x",
         )

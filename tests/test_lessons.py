@@ -27,8 +27,8 @@ PADS = (
 
 
 def lesson(at_m, **keys):
-    goal = GoalSpec(body="arm", point_m=TIP_M, at_m=tuple(at_m))
-    keys = {"gap_m": 0.002, "start_s": 0.1, "tolerance_m": 0.01, **keys}
+    goal = GoalSpec(body="arm", point_m=TIP_M, position_m=tuple(at_m))
+    keys = {"clearance_m": 0.002, "start_s": 0.1, "tolerance_m": 0.01, **keys}
     return LessonSpec(**{"stage": "guide", "goals": (goal,), **keys})
 
 
@@ -82,7 +82,7 @@ def test_the_figures_of_a_run_tell_of_its_lessons(tmp_path):
     assert 1.0 < figures["lessons.duration_s"][0] < 10.0
     assert figures["lessons.duration_s"][1] is None
     assert figures["lessons.contacts"] == 0
-    assert figures["lessons.nearest_mm"] > 1.5
+    assert figures["lessons.min_distance_mm"] > 1.5
     assert "strokes.count" not in figures
 
 
@@ -126,7 +126,7 @@ def test_a_robot_that_does_not_react_is_left_alone(tmp_path):
 
 
 def test_patience_has_an_end(tmp_path):
-    body = arm(tmp_path, lesson(tip_m(-0.5, 0.5), patience_s=2.0))
+    body = arm(tmp_path, lesson(tip_m(-0.5, 0.5), timeout_s=2.0))
     Evader(body).run(60 * S)
     (truth,) = body.teacher.lessons
     assert truth.outcome == "out of patience"
@@ -162,7 +162,7 @@ def test_a_cell_behind_something_is_not_used(tmp_path):
 
 
 def test_by_force_the_finger_pushes(tmp_path):
-    body = arm(tmp_path, lesson(tip_m(-0.3, 0.25), gap_m=None, depth_m=0.007))
+    body = arm(tmp_path, lesson(tip_m(-0.3, 0.25), clearance_m=None, depth_m=0.007))
     Evader(body, force_gain=1.0, proximity_gain=0.0).run(60 * S)
     (truth,) = body.teacher.lessons
     assert truth.outcome == "reached"
@@ -191,14 +191,14 @@ def hrp2_with_skin_all_around(lessons):
         for angle in (0, 90, 180, 270)
     )
     teacher = TeacherSpec(lessons=lessons)
-    deployment = msgspec.structs.replace(deployment, patches=patches, hosts=1, teacher=teacher)
+    deployment = msgspec.structs.replace(deployment, patches=patches, cell_processes=1, teacher=teacher)
     return BodySimulation(deployment, body_scenes.DEPLOYMENTS)
 
 
 def arms_at(elbow_m, wrist_m):
     """Goals of both arms, mirror images of one another."""
     return tuple(
-        GoalSpec(body=f"{side}_{body}", at_m=(at_m[0], y * at_m[1], at_m[2]))
+        GoalSpec(body=f"{side}_{body}", position_m=(at_m[0], y * at_m[1], at_m[2]))
         for side, y in (("left", 1), ("right", -1))
         for body, at_m in (("forearm", elbow_m), ("hand", wrist_m))
     )
@@ -207,7 +207,9 @@ def arms_at(elbow_m, wrist_m):
 def test_both_arms_of_a_humanoid_are_led_into_a_pose():
     """Elbows and wrists come within 15 mm, though each cell moves several joints, by the map of home."""
     goals = arms_at((0.196, 0.385, 1.090), (0.437, 0.444, 1.063))
-    body = hrp2_with_skin_all_around((LessonSpec(stage="guide", goals=goals, gap_m=0.002, start_s=0.1),))
+    body = hrp2_with_skin_all_around(
+        (LessonSpec(stage="guide", goals=goals, clearance_m=0.002, start_s=0.1),)
+    )
     body.begin_stage("guide")
     Evader(body, fixed_map=True).run(60 * S)
     (truth,) = body.teacher.lessons

@@ -65,7 +65,7 @@ def test_without_simpy_the_figure_is_missing_and_says_what_to_do(
         main()
     assert left.value.code in (0, None)
     out, err = capsys.readouterr()
-    figures = json.loads(out)["figures"]
+    figures = json.loads(out)["metrics"]
     assert figures["ratio.simpy"] is None
     assert figures["missing.simpy"] == "not installed; pip install simpy"
     assert "ratio.heapq" in err

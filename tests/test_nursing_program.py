@@ -245,7 +245,9 @@ def test_arms_that_become_straight_on_the_way_stop() -> None:
     far = (WaypointSpec(t_s=3.0, displacement_m=(0.0, -0.6, 0.0)),)
     loose = {name: ContactWeightSpec(rotation=1e-5) for name in FOREARMS}
     way = {"waypoints": far, "weights": loose, "joint_weight": 1e-6}
-    arms = Arms(spec(joints=JOINTS[:10], reach_m=1.0, reach_rad=3.0, speed_rad_s=5.0, **way), POSE[:10])
+    arms = Arms(
+        spec(joints=JOINTS[:10], reach_m=1.0, rotation_tolerance_rad=3.0, speed_rad_s=5.0, **way), POSE[:10]
+    )
     assert arms.until(State.REPORT).stopped_by is Event.SINGULAR_POSTURE
     assert [state for state, _ in arms.program.state_history][-2:] == [State.MOVE, State.STOPPED]
     elbows = np.abs(arms.q[[3, 8]])
@@ -287,7 +289,7 @@ def test_a_stop_stands_still_at_once(event: Event, solver: str) -> None:
     arms = stopped_while_moving(event, solver=solver, waypoints=turned)
     assert arms.program.manipulation is not None
     arms.ticks(30)
-    where, gap_m = arms.q.copy(), arms.gap_m()
+    where, clearance_m = arms.q.copy(), arms.gap_m()
     arms.ticks(200)
     np.testing.assert_allclose(arms.q, where, atol=1e-6)
     assert 0.0 < arms.program.manipulation.displacement_m[0] < 0.03
@@ -338,7 +340,7 @@ def test_a_moment_without_contact_is_no_loss_and_feedback_closes_the_gap() -> No
     arms.until(State.SETTLE)
     touches = arms.touches
     arms.touches = touches[:1]
-    gap_m = arms.gap_m()
+    clearance_m = arms.gap_m()
     arms.ticks(9)
     assert arms.gap_m() < gap_m
     arms.touches = touches
@@ -457,4 +459,4 @@ def test_the_tables_of_the_paper_are_the_defaults() -> None:
         assert (given.inertia, given.damping, given.stiffness) == due
     assert settings.joint_weight == 1e-4
     assert (ContactWeightSpec().position, ContactWeightSpec().rotation) == (1.0, 0.2)
-    assert settings.comfort_kpa < 90.0
+    assert settings.max_pressure_kpa < 90.0

@@ -21,13 +21,13 @@ Mask = NDArray[np.bool_]
 def wired(*patches: dict[str, Any], **tables: Any) -> Wiring:
     deployment = small(*patches, **tables)
     placed = {one.name: place_patch(one, deployment.cells) for one in deployment.patches}
-    groups = [[placed[name] for name in group] for group in deployment.groups()]
+    groups = [[placed[name] for name in group] for group in deployment.bridged_patches()]
     return wire_cells(groups, deployment.network, resolve_bridges(deployment.bridges, tuple(placed.values())))
 
 
 SKIN = wired(patch("arm", 3, 2), patch("hand", 3, 1), bridges=({"a": "arm/2:0", "b": "hand/0:3"},))
 N_CELLS, N_LINKS = SKIN.n_cells, SKIN.topology.n_links
-WEAK = PowerSpec(link_ohm=1.0, minimum_v=3.0)
+WEAK = PowerSpec(link_ohm=1.0, brown_out_v=3.0)
 """So weak that losing a wire, or a feed's neighbour, browns cells out and losing others lets them stay."""
 
 times = st.integers(0, 20)
@@ -156,7 +156,7 @@ def test_a_cut_in_one_direction_carries_power_and_one_in_both_does_not() -> None
 def test_a_cell_of_a_weak_row_comes_up_when_the_one_before_it_dies() -> None:
     """Cells 0 to 3 stay: 47 mA × (3 + 2 + 1) × 1 Ω = 282 mV; with 4 in the place of 3 it is 329 mV."""
     row = wired(patch("p", 8, 1))
-    weak = PowerSpec(link_ohm=1.0, supply_v=3.3, minimum_v=2.97, current_ma=47.0)
+    weak = PowerSpec(link_ohm=1.0, supply_v=3.3, brown_out_v=2.97, current_ma=47.0)
     first, dead, back = compute_topology_changes(row, [Outage(5, 9, cell=3)], weak, [0])
     assert first.cells_off == (4, 5, 6, 7)
     assert (dead.cells_off, dead.cells_on) == ((3,), (4,))

@@ -17,7 +17,7 @@ FRESH_TICKS = 100_000_000 // TICK_NS
 
 def resting(**more: bool) -> Wired:
     """A robot that listens: it moves by itself for nothing."""
-    return Wired("listen", **({"outside_velocity": True} | more))
+    return Wired("listen", **({"external_velocity": True} | more))
 
 
 def test_a_velocity_moves_the_robot_while_it_is_fresh() -> None:
@@ -27,11 +27,11 @@ def test_a_velocity_moves_the_robot_while_it_is_fresh() -> None:
     moved = [robot.step().velocity_rad_s for _ in range(FRESH_TICKS + 10)]
     assert moved[:FRESH_TICKS] == [[0.25, -0.5]] * FRESH_TICKS
     assert moved[FRESH_TICKS:] == [[0.0, 0.0]] * 10
-    assert robot.node.counters["velocities_from_outside"] == 1
+    assert robot.node.counters["external_velocities"] == 1
 
 
 def test_it_comes_on_top_of_the_program() -> None:
-    alone, pushed = Wired("bow"), Wired("bow", outside_velocity=True)
+    alone, pushed = Wired("bow"), Wired("bow", external_velocity=True)
     pushed.accept("velocity", ExternalVelocity(velocity_rad_s=[0.05, 0.0]))
     for robot in (alone, pushed):
         robot.step()
@@ -61,7 +61,7 @@ def test_what_makes_no_sense_stops_the_robot(wrong: list[float]) -> None:
     with pytest.raises(ProtocolError, match=r"velocities"):
         robot.accept("velocity", ExternalVelocity(velocity_rad_s=wrong))
     assert robot.step().velocity_rad_s == [0.0, 0.0]
-    assert robot.node.counters["velocities_from_outside"] == 1
+    assert robot.node.counters["external_velocities"] == 1
 
 
 def test_a_message_that_is_none_stops_the_robot() -> None:
@@ -74,16 +74,16 @@ def test_a_message_that_is_none_stops_the_robot() -> None:
 
 
 def test_a_run_takes_none_unless_it_is_let() -> None:
-    robot = resting(outside_velocity=False)
+    robot = resting(external_velocity=False)
     robot.step()
-    with pytest.raises(ProtocolError, match=r"controller\.outside_velocity=true"):
+    with pytest.raises(ProtocolError, match=r"controller\.external_velocity=true"):
         robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
     assert robot.step().velocity_rad_s == [0.0, 0.0]
     assert not robot.node.counters
 
 
 def test_nothing_moves_before_the_skin_is_there() -> None:
-    robot = Wired("listen", here=("arm",), lost=False, outside_velocity=True)
+    robot = Wired("listen", here=("arm",), lost=False, external_velocity=True)
     robot.node.upstreams["hand"].watermark_ns = 2**62
     robot.accept("velocity", ExternalVelocity(velocity_rad_s=[0.25, -0.5]))
     assert robot.step().velocity_rad_s == [0.0, 0.0]
@@ -91,7 +91,7 @@ def test_nothing_moves_before_the_skin_is_there() -> None:
 
 def test_it_is_part_of_the_log() -> None:
     """Runs that nobody touched have the log they had; others have one that tells the difference."""
-    alone, let, pushed = resting(outside_velocity=False), resting(), resting()
+    alone, let, pushed = resting(external_velocity=False), resting(), resting()
     pushed.accept("velocity", ExternalVelocity(velocity_rad_s=[0.0, 0.0]))
     logs = []
     for robot in (alone, let, pushed):
@@ -103,6 +103,6 @@ def test_it_is_part_of_the_log() -> None:
 
 def test_nursing_takes_none() -> None:
     file = next(file for file in DEPLOYMENTS if file.stem == "riba_cylinder")
-    deployment = load(file, ("controller.outside_velocity=true",))
+    deployment = load(file, ("controller.external_velocity=true",))
     with pytest.raises(DeploymentError, match="nursing takes no velocities"):
         check(deployment)

@@ -33,7 +33,7 @@ from skinnet.tools.plan.routing_forest import GATEWAY, UNREACHED, RoutingForest,
 from skinnet.tools.plan.traffic import PacketSource, Traffic, traffic_of, transmission_ns
 
 PERIOD_NS = 4_000_000
-CLOCK = {"encoding": {"kind": "clock"}}
+CLOCK = {"encoding": {"kind": "periodic"}}
 SHAPES = ((6, 3, (0, 2)), (5, 5, (0, 2)), (8, 4, (3, 3)), (9, 1, (0, 2)))
 
 
@@ -131,7 +131,7 @@ def test_the_mean_of_one_queue_against_a_simulation_of_it() -> None:
     """nD/D/1: the wait is the largest lead of the arrivals over the server, over all stretches before."""
     rng = np.random.default_rng(1)
     tx_ns = 115_000
-    traffic = Traffic("clock", "", PERIOD_NS, 40, 1.0, (PacketSource(tx_ns, 1, 250.0, True),), ())
+    traffic = Traffic("periodic", "", PERIOD_NS, 40, 1.0, (PacketSource(tx_ns, 1, 250.0, True),), ())
     mean = mean_wait_ns(traffic, 36)
     assert mean[:2].tolist() == [0.0, 0.0]
     assert mean[2] == pytest.approx(tx_ns**2 / (2 * PERIOD_NS))  # two cells meet for a share of the period
@@ -145,7 +145,7 @@ def test_the_mean_of_one_queue_against_a_simulation_of_it() -> None:
 def test_events_wait_as_in_m_d_1() -> None:
     """Few events of many cells are a Poisson stream: ρ / (2 (1 − ρ)) of a packet's time."""
     source = PacketSource(40_000, 1, 100.0, False)
-    traffic = Traffic("delta", "", PERIOD_NS, 200, 1.0, (source,), ())
+    traffic = Traffic("send_on_delta", "", PERIOD_NS, 200, 1.0, (source,), ())
     load = 200 * 100.0 * 40e-6
     assert mean_wait_ns(traffic, 200)[200] == pytest.approx(load / (2 * (1 - load)) * 40_000)
     assert math.isinf(mean_wait_ns(traffic, 250)[250])
@@ -179,7 +179,12 @@ def test_clock_latencies_stay_below_the_bound_and_reach_it(shape: tuple[Any, ...
 def test_bursts_of_events_and_streams_stay_below_the_bound() -> None:
     """Packets of two sizes, touched cells anywhere, as many events at once as there are channels."""
     rng = np.random.default_rng(3)
-    tables = {"encoding": "delta", "stimulated": 0.5, "events_hz": 200.0, "streams_when_touched": True}
+    tables = {
+        "encoding": "send_on_delta",
+        "stimulated": 0.5,
+        "event_rate_hz": 200.0,
+        "stream_when_touched": True,
+    }
     plan = plan_of((6, 4, (0, 2)), plan=tables)
     traffic, n = plan.traffic, plan.skin.n_cells
     assert [source.burst_packets for source in traffic.touched_sources] == [8, 1]
@@ -221,7 +226,7 @@ def test_jitter_is_part_of_the_bound() -> None:
 def test_expected_latencies_are_the_means_of_many_phases() -> None:
     """Over the phases that cells draw from 40 seeds: all cells within 1 %, each cell within 8 %."""
     plan = make_plan(load(SHIPPED))
-    assert plan.traffic.encoding == "clock"  # the program explores
+    assert plan.traffic.encoding == "periodic"  # the program explores
     n, periods, means = plan.skin.n_cells, 9, []
     for seed in range(1, 41):
         phase_ns = np.concatenate([phases_ns(seed, p.name, p.n_cells, PERIOD_NS) for p in plan.skin.patches])
@@ -250,7 +255,7 @@ def test_published_number_of_cells_at_a_port() -> None:
 def test_published_worst_case_of_8_cells_behind_one_uart() -> None:
     """Three transactions of 300 µs from each of 7 others come first: 6.3 ms = 7 × 3 × 300 µs [T11]."""
     source = PacketSource(300_000, 3, 250.0, False)
-    others = Traffic("levels", "", 100_000_000, 7, 1.0, (source,), ())
+    others = Traffic("level_crossing", "", 100_000_000, 7, 1.0, (source,), ())
     assert others.busy_period_ns(7) == pytest.approx(6.3e6)
 
 
@@ -264,7 +269,7 @@ def test_an_overloaded_port_says_so() -> None:
     (first, *_) = diagnose(over)
     assert "will drop packets" in first
     assert "p0/0:2 → gateway" in first
-    rate = plan_report(over)["figures"]["plan.dropped_per_s"]
+    rate = plan_report(over)["metrics"]["plan.dropped_per_s"]
     assert rate == pytest.approx(40 * 250 - 1 / 115e-6)
     assert np.isfinite(
         over.budget.worst_latency_ns
@@ -294,26 +299,26 @@ def test_the_fewest_gateways_keep_the_limit_and_one_less_does_not(limit: dict[st
 
 def test_what_cannot_be_kept_is_said_with_its_limit() -> None:
     plan = plan_of((6, 4, (0, 2)), plan={"latency_ms": 0.5})
-    assert plan_report(plan)["figures"]["plan.fewest_gateways"] is None
+    assert plan_report(plan)["metrics"]["plan.fewest_gateways"] is None
     assert any("even" in line and "worst-case latency" in line for line in diagnose(plan))
     assert not any("utilisation" in line for line in diagnose(plan))
 
 
 def test_voltage_decides_where_power_is_scarce() -> None:
     """With a feed at each gateway, more gateways hold the voltage up; with feeds of their own they do not."""
-    power = {"link_ohm": 0.5, "minimum_v": 2.0}
-    plan = plan_of((8, 4, (0, 2)), power=power, plan={"voltage_v": 3.0})
+    power = {"link_ohm": 0.5, "brown_out_v": 2.0}
+    plan = plan_of((8, 4, (0, 2)), power=power, plan={"min_voltage_v": 3.0})
     (search,) = plan.searches
-    assert "voltage_v" in plan.breaches
+    assert "min_voltage_v" in plan.breaches
     assert search.breaches == {}
     assert len(search.gateways) > 1
     assert search.budget.power is not None
     assert search.budget.power.voltage_v.min() >= 3.0
-    fixed = plan_of((8, 4, (0, 2)), power=power | {"feeds": ("p0/0:2",)}, plan={"voltage_v": 3.0})
-    assert set(fixed.searches[0].breaches) == {"voltage_v"}
+    fixed = plan_of((8, 4, (0, 2)), power=power | {"feeds": ("p0/0:2",)}, plan={"min_voltage_v": 3.0})
+    assert set(fixed.searches[0].breaches) == {"min_voltage_v"}
     dim = plan_of((8, 4, (0, 2)), power={"link_ohm": 1.0})
     assert any("brown out" in line for line in diagnose(dim))
-    assert plan_report(dim)["figures"]["plan.browned_out"] > 0
+    assert plan_report(dim)["metrics"]["plan.browned_out_cells"] > 0
 
 
 def test_bridged_patches_are_one_network() -> None:
@@ -369,27 +374,30 @@ def test_the_command(tmp_path: Path) -> None:
     result = json.loads((tmp_path / "plan.json").read_text())
     assert result == json.loads((out / "plan.json").read_text())
     assert (out / "plan.png").stat().st_size > 10_000
-    figures = result["figures"]
+    figures = result["metrics"]
     assert (figures["plan.cells"], figures["plan.gateways"], figures["plan.packets_per_s"]) == (
         74,
         7,
         18500.0,
     )
-    assert figures["plan.latency_ms.worst"] == pytest.approx(7 * 0.3 + 17 * 0.115)
+    assert figures["plan.max_latency_ms.worst"] == pytest.approx(7 * 0.3 + 17 * 0.115)
     assert figures["plan.power_w"] == pytest.approx(74 * 0.047 * 3.3)
     assert sum(gateway["cells"] for gateway in result["gateways"]) == 74
-    assert max(link["utilisation"] for link in result["links"]) == figures["plan.utilisation"]
+    assert max(link["utilisation"] for link in result["links"]) == figures["plan.max_utilisation"]
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (("--encoding", "morse"), "plan.encoding = 'morse': allowed: 'levels', 'delta', 'clock'"),
-        (("--utilisation", "2"), "plan.utilisation = 2.0"),
-        (("--latency-ms", "0"), "plan.latency_ms = 0.0"),
+        (
+            ("--encoding", "morse"),
+            "plan.encoding = 'morse': allowed: 'level_crossing', 'send_on_delta', 'periodic'",
+        ),
+        (("--utilisation", "2"), "plan.max_utilisation = 2.0"),
+        (("--latency-ms", "0"), "plan.max_latency_ms = 0.0"),
         (("--set", "plan.latency=1"), "plan.latency: unknown key"),
         (("--set", 'power.feeds=["torso/99:0"]'), "power.feeds[0] = 'torso/99:0': torso has cells 0 to 17"),
-        (("--set", "power.minimum_v=4.0"), "minimum_v = 4: must be below supply_v = 3.3"),
+        (("--set", "power.brown_out_v=4.0"), "brown_out_v = 4: must be below supply_v = 3.3"),
     ],
 )
 def test_bad_input_is_refused(given: tuple[str, str], said: str) -> None:
@@ -400,16 +408,18 @@ def test_bad_input_is_refused(given: tuple[str, str], said: str) -> None:
 
 
 def test_events_are_far_below_the_clock() -> None:
-    deployment: Deployment = load(SHIPPED, ("plan.encoding=levels",))
+    deployment: Deployment = load(SHIPPED, ("plan.encoding=level_crossing",))
     levels, clock = make_plan(deployment), make_plan(load(SHIPPED))
-    rate = plan_report(levels)["figures"]["plan.packets_per_s"]
-    share = deployment.plan.stimulated
+    rate = plan_report(levels)["metrics"]["plan.packets_per_s"]
+    share = deployment.plan.stimulated_fraction
     assert rate == pytest.approx(74 * (59.0 * share + 0.1 * (1 - share)))
     assert levels.budget.utilisation.max() < 0.2 * clock.budget.utilisation.max()
 
 
 def test_a_skin_that_says_nothing_costs_nothing() -> None:
-    plan = plan_of((3, 2, (0, 2)), plan={"encoding": "levels", "events_hz": 0.0, "idle_events_hz": 0.0})
+    plan = plan_of(
+        (3, 2, (0, 2)), plan={"encoding": "level_crossing", "event_rate_hz": 0.0, "idle_event_rate_hz": 0.0}
+    )
     assert plan.budget.utilisation.max() == 0.0
     assert plan.budget.worst_backlog_packets.max() == 0.0
     assert isinstance(plan.budget.forest, RoutingForest)

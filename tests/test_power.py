@@ -20,7 +20,7 @@ LOW = 1e-6
 
 
 def spec(**fields: Any) -> PowerSpec:
-    return PowerSpec(**({"minimum_v": LOW} | fields))
+    return PowerSpec(**({"brown_out_v": LOW} | fields))
 
 
 def line(n: int) -> list[tuple[int, int]]:
@@ -76,7 +76,7 @@ def test_voltages_equal_a_dense_solve(skin: Any, feed_ohm: float, data: st.DataO
 def test_kirchhoff_ohm_and_power(skin: Any, feed_ohm: float, minimum: float) -> None:
     """Currents of a cell add up to what it draws, around every wire Ohm's law, and no power gets lost."""
     n, wires, feeds = skin
-    table = spec(feed_ohm=feed_ohm, minimum_v=minimum)
+    table = spec(feed_ohm=feed_ohm, brown_out_v=minimum)
     state = PowerGrid(n, np.array(wires).reshape(-1, 2), feeds, table).solve()
     drawn = np.where(state.browned_out, 0.0, AMPERE)
     balance = -drawn
@@ -168,12 +168,12 @@ def test_wires_with_ports_are_the_same_wires() -> None:
     assert a.voltage_v.tolist() == b.voltage_v.tolist()
 
 
-def shed_one_by_one(linear: PowerGrid, minimum_v: float, n: int) -> list[int]:
+def shed_one_by_one(linear: PowerGrid, brown_out_v: float, n: int) -> list[int]:
     """Who leaves by the rule as the documentation has it: the worst of all, again and again."""
     on = np.ones(n, dtype=bool)
     gone: list[int] = []
     while True:
-        voltage_v = linear.solve(on).voltage_v
+        min_voltage_v = linear.solve(on).voltage_v
         low = np.flatnonzero(on & (voltage_v < minimum_v - 1e-9))
         if not len(low):
             return gone
@@ -186,7 +186,7 @@ def shed_one_by_one(linear: PowerGrid, minimum_v: float, n: int) -> list[int]:
 def test_brown_out_is_a_fixed_point(skin: Any, feed_ohm: float, minimum: float) -> None:
     n, wires, feeds = skin
     ends = np.array(wires).reshape(-1, 2)
-    grid = PowerGrid(n, ends, feeds, spec(feed_ohm=feed_ohm, minimum_v=minimum))
+    grid = PowerGrid(n, ends, feeds, spec(feed_ohm=feed_ohm, brown_out_v=minimum))
     linear = PowerGrid(n, ends, feeds, spec(feed_ohm=feed_ohm))
     state = grid.solve()
     on = ~state.browned_out
@@ -207,8 +207,8 @@ def test_the_far_end_of_a_line_browns_out_and_the_rest_recovers() -> None:
     def end_v(cells: int) -> float:
         return table.supply_v - AMPERE * table.link_ohm * cells * (cells - 1) / 2
 
-    assert end_v(left) >= table.minimum_v > end_v(left + 1)
-    together = PowerGrid(n, line(n), [0], spec()).solve().voltage_v < table.minimum_v
+    assert end_v(left) >= table.brown_out_v > end_v(left + 1)
+    together = PowerGrid(n, line(n), [0], spec()).solve().voltage_v < table.brown_out_v
     assert together.sum() > n - left + 1
     np.testing.assert_allclose(state.voltage_v[left:], state.voltage_v[left - 1], atol=1e-12)
 
@@ -216,7 +216,7 @@ def test_the_far_end_of_a_line_browns_out_and_the_rest_recovers() -> None:
 def test_equal_cells_leave_by_number_and_pieces_do_not_wait_for_each_other() -> None:
     """Three arms of one star are equal; two stars lose their cells as each alone."""
     star = [(0, 1), (0, 2), (0, 3)]
-    table = PowerSpec(feed_ohm=1.0, minimum_v=3.13)
+    table = PowerSpec(feed_ohm=1.0, brown_out_v=3.13)
     alone = PowerGrid(4, star, [0], table).solve()
     assert alone.browned_out.tolist() == [False, True, False, False]
     both = PowerGrid(8, [*star, *((a + 4, b + 4) for a, b in star)], [0, 4], table).solve()
@@ -239,7 +239,7 @@ def test_what_no_wire_leads_to_has_no_voltage() -> None:
 
 def test_a_repair_brings_everything_back() -> None:
     """The state depends on what is in order now, not on what was before."""
-    grid = PowerGrid(20, line(20), [0, 19], PowerSpec(minimum_v=3.0))
+    grid = PowerGrid(20, line(20), [0, 19], PowerSpec(brown_out_v=3.0))
     whole = grid.solve()
     cut = grid.solve(wire_intact=np.arange(19) != 17)
     assert cut.browned_out.any()
@@ -267,4 +267,4 @@ def test_bad_input() -> None:
     with pytest.raises(ValueError, match=r"cell_on has shape \(3,\)"):
         PowerGrid(2, line(2), [0], PowerSpec()).solve([True] * 3)
     with pytest.raises(DeploymentError, match=r"power.*minimum_v = 3.5: must be below supply_v = 3.3"):
-        small(power={"minimum_v": 3.5})
+        small(power={"brown_out_v": 3.5})

@@ -38,7 +38,7 @@ def test_counts_are_those_of_the_summary_and_nothing_is_lost(recorded: Any) -> N
     own = Recording(folder / "run.mcap")
     keys = Keys(own.robot)
     counts = Counter(keys.parse(m.topic)[0].name for m in messages if m.topic.startswith(keys.prefix))
-    figures = summary["figures"]
+    figures = summary["metrics"]
     told = {k.rpartition(".")[2]: n for k, n in figures.items() if k.startswith("recording.messages.")}
     assert counts == told
     assert figures["recording.bytes"] == (folder / "run.mcap").stat().st_size
@@ -47,32 +47,32 @@ def test_counts_are_those_of_the_summary_and_nothing_is_lost(recorded: Any) -> N
     assert statistics.message_count == len(messages)
     deployment = own.deployment()
     end_ns = round(summary["sim_s"] * 1e9)
-    assert counts["joints"] == counts["world"] == end_ns // deployment.body.joints_ns + 1
+    assert counts["joints"] == counts["free_bodies"] == end_ns // deployment.body.joint_state_period_ns + 1
     controller = json.loads((folder / "deployment.json").read_text())["controller"]
     assert controller == own.deployment_dict["controller"]
     for patch in deployment.patches:
         frames: list[Stream | PeriodEnd] = []
         n_events = n_topologies = 0
         for m in own.messages():
-            if m.channel in ("frame", "stream") and m.fields == (patch.name,):
+            if m.channel in ("period_end", "stream") and m.fields == (patch.name,):
                 frames.append(decode(m.payload, Stream if m.channel == "stream" else PeriodEnd))
             elif m.channel == "events" and m.fields[0] == patch.name:
                 n_events += len(decode(m.payload, Events).cell)
             elif m.channel == "topology" and m.fields == (patch.name,):
                 n_topologies += 1
-        assert [frame.covered_ns for frame in frames[:-1]] == [frame.t_ns for frame in frames[1:]]
-        assert (frames[0].t_ns, frames[-1].covered_ns) == (0, end_ns)
-        assert sum(frame.events for frame in frames) == n_events + n_topologies
+        assert [frame.watermark_ns for frame in frames[:-1]] == [frame.t_ns for frame in frames[1:]]
+        assert (frames[0].t_ns, frames[-1].watermark_ns) == (0, end_ns)
+        assert sum(frame.n_events for frame in frames) == n_events + n_topologies
 
 
 def test_the_states_that_there_are_are_known_before_the_first(recorded: Any) -> None:
     folder, _, _ = recorded
-    said = [m for m in Recording(folder / "run.mcap").messages() if m.channel in ("machine", "state")]
-    (machine,) = [decode(m.payload, StateMachineDescription) for m in said if m.channel == "machine"]
+    said = [m for m in Recording(folder / "run.mcap").messages() if m.channel in ("state_machine", "state")]
+    (machine,) = [decode(m.payload, StateMachineDescription) for m in said if m.channel == "state_machine"]
     stages = [decode(m.payload, ControllerState).stage for m in said if m.channel == "state"]
     assert machine.t_ns == 0
     assert set(stages) <= set(machine.states)
-    moves = {(one, other) for one, _, other in machine.moves}
+    moves = {(one, other) for one, _, other in machine.transitions}
     changes = {(one, other) for one, other in itertools.pairwise(stages) if one != other}
     assert changes
     assert changes <= moves
@@ -164,7 +164,7 @@ def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) ->
 
     (robot,) = shown("/robot")
     frames = {t["child_frame_id"] for t in shown("/tf")[0]["transforms"]}
-    assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"world"}
+    assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"free_bodies"}
     looks = VisualModel(deployment, own.base).shapes
     primitives_of = ("cubes", "spheres", "cylinders", "triangles")
     drawn = [p["color"] for e in robot["entities"] for kind in primitives_of for p in e.get(kind, ())]
@@ -245,12 +245,12 @@ def test_a_recorder_changes_nothing_and_processes_neither(tmp_path: Path) -> Non
     one = record("arm", tmp_path / "one", "--in-process")
     many = record("arm", tmp_path / "many")
     assert without["log_sha256"] == one["log_sha256"] == many["log_sha256"]
-    assert {p["name"] for p in many["processes"]} == {"body", "host0", "host1", "controller", "recorder"}
+    assert {p["name"] for p in many["processes"]} == {"body", "cells0", "cells1", "controller", "recorder"}
     first: list[Plain] = plain(tmp_path / "one" / "run.mcap")
     assert first == plain(tmp_path / "many" / "run.mcap")
-    counted = {k: v for k, v in one["figures"].items() if "bytes" not in k}
-    assert counted == {k: v for k, v in many["figures"].items() if "bytes" not in k}
-    assert without["figures"] == {k: v for k, v in counted.items() if not k.startswith("recording.")}
+    counted = {k: v for k, v in one["metrics"].items() if "bytes" not in k}
+    assert counted == {k: v for k, v in many["metrics"].items() if "bytes" not in k}
+    assert without["metrics"] == {k: v for k, v in counted.items() if not k.startswith("recording.")}
 
 
 def test_faults_and_topologies_are_in_the_record(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_a_run_that_is_killed_leaves_its_record(tmp_path: Path) -> None:
         "stream",
         "state",
         "topology",
-        "world",
+        "free_bodies",
     }
     line = [sys.executable, "-m", "skinnet.cli", "replay", str(own.path), "--into", "controller"]
     done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
@@ -194,16 +194,16 @@ def test_a_run_that_is_interrupted_ends_its_record(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("may_be_lost", [False, True])
-def test_a_recorder_that_is_killed(tmp_path: Path, may_be_lost: bool) -> None:
-    allowed = ('run.may_be_lost=["recorder"]',) if may_be_lost else ()
+@pytest.mark.parametrize("tolerated_losses", [False, True])
+def test_a_recorder_that_is_killed(tmp_path: Path, tolerated_losses: bool) -> None:
+    allowed = ('run.tolerated_losses=["recorder"]',) if may_be_lost else ()
     settings = ("run.pace=realtime", "run.max_s=4.0", *allowed)
     with launched(ARM, tmp_path, "--record", settings=settings) as process:
         wait_for(process, "structure")
         child(process, "recorder").kill()
         out, errors = process.communicate(timeout=120)
     assert process.returncode == (0 if may_be_lost else 1)
-    if may_be_lost:
+    if tolerated_losses:
         assert "recorder was killed by signal 9; the run goes on without it" in out
     else:
         assert errors.startswith("skinnet: recorder was killed by signal 9")
@@ -221,7 +221,7 @@ def test_a_full_disk_ends_the_run_or_only_the_record(tmp_path: Path, arguments: 
     assert done.returncode == 1
     assert FULL in done.stderr
     assert "Traceback" not in done.stderr
-    spared = (*SHORT_ARM, 'run.may_be_lost=["recorder"]')
+    spared = (*SHORT_ARM, 'run.tolerated_losses=["recorder"]')
     summary = run(ARM, tmp_path, "--record", *arguments, settings=spared)
     assert summary["outcome"] == "completed_with_losses"
     assert [fault["process"] for fault in summary["faults"]] == ["recorder"]

@@ -120,7 +120,7 @@ def test_requests_are_replayed_at_their_ticks(tmp_path: Path) -> None:
     """A session that users lead: what they asked is in the record, and leads the replayed one."""
     settings = (
         'controller.program=["session"]',
-        'controller.stages.session={kind="session"}',
+        'controller.stages.session={kind="teach_and_grasp"}',
         "run.pace=realtime",
         "run.max_s=600",
     )
@@ -171,7 +171,7 @@ def test_playing_keeps_to_time_rate_and_stretch(touched: Path) -> None:
     )
     before = [m for due_s, m in part[: -len(inside)]]
     known = {m.channel for m in before}
-    assert known == {"topology", "state", "machine"}, "who comes later has to know what holds"
+    assert known == {"topology", "state", "state_machine"}, "who comes later has to know what holds"
     assert all(m.t_ns < from_ns for m in before)
     assert {key for key in playback.latched if key.endswith("topology")} == {
         m.key for m in everything if m.channel == "topology"

@@ -55,7 +55,7 @@ def several(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for seed in (1, 2):
         shutil.copytree(folder, several / f"seed-{seed}")
         one = json.loads((folder / "summary.json").read_text()) | {"seed": seed}
-        one["figures"] |= {"reaction.count": seed, "contact.peak_force_n": 2.0 * seed}
+        one["metrics"] |= {"reaction.count": seed, "contact.peak_force_n": 2.0 * seed}
         runs.append(one)
     (several / "summary.json").write_text(json.dumps({"runs": runs}))
     return several
@@ -66,7 +66,7 @@ def sweep(folder: Path) -> Path:
     folder.mkdir()
     own = {
         "packets_per_s": 36_000.0,
-        "share.packets": 0.114,
+        "fraction.packets": 0.114,
         "latency_us.p50": 958.0,
         "latency_us.p99": 2491.0,
     }
@@ -84,8 +84,8 @@ def sweep(folder: Path) -> Path:
         "deployment": "h1_1260",
         "stress": {"duration_s": 4.0},
         "points": ["c1260-delta-s0.55", "c1260-clock-s0.55"],
-        "failed": {"c1260-clock-s0.55": "host0 was killed by signal 9"},
-        "figures": headline | {f"c1260-delta-s0.55.{name}": value for name, value in own.items()},
+        "failed": {"c1260-clock-s0.55": "cells0 was killed by signal 9"},
+        "metrics": headline | {f"c1260-delta-s0.55.{name}": value for name, value in own.items()},
     }
     (folder / "stress.json").write_text(json.dumps(stress))
     (folder / "rates.png").write_bytes(png())
@@ -108,7 +108,7 @@ def test_a_page_has_every_figure_and_every_picture(folder: Path) -> None:
     page = page_of(folder)
     summary = json.loads((folder / "summary.json").read_text())
     named = {row["title"] for row in page.all("tr") if "title" in row}
-    for name, value in summary["figures"].items():
+    for name, value in summary["metrics"].items():
         assert name in named or name.rpartition(".")[0] in named, name
         if isinstance(value, int) and not isinstance(value, bool):
             assert format_number(value) in page.text
@@ -198,7 +198,7 @@ def hostile(folder: Path, out: Path) -> Path:
         "settings": [EVIL],
         EVIL: EVIL,
     }
-    summary["figures"] |= {EVIL: 1, f"structure.{EVIL}": EVIL}
+    summary["metrics"] |= {EVIL: 1, f"structure.{EVIL}": EVIL}
     (out / "summary.json").write_text(json.dumps(summary))
     keys = json.loads((folder / "deployment.json").read_text())
     keys["body"] |= {"model": EVIL, "home_rad": {EVIL: 0.5}}
@@ -236,7 +236,7 @@ def test_a_sweep_is_a_row_for_each_point(tmp_path: Path) -> None:
     assert verdicts["delta.stimulated.dropped"] is Verdict.OUTSIDE  # three went missing
     assert verdicts["clock.stimulated.cpu.controller"] is Verdict.UNMEASURED
     page = page_of(folder)
-    for told in ("c1260-delta-s0.55", "failed: host0 was killed by signal 9", "11.4", "958", "5 σ"):
+    for told in ("c1260-delta-s0.55", "failed: cells0 was killed by signal 9", "11.4", "958", "5 σ"):
         assert told in page.text
     assert "c1260-delta-s0_55" not in page.text
 
@@ -317,11 +317,11 @@ def test_a_run_that_fails_takes_the_summary_of_an_earlier_one_away(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def fail(*_: Any) -> None:
-        raise SkinnetError("host0 is gone")
+        raise SkinnetError("cells0 is gone")
 
     shutil.copytree(folder, tmp_path / "run")
     monkeypatch.setattr("skinnet.run.launch.run_in_process", fail)
-    with pytest.raises(SkinnetError, match="host0"):
+    with pytest.raises(SkinnetError, match="cells0"):
         small_run(tmp_path / "run")
     with pytest.raises(RunFolderError, match="failed, was stopped"):
         read_run_folder(tmp_path / "run")
@@ -392,7 +392,7 @@ def claim(*figures: str, expected: Any = None, when: Any = ()) -> Claim:
 
 
 @pytest.mark.parametrize(
-    ("expected", "figures", "text", "verdict"),
+    ("expected", "metrics", "text", "verdict"),
     [
         (Equals(0), {"a": 0}, "0 N", Verdict.WITHIN),
         (Equals(0), {"a": 1}, "0 N", Verdict.OUTSIDE),

@@ -265,7 +265,7 @@ def test_the_command_line_says_what_was_answered(accepted: bool) -> None:
     def obey(key: str, payload: bytes) -> None:
         asked = decode(payload, Request)
         why = "" if accepted else f"no floor {asked.argument}"
-        answer = Answer(id=asked.id, t_ns=1_500_000_000, accepted=accepted, state="lift.up", why=why)
+        answer = Answer(id=asked.id, t_ns=1_500_000_000, accepted=accepted, state="lift.up", reason=why)
         controller.publish_best_effort(KEYS.of("answer"), encode(answer))
 
     controller.declare_loop_subscriber(KEYS.of("request", "go"), obey)
@@ -338,7 +338,7 @@ async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
         with pytest.raises(UnreachableError):
             client.query(endpoint, KEYS.of("request", "go"), b"", 0.01)
     assert watch.counters == {
-        "copied": 2,
+        "copied_messages": 2,
         "requests": 2,
         "refused_requests": 4,
         "unanswered_requests": 1,

@@ -27,7 +27,7 @@ REFUSED = "stage 'listen' takes no requests"
 
 def listening(duration_s: float, *settings: str) -> tuple[str, ...]:
     """A program that only listens."""
-    stage = f'controller.stages.listen={{kind="listen", duration_s={duration_s}}}'
+    stage = f'controller.stages.listen={{kind="passive", duration_s={duration_s}}}'
     return ('controller.program=["listen"]', stage, "run.max_s=3600", *settings)
 
 
@@ -139,9 +139,9 @@ def test_a_flood_of_queries_changes_nothing(tmp_path: Path) -> None:
     summary = json.loads((tmp_path / "flooded" / "summary.json").read_text())
     assert summary["log_sha256"] == reference["log_sha256"]
     counters = summary["counters"]
-    assert counters["controller"] == {"requests_from_outside": len(answers)}
-    assert counters["watch"]["requests"] == len(answers)
-    assert counters["watch"].get("refused_requests", 0) == len(refusals)
+    assert counters["controller"] == {"external_requests": len(answers)}
+    assert counters["observers"]["requests"] == len(answers)
+    assert counters["observers"].get("refused_requests", 0) == len(refusals)
     facts = json.loads((tmp_path / "flooded" / "parts" / "controller.json").read_text())["facts"]
     assert [tuple(row[1:]) for row in facts["requests"]] == [("go", "", False)] * len(answers)
 

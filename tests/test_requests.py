@@ -86,7 +86,7 @@ def test_requests_wait_in_their_order_and_a_tick_handles_few(bursts: list[int]) 
         assert (msgpack.unpackb(noted) if noted else []) == accepted
         assert requests.take_answers() == []
     assert asked == sorted(asked, key=lambda row: int(row[2]))
-    assert counters["requests_from_outside"] == arrived
+    assert counters["external_requests"] == arrived
     assert counters["dropped_requests"] == arrived - handled - waiting
     assert requests.log == [(*row, int(row[2]) % 2 == 0) for row in asked]
 
@@ -99,9 +99,9 @@ def test_a_stage_that_takes_none_refuses_and_says_which_it_is() -> None:
         robot.step()
         told += answers(robot.node.best_effort_messages())
     begun = "the program has not begun: the network of the skin is forming"
-    assert told[0] == Answer(id=0, t_ns=0, accepted=False, state="forming", why=begun)
+    assert told[0] == Answer(id=0, t_ns=0, accepted=False, state="forming", reason=begun)
     assert [a.id for a in told] == list(range(len(told)))
-    assert {(a.accepted, a.state, a.why) for a in told[1:]} == {
+    assert {(a.accepted, a.state, a.reason) for a in told[1:]} == {
         (False, stage, f"stage '{stage}' takes no requests") for stage in ("bow", "home")
     }
     assert robot.result.facts["requests"] == [(a.t_ns, "go", "2", False) for a in told]
@@ -122,11 +122,11 @@ def test_what_a_stage_makes_of_a_request_is_the_answer() -> None:
     robot.step()
     assert answers(robot.node.best_effort_messages()) == [
         Answer(id=0, t_ns=TICK_NS, accepted=True, state="bow.floor2"),
-        Answer(id=1, t_ns=TICK_NS, accepted=False, state="bow.floor2", why="go up: say go and a floor"),
-        Answer(id=2, t_ns=TICK_NS, accepted=False, state="bow.floor2", why="stop : say go and a floor"),
+        Answer(id=1, t_ns=TICK_NS, accepted=False, state="bow.floor2", reason="go up: say go and a floor"),
+        Answer(id=2, t_ns=TICK_NS, accepted=False, state="bow.floor2", reason="stop : say go and a floor"),
         Answer(id=3, t_ns=TICK_NS, accepted=True, state="bow.floor1"),
     ]
-    assert robot.node.counters == {"requests_from_outside": 4}
+    assert robot.node.counters == {"external_requests": 4}
 
 
 def log_of(*requests: tuple[str, str], at: int = 2, ticks: int = 5) -> str:
@@ -181,13 +181,13 @@ def test_the_nursing_program_takes_none() -> None:
     keys = Keys(deployment.robot)
     node = build(deployment, "controller", SHIPPED.parent, None)
     home = [deployment.body.home_rad.get(joint, 0.0) for joint in deployment.body.joints]
-    node.accept("joints", (), encode(Joints(t_ns=0, covered_ns=0, position_rad=home)))
+    node.accept("joints", (), encode(Joints(t_ns=0, watermark_ns=0, position_rad=home)))
     node.accept("request", ("grasp",), encode(Request(id=7)))
     node.step(lambda _key, _payload: None)
     (key, payload), *rest = node.best_effort_messages()
     answer = decode(payload, Answer)
     assert key == keys.of("answer")
-    assert (answer.id, answer.accepted, answer.why) == (7, False, "the nursing program takes no requests")
+    assert (answer.id, answer.accepted, answer.reason) == (7, False, "the nursing program takes no requests")
     told = [decode(state, ControllerState).stage for key, state in rest if key == keys.of("state")]
     assert told == [answer.state]
 

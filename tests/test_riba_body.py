@@ -95,7 +95,7 @@ def test_the_arms_are_mirror_images(bare: mujoco.MjModel) -> None:
 
 
 def test_the_arms_close_until_each_presses_with_the_grip() -> None:
-    body = riba("payload.grip_n=45")
+    body = riba("payload.grip_force_n=45")
     home = load(CYLINDER).body
     force_n = body.sheet_foundation.body_force_n()
     sides = [body.model.mj.body(f"{side}_forearm").id for side in ("right", "left")]
@@ -155,9 +155,9 @@ def test_on_slippery_foam_it_falls_and_the_body_says_when() -> None:
     payload = truth.facts["payload"]
     t_ns, pose = truth.arrays["object_t_ns"], truth.arrays["object_pose"]
     assert payload["dropped_ns"] is not None
-    assert payload["slid_m"] > 0.05
-    fallen_m = pose[0, 2] - np.interp(payload["dropped_ns"], t_ns, pose[:, 2])
-    assert fallen_m == pytest.approx(load(CYLINDER).payload.fallen_m, abs=0.01)
+    assert payload["sliding_distance_m"] > 0.05
+    drop_threshold_m = pose[0, 2] - np.interp(payload["dropped_ns"], t_ns, pose[:, 2])
+    assert drop_threshold_m == pytest.approx(load(CYLINDER).payload.drop_threshold_m, abs=0.01)
 
 
 def test_the_way_of_the_object_is_recorded_with_the_joints() -> None:
@@ -167,7 +167,7 @@ def test_the_way_of_the_object_is_recorded_with_the_joints() -> None:
     assert arrays["object_pose"].shape == (101, 7)
     here = body.data.joint("payload").qpos
     assert arrays["object_pose"][-1].tolist() == here.tolist()
-    assert np.all(np.diff(arrays["object_slid_m"]) >= 0.0)
+    assert np.all(np.diff(arrays["object_sliding_distance_m"]) >= 0.0)
 
 
 def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
@@ -222,8 +222,8 @@ def test_the_cart_can_take_part() -> None:
 @pytest.mark.parametrize(
     ("override", "error", "says"),
     [
-        ("payload.closing={knee = 1.0}", DeploymentError, r"payload\.closing\.knee"),
-        ("payload.closing={}", DeploymentError, "name at least one joint"),
+        ("payload.closing_joints={knee = 1.0}", DeploymentError, r"payload\.closing\.knee"),
+        ("payload.closing_joints={}", DeploymentError, "name at least one joint"),
         ("payload.position_m=[0.0, -1.5, 0.86]", DeploymentError, "instead of 60 N"),
         ("payload.axis=[0.0, 0.0, 0.0]", DeploymentError, r"payload\.axis"),
         ('body.locked=["waist_yaw"]', DeploymentError, "named twice"),

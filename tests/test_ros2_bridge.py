@@ -71,7 +71,9 @@ def run_of(deployed: DeploymentInfo | None) -> Iterator[Run]:
 
 
 def arm(*overrides: str) -> DeploymentInfo:
-    return DeploymentInfo(deployment=resolved_json(load(ARM, overrides)).decode(), base=str(ARM.parent))
+    return DeploymentInfo(
+        deployment=resolved_json(load(ARM, overrides)).decode(), base_folder=str(ARM.parent)
+    )
 
 
 class Bridged:
@@ -329,7 +331,7 @@ def peer(router: str) -> Iterator[Any]:
         yield session
 
 
-MOVABLE = "controller.outside_velocity=true"
+MOVABLE = "controller.external_velocity=true"
 COMMANDS = "/arm/joint_velocity_commands"
 
 
@@ -371,7 +373,7 @@ def test_without_control_ros_moves_nothing() -> None:
 
 
 def test_a_run_that_takes_no_velocities() -> None:
-    with run_of(arm()) as run, pytest.raises(SkinnetError, match=r"controller\.outside_velocity=true"):
+    with run_of(arm()) as run, pytest.raises(SkinnetError, match=r"controller\.external_velocity=true"):
         bridge(BridgeOptions(run.endpoint, accept_velocities=True), print)
 
 
@@ -388,7 +390,7 @@ def test_a_zenoh_endpoint_without_a_run() -> None:
 @pytest.mark.parametrize("deployment", ["no json", "{}", '{"name": 1}'])
 def test_a_run_of_another_version(deployment: str) -> None:
     with (
-        run_of(DeploymentInfo(deployment=deployment, base="/")) as run,
+        run_of(DeploymentInfo(deployment=deployment, base_folder="/")) as run,
         pytest.raises(SkinnetError, match=run.endpoint),
     ):
         bridge(BridgeOptions(run.endpoint), print)

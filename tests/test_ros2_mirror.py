@@ -47,7 +47,7 @@ def told(m: Any) -> Any:
 
 
 def joints(t_ns: int, *position_rad: float) -> bytes:
-    return encode(Joints(t_ns=t_ns, covered_ns=t_ns + 5_000_000, position_rad=list(position_rad)))
+    return encode(Joints(t_ns=t_ns, watermark_ns=t_ns + 5_000_000, position_rad=list(position_rad)))
 
 
 def events(patch: str, *rows: tuple[int, int, int, int, float], seq: int = 0) -> Events:
@@ -74,7 +74,7 @@ def stream(patch: str, *rows: tuple[int, int, int, tuple[float, ...]]) -> Stream
     table = np.zeros(len(rows), dtype=STREAM_ROW)
     for row, (seq, cell, t_ns, values) in zip(table, rows, strict=True):
         row["seq"], row["cell"], row["t_sampled_ns"], row["values"] = seq, cell, t_ns, values
-    return Stream(patch=patch, t_ns=0, covered_ns=0, events=0, rows=table.tobytes())
+    return Stream(patch=patch, t_ns=0, watermark_ns=0, n_events=0, rows=table.tobytes())
 
 
 def topology(patch: str, *network_id: int) -> Topology:
@@ -115,7 +115,11 @@ def test_links_become_one_tree_of_transforms() -> None:
     one.handle(KEYS.of("joints"), joints(2_500_000_000, 0.1, 0.2, 0.3))
     fixed, moving = told(one.static_transforms()).transforms, told(one.moving_transforms()).transforms
     parents = {t.child_frame_id: t.header.frame_id for t in (*fixed, *moving)}
-    assert parents == {"arm/base": "world", "arm/upper_link": "arm/base", "arm/fore_link": "arm/upper_link"}
+    assert parents == {
+        "arm/base": "free_bodies",
+        "arm/upper_link": "arm/base",
+        "arm/fore_link": "arm/upper_link",
+    }
     assert [t.header.stamp.sec for t in (*fixed, *moving)] == [0, 2, 2]
     for t in (*fixed, *moving):
         turn = t.transform.rotation
@@ -150,14 +154,14 @@ def test_readings_become_points() -> None:
         (KEYS.of("joints"), joints(0, 0.0, 0.0)),
         (KEYS.of("joints"), joints(0, 0.0, 0.0, float("nan"))),
         (KEYS.of("joints"), b"garbage"),
-        (KEYS.of("frame", "base"), encode(PeriodEnd(patch="base", t_ns=0, covered_ns=0, events=0))),
+        (KEYS.of("period_end", "base"), encode(PeriodEnd(patch="base", t_ns=0, watermark_ns=0, n_events=0))),
         (KEYS.of("events", "nose", 0), encode(events("nose", (0, 0, 0, 0, 1.0)))),
         (KEYS.of("events", "base", 6), encode(events("base", (6, 0, 0, 0, 1.0)))),
         (KEYS.of("events", "base", 0), encode(events("base", (0, 4, 0, 0, 1.0)))),
         (KEYS.of("events", "base", 0), encode(events("base", (0, 1, 1, 0, 1.0)))),
         (KEYS.of("events", "base", 0), encode(events("base", (-1, 0, 0, 0, 1.0)))),
         (KEYS.of("stream", "base"), encode(stream("base", (0, 6, 0, (1.0,) * 8)))),
-        (KEYS.of("stream", "base"), encode(Stream(patch="base", t_ns=0, covered_ns=0, events=0, rows=b"1"))),
+        (KEYS.of("stream", "base"), encode(Stream(patch="base", t_ns=0, watermark_ns=0, n_events=0, rows=b"1"))),
         (KEYS.of("topology", "base"), encode(topology("base", 1))),
         ("skinnet/arm/nothing", b""),
         ("elsewhere/arm/body/joints", joints(0, 0.0, 0.0, 0.0)),
@@ -234,15 +238,15 @@ def test_regions_of_sheets_lie_on_their_surface() -> None:
     n = len(load(file).body.joints)
     one.handle(keys.of("joints"), joints(0, *[0.0] * n))
     rows = np.zeros(3, dtype=REGION_ROW)
-    rows["board"], rows["number"], rows["elements"] = (0, 1, 1), (1, 1, 2), (4, 2, 0)
+    rows["board"], rows["region_id"], rows["n_elements"] = (0, 1, 1), (1, 1, 2), (4, 2, 0)
     rows["force_n"], rows["xi2_m"] = (5.0, 2.0, 0.0), (0.01, 0.0, 0.0)
     frames = np.zeros(2, dtype=SCAN_FRAME_ROW)
     frames["board"], frames["rows"] = (0, 1), (1, 2)
-    message = Regions(t_ns=0, covered_ns=1, frames=frames.tobytes(), rows=rows.tobytes())
+    message = Regions(t_ns=0, watermark_ns=1, frames=frames.tobytes(), rows=rows.tobytes())
     one.handle(keys.of("regions", "boards"), encode(message))
     cloud = points(told(one.region_cloud()))
     assert cloud[["board", "region", "force_n"]].tolist() == [(0, 1, 5.0), (1, 1, 2.0)]  # the other one ended
-    wrong = Regions(t_ns=0, covered_ns=1, frames=frames.tobytes(), rows=rows[:2].tobytes())
+    wrong = Regions(t_ns=0, watermark_ns=1, frames=frames.tobytes(), rows=rows[:2].tobytes())
     with pytest.raises(ProtocolError, match="2 rows, and frames of 3"):
         one.handle(keys.of("regions", "boards"), encode(wrong))
 

@@ -19,8 +19,8 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     [
         (("--in-process",), ()),
         ((), ()),
-        ((), ("hosts=per_patch",)),
-        (("--in-process",), ("hosts=1",)),
+        ((), ("cell_processes=per_patch",)),
+        (("--in-process",), ("cell_processes=1",)),
     ],
     ids=["again", "processes", "one host per patch", "one host"],
 )
@@ -29,7 +29,7 @@ def test_the_log_is_the_same(
 ) -> None:
     other = run(TOUCH, tmp_path, *arguments, settings=SHORT + settings)
     assert other["log_sha256"] == reference["log_sha256"]
-    assert other["figures"] == reference["figures"]
+    assert other["metrics"] == reference["metrics"]
     assert other["sim_s"] == reference["sim_s"]
 
 
@@ -39,12 +39,12 @@ def test_the_log_differs_when_anything_else_does(
 ) -> None:
     other = run(TOUCH, tmp_path, "--in-process", settings=(*SHORT, setting))
     assert other["log_sha256"] != reference["log_sha256"]
-    assert other["figures"]["network.conserved"]
-    assert bool(other["figures"]["network.dropped"]) == setting.startswith("network.bits")
+    assert other["metrics"]["network.conserved"]
+    assert bool(other["metrics"]["network.dropped"]) == setting.startswith("network.bits")
 
 
 def test_nothing_is_lost_and_touch_is_answered(reference: dict[str, Any]) -> None:
-    figures = reference["figures"]
+    figures = reference["metrics"]
     assert reference["outcome"] == "completed"
     assert figures["network.offered"] == figures["network.delivered"] + figures["network.in_flight"]
     assert figures["network.dropped"] == 0

@@ -41,7 +41,7 @@ def poses_at(body: ScriptedBody, world: BodySimulation, position_rad):
 
 @pytest.mark.parametrize("file", [UR5, H1, body_scenes.HRP2], ids=lambda path: path.stem)
 def test_at_rest_it_feels_what_physics_feels(file):
-    deployment = load(file, ("script.stimulated=0.0",))
+    deployment = load(file, ("scripted_stimuli.stimulated_fraction=0.0",))
     still = ScriptedBody(deployment, file.parent).stimulus()
     real = BodySimulation(deployment, file.parent).stimulus()
     np.testing.assert_allclose(still[:, ACCELERATION], real[:, ACCELERATION], atol=1e-6)
@@ -83,7 +83,7 @@ def test_chunks_and_readings_change_nothing(chunk_ms):
 
 def test_accelerations_are_those_of_the_motion():
     """Second differences of the cells' positions by MuJoCo's kinematics, and gravity, in their frames."""
-    deployment = load(UR5, ("script.stimulated=0.0",))
+    deployment = load(UR5, ("scripted_stimuli.stimulated_fraction=0.0",))
     body, world = ScriptedBody(deployment, UR5.parent), BodySimulation(deployment, UR5.parent)
     velocity = np.array([1.2, -0.9, 0.7, 1.4, -1.1, 0.5])
     body.set_command(velocity)
@@ -99,7 +99,7 @@ def test_accelerations_are_those_of_the_motion():
 
 
 def test_a_change_of_velocity_is_felt_as_its_mean_over_a_frame():
-    deployment = load(UR5, ("script.stimulated=0.0",))
+    deployment = load(UR5, ("scripted_stimuli.stimulated_fraction=0.0",))
     body, world = ScriptedBody(deployment, UR5.parent), BodySimulation(deployment, UR5.parent)
     change = np.array([0.01, 0.02, -0.01, 0.005, 0.01, 0.02])
     body.set_command(change)
@@ -122,7 +122,7 @@ def test_crossings_of_scripted_touches_are_exact():
     touch = {"cells": ["fore_link/1"], "start_s": 0.1, "force_n": 2.0, "approach_s": 0.3, "rise_s": 0.2}
     body = ScriptedBody(from_document(raw | {"script": {"touches": [touch]}}, "arm"), ARM.parent)
     body.advance(1000 * MS)
-    forces = [fact for fact in body.ground_truth().facts["reaction_crossings"] if fact[2] < 3]
+    forces = [fact for fact in body.ground_truth().facts["threshold_crossings"] if fact[2] < 3]
     assert len(forces) == 3
     expected_ns = (0.4 + 0.2 * np.arccos(1 - 2 * 0.3) / np.pi) * 1e9
     for t_ns, cell, _, reading in forces:
@@ -148,7 +148,9 @@ def test_the_node_is_the_same_and_scripted_by_its_table(tmp_path):
 def test_a_bad_script_is_refused_by_the_check():
     raw = tomllib.loads(ARM.read_text())
     touch = {"cells": ["elbow/0"], "start_s": 0.0, "force_n": 1.0}
-    with pytest.raises(DeploymentError, match=r"script.touches\[0\].cells: 'elbow/0': unknown patch"):
+    with pytest.raises(
+        DeploymentError, match=r"scripted_stimuli.presses\[0\].cells: 'elbow/0': unknown patch"
+    ):
         check(from_document(raw | {"script": {"touches": [touch]}}, "arm"))
 
 
@@ -163,7 +165,7 @@ def test_shipped_skins_hold_with_and_without_script(file, cells, patches, touche
     placed = place_patches(deployment.patches, deployment.cells)
     assert len(placed) == patches
     assert sum(patch.n_cells for patch in placed) == cells
-    assert len(deployment.host_patches()) == 2
+    assert len(deployment.patches_by_process()) == 2
     if with_script:
         assert len(ScriptedBody(deployment, file.parent).press_schedule.cell_row) == touched
     else:
@@ -178,11 +180,11 @@ def test_shipped_skins_hold_with_and_without_script(file, cells, patches, touche
 def test_the_robot_finds_itself_without_physics(tmp_path):
     """Structure and map of the two-link arm from kinematics alone, and a reaction to a scripted touch."""
     settings = (
-        "script.stimulated=0.0",
+        "scripted_stimuli.stimulated_fraction=0.0",
         "controller.structure.settle_s=0.2",
-        "controller.structure.average_s=0.1",
+        "controller.structure.averaging_s=0.1",
     )
-    figures = run(ARM, tmp_path, "--in-process", settings=settings)["figures"]
+    figures = run(ARM, tmp_path, "--in-process", settings=settings)["metrics"]
     assert figures["structure.wrong_entries"] == 0
     assert figures["structure.is_tree"]
     assert figures["smm.sign_agreement"] == 1.0
@@ -191,10 +193,10 @@ def test_the_robot_finds_itself_without_physics(tmp_path):
 
 @pytest.mark.timeout(300)
 def test_the_largest_skin_says_everything_by_the_clock_and_loses_nothing(tmp_path):
-    settings = ("run.max_s=0.2", "cells.encoding.kind=clock")
-    figures = run(H1, tmp_path, "--in-process", settings=settings)["figures"]
+    settings = ("run.max_s=0.2", "cells.encoding.kind=periodic")
+    figures = run(H1, tmp_path, "--in-process", settings=settings)["metrics"]
     assert figures["formation.unreached_cells"] == 0
-    frames = round((200 - figures["formation.sim_ms"]) / 4)  # of the patch that was formed last
+    frames = round((200 - figures["formation.duration_ms"]) / 4)  # of the patch that was formed last
     assert 1260 * frames <= figures["network.data_packets"] < 1260 * 50
     assert figures["network.dropped"] == 0
     assert figures["network.conserved"]
@@ -205,13 +207,13 @@ def test_the_largest_skin_says_everything_by_the_clock_and_loses_nothing(tmp_pat
 def test_one_process_and_many_feel_the_same(tmp_path):
     settings = (
         "run.max_s=0.8",
-        "script.stimulation.start_s=0.1",
-        "script.stimulated=1.0",
-        "cells.encoding.kind=delta",
+        "scripted_stimuli.random_presses.start_s=0.1",
+        "scripted_stimuli.stimulated_fraction=1.0",
+        "cells.encoding.kind=send_on_delta",
     )
     one = run(UR5, tmp_path / "one", "--in-process", settings=settings)
     many = run(UR5, tmp_path / "many", settings=settings)
     assert many["log_sha256"] == one["log_sha256"]
-    assert many["figures"] == one["figures"]
-    assert one["figures"]["network.data_packets"] > 2000
+    assert many["metrics"] == one["metrics"]
+    assert one["metrics"]["network.data_packets"] > 2000
     assert json.loads((tmp_path / "one" / "summary.json").read_text())["outcome"] == "completed"

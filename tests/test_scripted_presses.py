@@ -27,7 +27,7 @@ TOUCH = ScriptedPressSpec(
     approach_s=0.3,
     rise_s=0.1,
     hold_s=0.4,
-    release_s=0.2,
+    release_delay_s=0.2,
     temperature_c=35.0,
 )
 CONTACT_MS, LOOSE_MS, END_MS = 500, 1200, 1500
@@ -46,7 +46,7 @@ def felt(script, times_ms, seed=1, sizes=SIZES):
 
 def test_a_touch_has_the_course_that_it_is_given():
     times_ms = np.arange(0, 2000, 4)
-    frames, _ = felt(ScriptedStimuliSpec(touches=(TOUCH,)), times_ms)
+    frames, _ = felt(ScriptedStimuliSpec(presses=(TOUCH,)), times_ms)
     mine = frames[:, ROW]
     rise = 0.5 - 0.5 * np.cos(np.pi * np.clip((times_ms - CONTACT_MS) / 100, 0, 1))
     fall = 0.5 - 0.5 * np.cos(np.pi * np.clip((LOOSE_MS - times_ms) / 200, 0, 1))
@@ -67,13 +67,17 @@ def test_a_touch_has_the_course_that_it_is_given():
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.333, 0.5, 0.55, 1.0])
 def test_exactly_the_share_is_stimulated(share):
-    presses = build_press_schedule(ScriptedStimuliSpec(stimulated=share), 1, SIZES)
+    presses = build_press_schedule(ScriptedStimuliSpec(stimulated_fraction=share), 1, SIZES)
     assert len(presses.cell_row) == len(set(presses.cell_row.tolist())) == round(share * N)
 
 
 def test_cells_are_chosen_by_their_names_and_the_seed():
     some, more, others = (
-        set(build_press_schedule(ScriptedStimuliSpec(stimulated=share), seed, SIZES).cell_row.tolist())
+        set(
+            build_press_schedule(
+                ScriptedStimuliSpec(stimulated_fraction=share), seed, SIZES
+            ).cell_row.tolist()
+        )
         for share, seed in ((0.3, 1), (0.6, 1), (0.3, 2))
     )
     assert some < more
@@ -81,13 +85,13 @@ def test_cells_are_chosen_by_their_names_and_the_seed():
     swapped = {"arm": 40, "chest": 61}
     moved = {
         row + 61 if row < 40 else row - 40
-        for row in build_press_schedule(ScriptedStimuliSpec(stimulated=0.3), 1, swapped).cell_row
+        for row in build_press_schedule(ScriptedStimuliSpec(stimulated_fraction=0.3), 1, swapped).cell_row
     }
     assert moved == some
 
 
 def test_a_cell_feels_the_same_whatever_else_there_is():
-    script = ScriptedStimuliSpec(stimulated=1.0)
+    script = ScriptedStimuliSpec(stimulated_fraction=1.0)
     times_ms = range(0, 6000, 40)
     both, _ = felt(script, times_ms)
     alone, _ = felt(script, times_ms, sizes={"arm": 40})
@@ -95,7 +99,7 @@ def test_a_cell_feels_the_same_whatever_else_there_is():
 
 
 def test_frames_stand_alone():
-    script = ScriptedStimuliSpec(stimulated=0.7, touches=(TOUCH,))
+    script = ScriptedStimuliSpec(stimulated_fraction=0.7, presses=(TOUCH,))
     times_ms = np.arange(0, 5000, 36)
     forwards, presses = felt(script, times_ms)
     shuffled = np.random.default_rng(3).permutation(len(times_ms))
@@ -108,8 +112,10 @@ def test_frames_stand_alone():
 
 
 def test_forces_stay_in_range_and_are_smooth():
-    spec = RandomPressSpec(force_n=(1.0, 4.0), modulation=0.1, unevenness=0.4)
-    frames, _ = felt(ScriptedStimuliSpec(stimulated=1.0, stimulation=spec), np.arange(0, 12_000, 4))
+    spec = RandomPressSpec(force_n=(1.0, 4.0), modulation=0.1, force_spread=0.4)
+    frames, _ = felt(
+        ScriptedStimuliSpec(stimulated_fraction=1.0, random_presses=spec), np.arange(0, 12_000, 4)
+    )
     force_n = frames[:, :, :3]
     assert force_n.min() == 0.0
     assert 3.9 < force_n.max() <= 4.4
@@ -123,9 +129,9 @@ def test_forces_stay_in_range_and_are_smooth():
 
 def test_the_mean_force_is_that_of_the_truth():
     """Impulse of each press = held force × (hold + half of rise and release); the modulation averages out."""
-    spec = RandomPressSpec(modulation=0.2, modulation_hz=40.0, unevenness=0.0)
+    spec = RandomPressSpec(modulation=0.2, modulation_hz=40.0, force_spread=0.0)
     times_ms = np.arange(0, 9000, 1.0)
-    frames, presses = felt(ScriptedStimuliSpec(stimulated=0.2, stimulation=spec), times_ms)
+    frames, presses = felt(ScriptedStimuliSpec(stimulated_fraction=0.2, random_presses=spec), times_ms)
     truth = presses_before(presses, 9000 * MS)
     whole = truth[truth["end_ns"] <= 9000 * MS]
     assert len(whole) >= 40
@@ -137,12 +143,14 @@ def test_the_mean_force_is_that_of_the_truth():
 
 def test_the_truth_says_when_cells_were_touched():
     times_ms = np.arange(0, 9000, 1)
-    frames, presses = felt(ScriptedStimuliSpec(stimulated=0.5, touches=(TOUCH,)), times_ms)
+    frames, presses = felt(ScriptedStimuliSpec(stimulated_fraction=0.5, presses=(TOUCH,)), times_ms)
     truth = presses_before(presses, 9000 * MS)
     touched = np.zeros((len(times_ms), N), dtype=bool)
     near = np.zeros_like(touched)
     for row in truth:
-        touched[(times_ms * MS >= row["contact_ns"]) & (times_ms * MS <= row["loose_ns"]), row["cell"]] = True
+        touched[
+            (times_ms * MS >= row["contact_ns"]) & (times_ms * MS <= row["contact_end_ns"]), row["cell"]
+        ] = True
         near[(times_ms * MS >= row["begin_ns"]) & (times_ms * MS < row["end_ns"]), row["cell"]] = True
     np.testing.assert_array_equal(frames[:, :, DISTANCE] == 0.0, touched)
     np.testing.assert_array_equal(np.isfinite(frames[:, :, DISTANCE]), near)
@@ -151,7 +159,7 @@ def test_the_truth_says_when_cells_were_touched():
 
 def test_many_cells_are_in_contact_at_once():
     spec = RandomPressSpec()
-    frames, _ = felt(ScriptedStimuliSpec(stimulated=0.55), np.arange(6000, 12_000, 20))
+    frames, _ = felt(ScriptedStimuliSpec(stimulated_fraction=0.55), np.arange(6000, 12_000, 20))
     at_once = (frames[:, :, DISTANCE] == 0.0).sum(axis=1)
     touching_share = (spec.rise_s + spec.hold_s + spec.release_s) / (spec.period_ns * 1e-9)
     assert at_once.mean() == pytest.approx(round(0.55 * N) * touching_share, rel=0.1)
@@ -159,8 +167,10 @@ def test_many_cells_are_in_contact_at_once():
 
 
 def test_a_hug_presses_once_and_together():
-    spec = RandomPressSpec(repeat=False, stagger_s=0.2, start_s=1.0)
-    frames, presses = felt(ScriptedStimuliSpec(stimulated=0.8, stimulation=spec), np.arange(0, 20_000, 20))
+    spec = RandomPressSpec(repeat=False, onset_spread_s=0.2, start_s=1.0)
+    frames, presses = felt(
+        ScriptedStimuliSpec(stimulated_fraction=0.8, random_presses=spec), np.arange(0, 20_000, 20)
+    )
     touching = (frames[:, :, DISTANCE] == 0.0).sum(axis=1)
     assert touching.max() == round(0.8 * N)
     assert len(presses_before(presses, 10**12)) == round(0.8 * N)
@@ -168,13 +178,13 @@ def test_a_hug_presses_once_and_together():
 
 
 def test_touches_repeat_and_add_up():
-    every = ScriptedPressSpec(cells=("arm/7", "arm/8"), start_s=0.0, force_n=1.0, every_s=3.0)
-    one, _ = felt(ScriptedStimuliSpec(touches=(every,)), np.arange(0, 3000, 4))
-    later, _ = felt(ScriptedStimuliSpec(touches=(every,)), np.arange(9000, 12_000, 4))
+    every = ScriptedPressSpec(cells=("arm/7", "arm/8"), start_s=0.0, force_n=1.0, period_s=3.0)
+    one, _ = felt(ScriptedStimuliSpec(presses=(every,)), np.arange(0, 3000, 4))
+    later, _ = felt(ScriptedStimuliSpec(presses=(every,)), np.arange(9000, 12_000, 4))
     np.testing.assert_array_equal(one, later)
     assert one[:, ROW, 0].max() == 1.0
-    both, _ = felt(ScriptedStimuliSpec(touches=(every, TOUCH)), np.arange(0, 3000, 4))
-    single, _ = felt(ScriptedStimuliSpec(touches=(TOUCH,)), np.arange(0, 3000, 4))
+    both, _ = felt(ScriptedStimuliSpec(presses=(every, TOUCH)), np.arange(0, 3000, 4))
+    single, _ = felt(ScriptedStimuliSpec(presses=(TOUCH,)), np.arange(0, 3000, 4))
     np.testing.assert_allclose(both[:, :, :3], one[:, :, :3] + single[:, :, :3])
     np.testing.assert_array_equal(
         both[:, :, DISTANCE], np.minimum(one[:, :, DISTANCE], single[:, :, DISTANCE])
@@ -192,34 +202,34 @@ def test_touches_repeat_and_add_up():
     ],
 )
 def test_patterns_name_each_cell_once(patterns, expected):
-    script = ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=patterns, start_s=0.0, force_n=1.0),))
-    assert script.touched(0, SIZES) == expected
+    script = ScriptedStimuliSpec(presses=(ScriptedPressSpec(cells=patterns, start_s=0.0, force_n=1.0),))
+    assert scripted_stimuli.pressed_cells(0, SIZES) == expected
 
 
 @pytest.mark.parametrize(
     ("script", "words"),
     [
         (
-            ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=("leg/1",), start_s=0, force_n=1),)),
+            ScriptedStimuliSpec(presses=(ScriptedPressSpec(cells=("leg/1",), start_s=0, force_n=1),)),
             "unknown patch.*chest, arm",
         ),
         (
-            ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=("arm/40",), start_s=0, force_n=1),)),
+            ScriptedStimuliSpec(presses=(ScriptedPressSpec(cells=("arm/40",), start_s=0, force_n=1),)),
             "arm has cells 0 to 39",
         ),
         (
-            ScriptedStimuliSpec(touches=(ScriptedPressSpec(cells=("*/61",), start_s=0, force_n=1),)),
+            ScriptedStimuliSpec(presses=(ScriptedPressSpec(cells=("*/61",), start_s=0, force_n=1),)),
             "cells 0 to 60",
         ),
         (
             ScriptedStimuliSpec(
-                touches=(ScriptedPressSpec(cells=("arm/1",), start_s=0, force_n=1, every_s=1.8),)
+                presses=(ScriptedPressSpec(cells=("arm/1",), start_s=0, force_n=1, period_s=1.8),)
             ),
-            r"touches\[0\].every_s = 1.8: .* 1.9 s",
+            r"touches\[0\].period_s = 1.8: .* 1.9 s",
         ),
-        (ScriptedStimuliSpec(stimulation=RandomPressSpec(force_n=(2.0, 1.0))), r"force_n = \[2, 1\]"),
+        (ScriptedStimuliSpec(random_presses=RandomPressSpec(force_n=(2.0, 1.0))), r"force_n = \[2, 1\]"),
     ],
 )
 def test_a_script_that_does_not_hold_is_refused(script, words):
     with pytest.raises(DeploymentError, match=words):
-        script.check(SIZES)
+        scripted_stimuli.check(SIZES)

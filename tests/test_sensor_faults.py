@@ -79,7 +79,7 @@ SERIES = healthy(range(500))
 @pytest.mark.parametrize("at_s", [None, 0.5013])
 def test_a_stuck_channel_keeps_its_first_reading_and_no_other_is_touched(at_s: float | None) -> None:
     when = {} if at_s is None else {"at_s": at_s}
-    rule = {"kind": "stuck", "target": "hand/1", "channel": "ay_g", **when}
+    rule = {"kind": "stuck_at", "target": "hand/1", "channel": "ay_g", **when}
     out = sick(faults(rule), SERIES)
     since = sampled_ns(500)[:, 7] >= round((at_s or 0.0) * 1e9)
     ay = column("ay_g")
@@ -92,7 +92,7 @@ def test_a_stuck_channel_keeps_its_first_reading_and_no_other_is_touched(at_s: f
 def test_a_fault_begins_and_ends_at_its_cells_own_samples() -> None:
     """One instant falls before some cells' samples of a frame and after others'."""
     at_ns, until_ns = 100 * PERIOD_NS + 1_700_000, 300 * PERIOD_NS + 2_100_000
-    rule = {"kind": "stuck", "target": "*", "channel": "temperature_c", "value": 50.04}
+    rule = {"kind": "stuck_at", "target": "*", "channel": "temperature_c", "value": 50.04}
     out = sick(faults(rule | {"at_s": at_ns * 1e-9, "duration_s": (until_ns - at_ns) * 1e-9}), SERIES)
     inside = (sampled_ns(500) >= at_ns) & (sampled_ns(500) < until_ns)
     assert 0 < inside[100].sum() < N
@@ -102,7 +102,7 @@ def test_a_fault_begins_and_ends_at_its_cells_own_samples() -> None:
 
 
 def test_all_channels_stick_at_once_each_at_its_own_value() -> None:
-    out = sick(faults({"kind": "stuck", "target": "arm/2", "channel": "all", "at_s": 1.0}), SERIES)
+    out = sick(faults({"kind": "stuck_at", "target": "arm/2", "channel": "all", "at_s": 1.0}), SERIES)
     since = sampled_ns(500)[:, 2] >= 1_000_000_000
     assert np.all(out[since, 2] == SERIES[since, 2][0])
     out[since, 2] = SERIES[since, 2]
@@ -111,8 +111,8 @@ def test_all_channels_stick_at_once_each_at_its_own_value() -> None:
 
 def test_a_value_goes_to_the_nearest_step_of_its_sensor() -> None:
     rules = [
-        {"kind": "stuck", "target": "arm/0", "channel": "force2", "value": 0.5004},
-        {"kind": "stuck", "target": "arm/0", "channel": "ax_g", "value": -1.2345},
+        {"kind": "stuck_at", "target": "arm/0", "channel": "force2", "value": 0.5004},
+        {"kind": "stuck_at", "target": "arm/0", "channel": "ax_g", "value": -1.2345},
     ]
     out = sick(faults(*rules), SERIES[:3])
     assert np.all(out[:, 0, column("force2")] == 512 / 1024)
@@ -160,7 +160,7 @@ def test_a_drift_ends_at_the_range_of_its_sensor_and_with_its_rule(
 
 def test_drifts_add_up_and_what_is_stuck_drifts_no_more_whatever_the_order_of_the_rules() -> None:
     drift = {"kind": "drift", "target": "arm/1", "channel": "az_g", "per_s": 0.5}
-    stuck = {"kind": "stuck", "target": "arm/1", "channel": "az_g", "at_s": 1.0}
+    stuck = {"kind": "stuck_at", "target": "arm/1", "channel": "az_g", "at_s": 1.0}
     what = column("az_g")
     twice = sick(faults(drift, drift), SERIES)[:, 1, what]
     once = sick(faults(drift | {"per_s": 1.0}), SERIES)[:, 1, what]
@@ -172,7 +172,9 @@ def test_drifts_add_up_and_what_is_stuck_drifts_no_more_whatever_the_order_of_th
     assert held[since][0] == pytest.approx(1.5, abs=0.03)
 
 
-@pytest.mark.parametrize("rules", [[], [{"kind": "stuck", "target": "arm", "channel": "all", "at_s": 100.0}]])
+@pytest.mark.parametrize(
+    "rules", [[], [{"kind": "stuck_at", "target": "arm", "channel": "all", "at_s": 100.0}]]
+)
 def test_without_a_fault_not_a_bit_changes(rules: list[dict[str, Any]]) -> None:
     broken = faults(*rules)
     assert sick(broken, SERIES).tobytes() == SERIES.tobytes()
@@ -183,7 +185,7 @@ def test_without_a_fault_not_a_bit_changes(rules: list[dict[str, Any]]) -> None:
 
 
 def test_a_fault_that_is_over_costs_nothing_any_more() -> None:
-    broken = faults({"kind": "stuck", "target": "arm", "channel": "all", "at_s": 0.1, "duration_s": 0.2})
+    broken = faults({"kind": "stuck_at", "target": "arm", "channel": "all", "at_s": 0.1, "duration_s": 0.2})
     sick(broken, SERIES[:100])
     untouched = SERIES[100].copy()
     untouched.flags.writeable = False
@@ -192,8 +194,8 @@ def test_a_fault_that_is_over_costs_nothing_any_more() -> None:
 
 def test_a_host_knows_its_own_cells_only_and_by_its_own_numbers() -> None:
     rules = (
-        {"kind": "stuck", "target": "*", "channel": "force0", "value": 1.0},
-        {"kind": "babble", "target": "*/1", "packets_per_s": 500.0},
+        {"kind": "stuck_at", "target": "*", "channel": "force0", "value": 1.0},
+        {"kind": "babbling_idiot", "target": "*/1", "packets_per_s": 500.0},
     )
     alone = faults(*rules, first_cell={"hand": 0})
     readings = SERIES[0, 6:].copy()
@@ -214,7 +216,13 @@ def said(broken: SensorFaults, *cuts_ns: int) -> SpuriousEvents:
     return SpuriousEvents._make(map(np.concatenate, zip(*parts, strict=True)))
 
 
-BABBLE = {"kind": "babble", "target": "arm/4", "packets_per_s": 800.0, "at_s": 0.5, "duration_s": 20.0}
+BABBLE = {
+    "kind": "babbling_idiot",
+    "target": "arm/4",
+    "packets_per_s": 800.0,
+    "at_s": 0.5,
+    "duration_s": 20.0,
+}
 
 
 def test_a_babbling_cell_is_a_poisson_process_of_its_rate() -> None:
@@ -233,7 +241,7 @@ def test_a_babbling_cell_is_a_poisson_process_of_its_rate() -> None:
 
 def test_it_says_anything_that_a_sensor_can_read() -> None:
     events = said(faults(BABBLE | {"packets_per_s": 4000.0}), 0, 30 * 10**9)
-    assert np.all(events.kind == EventKind.DELTA)
+    assert np.all(events.kind == EventKind.SEND_ON_DELTA)
     assert np.all(events.level == 0)
     first = np.array([0, 3, 4, 7])[events.modality]
     what = first + events.channel
@@ -273,7 +281,7 @@ def test_every_babbler_has_its_own_stream() -> None:
 
 
 def test_a_snapshot_brings_everything_back() -> None:
-    rules = (BABBLE, {"kind": "stuck", "target": "arm", "channel": "all", "at_s": 0.9})
+    rules = (BABBLE, {"kind": "stuck_at", "target": "arm", "channel": "all", "at_s": 0.9})
     broken = faults(*rules)
     sick(broken, SERIES[:250])
     said(broken, 0, 10**9)

@@ -66,7 +66,7 @@ class Skin(TactileState):
             np.full(n, self.now_ns),
             np.full(n, int(modality)),
             np.zeros(n, dtype=np.int64),
-            np.full(n, int(EventKind.LEVEL)),
+            np.full(n, int(EventKind.LEVEL_CROSSING)),
             np.full(n, level),
             np.full(n, value),
         )
@@ -197,7 +197,7 @@ def test_every_request_in_every_state(state: State, event: Event) -> None:
     assert reply.accepted == (target is not None)
     assert reply.state == robot.session.state.value == (target or state).value
     if target is None:
-        assert f"not while {state.value}" in reply.why
+        assert f"not while {state.value}" in reply.reason
         assert (len(robot.session.log), robot.session.gains.tolist(), dict(robot.knowledge.areas)) == before
         assert robot.session.refused[-1][1:3] == REQUESTS[event]
 
@@ -366,7 +366,7 @@ def test_requests_that_make_no_sense_change_nothing(what: str, argument: str, wh
     robot = Robot()
     reply = robot.session.handle_request(0, what, argument)
     assert not reply.accepted
-    assert why in reply.why
+    assert why in reply.reason
     assert robot.session.state is State.IDLE
     assert not robot.session.log
 
@@ -413,9 +413,9 @@ def test_without_pre_contact_only_force_counts() -> None:
 
 def test_table_two_and_what_a_deployment_changes() -> None:
     control = small().controller
-    table = merge_state_parameters(control.session)
+    table = merge_state_parameters(control.teach_and_grasp)
     pull = table[State.PULL]
-    assert (pull.pose, pull.speed_rad_s, pull.accuracy_rad) == ("pulled", 0.05, 0.01)
+    assert (pull.pose, pull.speed_rad_s, pull.tolerance_rad) == ("pulled", 0.05, 0.01)
     assert (pull.reactions[Area.CONTACT].force_threshold, pull.reactions[Area.CONTACT].force_gain) == (
         0.10,
         0.80,
@@ -428,7 +428,9 @@ def test_table_two_and_what_a_deployment_changes() -> None:
     assert table[State.CONTACT].reactions[Area.CONTACT].proximity_gain == 0.0
     assert not any(any(gains) for gains in table[State.IDLE].reactions.values())
     changed = {"load": {"speed_rad_s": 0.02, "areas": {"contact": {"force_gain": 0.5}}}}
-    own = merge_state_parameters(small(controller={"session": {"states": changed}}).controller.session)
+    own = merge_state_parameters(
+        small(controller={"session": {"states": changed}}).controller.teach_and_grasp
+    )
     assert own[State.LOAD].speed_rad_s == 0.02
     assert own[State.LOAD].reactions[Area.CONTACT].force_gain == 0.5
     assert own[State.LOAD].reactions[Area.OTHER] == table[State.LOAD].reactions[Area.OTHER]
@@ -439,7 +441,13 @@ def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
     robot = Robot(
         operator=(
             {"state": "idle", "request": "guide", "argument": "force", "after_s": 0.1},
-            {"state": "guide_force", "request": "guide", "argument": "off", "quiet_s": 0.2, "after_s": 0.1},
+            {
+                "state": "guide_force",
+                "request": "guide",
+                "argument": "off",
+                "contact_free_s": 0.2,
+                "after_s": 0.1,
+            },
             {"state": "idle", "request": "end"},
         )
     )
@@ -459,14 +467,14 @@ def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
 def test_an_operator_who_waits_in_vain_ends_the_session() -> None:
     robot = Robot(
         operator=({"state": "idle", "request": "grasp"}, {"state": "hold", "request": "release"}),
-        patience_s=2.0,
+        timeout_s=2.0,
     )
     robot.until(State.SAFE)  # there is no object
     robot.until(State.ENDED, ticks=2000)
 
 
 def test_without_an_operator_a_session_lasts() -> None:
-    robot = Robot(patience_s=0.1)
+    robot = Robot(timeout_s=0.1)
     robot.tick(200)
     assert robot.session.state is State.IDLE
 
@@ -504,9 +512,9 @@ def test_whatever_happens_the_table_is_kept_and_the_robot_is_slow(steps: list[An
             assert state is not State.ENDED or not velocity.any()
     for entry in robot.session.log:
         event = next(event for event in Event if event.value == entry.event)
-        assert next_state(State(entry.state), event) is State(entry.to)
+        assert next_state(State(entry.state), event) is State(entry.next_state)
     for one, other in zip(robot.session.log, robot.session.log[1:], strict=False):
-        assert one.to == other.state
+        assert one.next_state == other.state
 
 
 def test_the_diagram_shows_the_whole_table() -> None:

@@ -46,8 +46,8 @@ def run(some: Boards, frames: int, kpa: NDArray[np.float32]) -> DeliveredMessage
 def test_a_message_of_one_board_takes_the_time_of_its_bytes() -> None:
     quiet = run(boards(1), 3, pressures(1))
     assert len(quiet.rows) == 0
-    assert quiet.frames["rows"].tolist() == [0] * len(quiet.frames)
-    assert quiet.frames["frame"].tolist()[:2] == [0, 1]
+    assert quiet.frames["n_regions"].tolist() == [0] * len(quiet.frames)
+    assert quiet.frames["scan_index"].tolist()[:2] == [0, 1]
     delay_ns = quiet.frames["t_delivered_ns"] - quiet.frames["t_sampled_ns"]
     assert set(delay_ns.tolist()) == {COMPUTE_NS + 8 * BYTE_NS}
     touched = run(boards(1), 3, pressures(1, b0=(0, 0, 2, 2)))
@@ -63,7 +63,7 @@ def test_a_bus_carries_one_message_at_a_time() -> None:
     ready_ns = frames["t_sampled_ns"] + COMPUTE_NS
     assert (np.diff(ready_ns) >= 0).all()
     done_ns, expected = 0, []
-    for t_ns, rows in zip(ready_ns.tolist(), frames["rows"].tolist(), strict=True):
+    for t_ns, rows in zip(ready_ns.tolist(), frames["n_regions"].tolist(), strict=True):
         done_ns = max(t_ns, done_ns) + (8 + 12 * rows) * BYTE_NS
         expected.append(done_ns)
     assert frames["t_delivered_ns"].tolist() == expected
@@ -96,7 +96,7 @@ def test_features_arrive_as_the_board_found_them_up_to_the_steps_of_the_wire() -
         assert row["xi1_m"] == pytest.approx(found["xi1_m"], abs=0.51 * XI_STEP_M)
         assert row["xi2_m"] == pytest.approx(found["xi2_m"], abs=0.51 * XI_STEP_M)
         assert row["peak_kpa"] == pytest.approx(found["peak_kpa"], abs=90 / 255)
-        assert (row["number"], row["elements"]) == (found["number"], found["elements"])
+        assert (row["region_id"], row["n_elements"]) == (found["region_id"], found["n_elements"])
     assert set(rows["board"].tolist()) == {0, 2}
     two = rows[rows["board"] == 2][0]
     assert two["force_n"] == pytest.approx(8 * 20e3 * 0.0215**2, rel=0.01)
@@ -108,7 +108,7 @@ def test_rows_belong_to_the_frames_in_the_order_of_delivery() -> None:
     assert arrived.frames.dtype == SCAN_FRAME_ROW
     assert (np.diff(arrived.frames["t_delivered_ns"]) > 0).all()
     for name in ("t_sampled_ns", "t_delivered_ns", "board"):
-        expected = np.repeat(arrived.frames[name], arrived.frames["rows"])
+        expected = np.repeat(arrived.frames[name], arrived.frames["n_regions"])
         assert arrived.rows[name].tolist() == expected.tolist()
 
 
@@ -127,7 +127,9 @@ def test_raw_patterns_of_all_boards_do_not_fit_and_are_dropped_and_counted() -> 
     assert conserved(features)["regions"]["queue_full"] == 0
     load = features.network.kernel.link_counters.busy_ns.max() / (100 * PERIOD_NS)
     assert load == pytest.approx((12 * 8 + 2 * 12) * BYTE_NS / PERIOD_NS, rel=0.02)
-    raw = boards(12, BoardSpec(pressure=PressureSpec(noise_kpa=0.0), pattern_every=1), queue_messages=20)
+    raw = boards(
+        12, BoardSpec(pressure=PressureSpec(noise_kpa=0.0), pattern_interval_scans=1), queue_messages=20
+    )
     arrived = run(raw, 100, kpa)
     counters = conserved(raw)
     assert counters["regions"]["queue_full"] > 0
@@ -148,11 +150,11 @@ def test_a_pattern_comes_every_so_many_frames_after_the_request_has_arrived() ->
         kpa = dice.uniform(0.0, 80.0, 128).astype(np.float32)
         arrived = some.step(frame, kpa, kpa).patterns
         for row in arrived:
-            assert row["elements"] == 64
+            assert row["n_elements"] == 64
             assert row["board"] == 1
-            if row["frame"] == frame:
+            if row["scan_index"] == frame:
                 assert row["pressure_kpa"] == pytest.approx(kpa[64:], abs=0.5 * 90 / 255 + 1e-4)
-        patterns += arrived["frame"].tolist()
+        patterns += arrived["scan_index"].tolist()
     assert patterns == [4, 8, 12]
     counters = conserved(some)
     assert (counters["request"]["delivered"], counters["pattern"]["delivered"]) == (2, 3)
@@ -188,10 +190,10 @@ def test_silence_of_a_board_is_its_own() -> None:
         if frame == 8:
             some.set_power(1, True)
         for row in some.step(frame, kpa, kpa).frames:
-            heard[int(row["board"])].append(int(row["frame"]))
+            heard[int(row["board"])].append(int(row["scan_index"]))
     assert [frame for frame in heard[1] if frame < 12] == [0, 1, 2, 3, 8, 9, 10, 11]
     assert all([frame for frame in heard[board] if frame < 12] == list(range(12)) for board in (0, 2))
-    assert some.tracker.rows["number"][:, 0].tolist() == [1, 2, 1]  # it knows nothing of what was
+    assert some.tracker.rows["region_id"][:, 0].tolist() == [1, 2, 1]  # it knows nothing of what was
 
 
 def test_a_cut_wire_silences_a_board_of_a_star_and_all_behind_it_in_a_chain() -> None:
@@ -205,7 +207,7 @@ def test_a_cut_wire_silences_a_board_of_a_star_and_all_behind_it_in_a_chain() ->
 
 def test_the_same_seed_gives_the_same_and_another_other_clocks() -> None:
     kpa = pressures(4, b0=(0, 0, 2, 2), b3=(2, 2, 4, 4))
-    spec = BoardSpec(pattern_every=5)
+    spec = BoardSpec(pattern_interval_scans=5)
     first, again, other = (
         run(boards(4, spec, seed, loss=0.1, jitter_us=50.0), 40, kpa) for seed in (1, 1, 2)
     )

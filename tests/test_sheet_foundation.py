@@ -59,7 +59,9 @@ class Scene:
             Deployment(
                 name="scene",
                 robot="scene",
-                body=BodySpec(model="scene.xml", reference="base", joints=("turn",), foam=FoamSpec(**foam)),
+                body=BodySpec(
+                    model="scene.xml", reference_body="base", joints=("turn",), foam=FoamSpec(**foam)
+                ),
                 surfaces=(SurfaceSpec(**surface),),
                 sheets=(SheetSpec(name="skin", surface="skin"),),
                 controller=CONTROLLER,
@@ -96,8 +98,10 @@ class Scene:
         return force_n @ self.sheet.xi_m / force_n.sum()
 
 
-@pytest.mark.parametrize(("seed", "at_m"), [(0, (0.0, 0.0)), (1, (0.02, -0.015)), (2, (-0.01, 0.025))])
-def test_a_plate_pressed_at_a_point_in_any_pose(tmp_path: Path, seed: int, at_m: tuple[float, float]) -> None:
+@pytest.mark.parametrize(("seed", "position_m"), [(0, (0.0, 0.0)), (1, (0.02, -0.015)), (2, (-0.01, 0.025))])
+def test_a_plate_pressed_at_a_point_in_any_pose(
+    tmp_path: Path, seed: int, position_m: tuple[float, float]
+) -> None:
     """60 N along the normal at a known point: total within 1 %, centre within 1 mm."""
     scene = Scene(tmp_path, seed=seed, damping_pa_s_per_m=4e4)
     scene.put((0.0, 0.0, THICK_M))
@@ -248,7 +252,7 @@ def test_sheets_need_one_pitch_and_a_body(tmp_path: Path) -> None:
             Deployment(
                 name="scene",
                 robot="scene",
-                body=BodySpec(model="scene.xml", reference="base", joints=("turn",)),
+                body=BodySpec(model="scene.xml", reference_body="base", joints=("turn",)),
                 surfaces=tuple(
                     SurfaceSpec(**(FLAT | {"name": f"s{i}", "body": body, "origin_m": (0.3 * i, 0, 0)}))
                     for i in range(len(pitches_m))

@@ -119,7 +119,7 @@ def test_two_sheets_share_the_coordinates_of_their_surface() -> None:
     above, below = place_sheets(
         [SHAPES["semi_flat"]],
         [
-            SheetSpec(name=name, surface="arm", middle_xi_m=(0.0, sign * 4 * PITCH_M))
+            SheetSpec(name=name, surface="arm", centre_xi_m=(0.0, sign * 4 * PITCH_M))
             for name, sign in (("above", 1), ("below", -1))
         ],
     )
@@ -138,7 +138,7 @@ def test_the_robot_has_468_elements() -> None:
                 SheetSpec(
                     name=f"{side}_{part}{i}",
                     surface=f"{side}_{part}",
-                    middle_xi_m=(0.0, (i - 0.5) * 8 * PITCH_M),
+                    centre_xi_m=(0.0, (i - 0.5) * 8 * PITCH_M),
                     mask=mask,
                 )
                 for i, mask in enumerate(masks)
@@ -170,7 +170,7 @@ def test_neighbours_of_a_full_sheet() -> None:
 
 
 def test_teeth_of_a_comb_are_neighbours_as_if_they_touched() -> None:
-    cut, joined = sheet(mask=COMB, joins_gaps=False), sheet(mask=COMB)
+    cut, joined = sheet(mask=COMB, connect_across_gaps=False), sheet(mask=COMB)
     assert pairs(cut) == beside(cut.grid)
     number = {(r, c): i for i, (r, c) in enumerate(joined.grid.tolist())}
     across = {(number[r, 0], number[s, 2]) for r in range(2, 6) for s in range(2, 8)}

@@ -58,7 +58,7 @@ def blocks(*where: tuple[int, int, int, int], kpa: float = 10.0) -> Pattern:
 def story(regions: RegionTracker, *patterns: Pattern) -> list[list[tuple[int, int, int]]]:
     """(number, kin, elements) of all rows of each frame of one board."""
     return [
-        [(int(r["number"]), int(r["kin"]), int(r["elements"])) for r in track(regions, p)[0]]
+        [(int(r["region_id"]), int(r["lineage_id"]), int(r["n_elements"])) for r in track(regions, p)[0]]
         for p in patterns
     ]
 
@@ -74,7 +74,7 @@ patterns = hnp.arrays(np.float64, (8, 8), elements=readings)
 @given(patterns)
 def test_regions_are_connected_groups_with_their_rims(pattern: Pattern) -> None:
     """Against SciPy: groups of active elements; forces add up to those of all active ones and their rims."""
-    (rows,) = track(tracker(on_kpa=5.0, off_kpa=5.0), pattern)
+    (rows,) = track(tracker(activation_kpa=5.0, deactivation_kpa=5.0), pattern)
     active = pattern >= 5.0
     label, n = ndimage.label(active, KING)
     assert len(rows) == n
@@ -83,7 +83,7 @@ def test_regions_are_connected_groups_with_their_rims(pattern: Pattern) -> None:
     total_n = 0.0
     for i, row in enumerate(rows, start=1):
         mine = label == i
-        assert row["elements"] == mine.sum()
+        assert row["n_elements"] == mine.sum()
         assert row["area_m2"] == pytest.approx(mine.sum() * AREA_M2)
         assert row["peak_kpa"] == pytest.approx(pattern[mine].max())
         near = ndimage.binary_dilation(mine, KING)
@@ -96,7 +96,7 @@ def test_regions_are_connected_groups_with_their_rims(pattern: Pattern) -> None:
         total_n += float(row["force_n"])
     felt = pattern[ndimage.binary_dilation(active, KING)].sum() * AREA_M2 * 1e3
     assert total_n == pytest.approx(felt, rel=1e-6)
-    assert [r["number"] for r in rows] == list(range(1, n + 1))
+    assert [r["region_id"] for r in rows] == list(range(1, n + 1))
 
 
 @given(hnp.arrays(np.float64, (8, 8), elements=readings, fill=st.just(0.0)), st.integers(0, 7))
@@ -116,7 +116,7 @@ def test_features_turn_and_mirror_with_the_pattern(pattern: Pattern, which: int)
     for i in range(len(rows)):
         same = np.abs(turned_centres - centres[i]).max(axis=1) < 1e-6
         same &= np.isclose(turned_rows["force_n"], rows["force_n"][i], rtol=1e-5)
-        same &= turned_rows["elements"] == rows["elements"][i]
+        same &= turned_rows["n_elements"] == rows["n_elements"][i]
         assert same.any()
 
 
@@ -126,7 +126,7 @@ def test_features_move_with_the_pattern(window: Pattern, down: int, right: int) 
     still[:4, :4] = window
     moved[down : down + 4, right : right + 4] = window
     (before,), (after,) = track(tracker(), still), track(tracker(), moved)
-    for name in ("force_n", "peak_kpa", "elements", "number"):
+    for name in ("force_n", "peak_kpa", "n_elements", "region_id"):
         assert before[name] == pytest.approx(after[name], rel=1e-6)
     shift = PITCH_M * np.array([right, -down])
     for a, b in zip(before, after, strict=True):
@@ -156,11 +156,11 @@ def test_a_rim_between_two_regions_goes_to_the_higher_pressure() -> None:
         (rows,) = track(tracker(), pattern)
         kpa = rows["force_n"] / AREA_M2 / 1e3
         assert (kpa[low], kpa[high]) == pytest.approx((10.0, 20.5), rel=1e-6)
-        assert rows["elements"].tolist() == [1, 1]
+        assert rows["n_elements"].tolist() == [1, 1]
 
 
 def test_an_element_stays_active_until_it_falls_below_the_lower_threshold() -> None:
-    regions = tracker(on_kpa=1.0, off_kpa=0.6)
+    regions = tracker(activation_kpa=1.0, deactivation_kpa=0.6)
     levels = [0.9, 1.0, 0.7, 0.6, 0.59, 0.9]
     seen = [
         len([r for r in frame if r[2]])
@@ -207,14 +207,16 @@ def test_a_small_region_may_jump_to_the_next_element_but_not_further() -> None:
     assert near[1] == [(1, 0, 1)]
     far = story(tracker(), blocks((3, 3, 1, 1)), blocks((3, 5, 1, 1)))
     assert far[1] == [(2, 0, 1), (1, 0, 0)]
-    nearest = story(tracker(follow_m=0.05), blocks((3, 3, 1, 1)), blocks((3, 1, 1, 1), (2, 4, 1, 1)))
+    nearest = story(
+        tracker(association_distance_m=0.05), blocks((3, 3, 1, 1)), blocks((3, 1, 1, 1), (2, 4, 1, 1))
+    )
     assert nearest[1] == [(1, 0, 1), (2, 0, 1)]
 
 
 def test_what_merged_or_split_off_does_not_jump() -> None:
     """A number that was taken over is not handed to a newcomer beside it."""
     frames = story(
-        tracker(follow_m=0.1),
+        tracker(association_distance_m=0.1),
         blocks((0, 0, 2, 3), (0, 4, 2, 2)),
         blocks((0, 0, 2, 6), (3, 4, 1, 1)),
     )
@@ -222,14 +224,14 @@ def test_what_merged_or_split_off_does_not_jump() -> None:
 
 
 def test_numbers_come_back_only_after_all_others_and_never_while_in_use() -> None:
-    regions = tracker(follow_m=0.0)
+    regions = tracker(association_distance_m=0.0)
     kings = np.zeros((8, 8))
     kings[::2, ::2] = 10.0
     one = blocks((0, 0, 1, 1))
     given_numbers: list[int] = []
     for _ in range(65535 // 15 + 2):
         regions.update(kings.ravel())
-        fresh = regions.rows[0, : regions.n_rows[0]]["number"].tolist()
+        fresh = regions.rows[0, : regions.n_rows[0]]["region_id"].tolist()
         assert fresh[0] == 1
         given_numbers += fresh[1:]
         regions.update(one.ravel())
@@ -258,7 +260,7 @@ def test_elements_say_to_which_region_they_belong() -> None:
 def test_across_the_gap_of_a_comb_a_contact_is_one_region() -> None:
     comb = ("####", "#.##", "#.##")
     for joins, n in ((True, 1), (False, 2)):
-        placed = sheets("a", rows=3, columns=4, mask=comb, joins_gaps=joins)
+        placed = sheets("a", rows=3, columns=4, mask=comb, connect_across_gaps=joins)
         regions = RegionTracker(placed, RegionSpec())
         pattern = np.array([[0, 0, 0, 0], [9, 0, 9, 9], [9, 0, 9, 9]], dtype=np.float64)
         regions.update(pattern[placed[0].grid[:, 0], placed[0].grid[:, 1]])
@@ -272,7 +274,7 @@ def test_numbers_stay_under_small_motion(seed: int) -> None:
     spec = BoardSpec()
     transducers = PressureTransducers([SHEET], spec, seed % 1000)
     regions = RegionTracker([SHEET], spec.regions)
-    at_m = dice.uniform(-0.05, 0.05, 2)
+    position_m = dice.uniform(-0.05, 0.05, 2)
     out = np.empty(64)
     for frame in range(100):
         pressure = 25.0 * np.exp(-((SHEET.xi_m - at_m) ** 2).sum(axis=1) / (2 * 0.02**2))
@@ -280,14 +282,14 @@ def test_numbers_stay_under_small_motion(seed: int) -> None:
         regions.update(out)
         assert regions.n_rows.tolist() == [1]
         row = regions.rows[0, 0]
-        assert row["number"] == 1
+        assert row["region_id"] == 1
         assert xi_m(row) == pytest.approx(at_m, abs=0.012)
-        at_m = np.clip(at_m + dice.uniform(-0.002, 0.002, 2), -0.06, 0.06)
+        position_m = np.clip(at_m + dice.uniform(-0.002, 0.002, 2), -0.06, 0.06)
 
 
 def test_thresholds_in_the_wrong_order_are_refused() -> None:
     with pytest.raises(DeploymentError, match="may not be above on_kpa"):
-        tracker(on_kpa=1.0, off_kpa=1.1)
+        tracker(activation_kpa=1.0, deactivation_kpa=1.1)
 
 
 # Statics: pads as an elastic foundation that each element samples at 3 × 3 points, as the body does.
@@ -320,7 +322,7 @@ def truth(field: Field) -> tuple[float, NDArray[np.float64]]:
 @given(force_n=st.floats(150.0, 600.0), share=st.floats(0.0, 0.08), angle=st.floats(0.0, 2 * math.pi))
 def test_a_plane_pressed_at_a_point(force_n: float, share: float, angle: float) -> None:
     """A rigid plate on the foundation: p = F/A (1 + 12 (x·ξ) / a²) in closed form."""
-    at_m = share * SIDE_M * np.array([math.cos(angle), math.sin(angle)])
+    position_m = share * SIDE_M * np.array([math.cos(angle), math.sin(angle)])
 
     def field(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(force_n / SIDE_M**2 * 1e-3 * (1.0 + 12.0 * (points_m @ at_m) / SIDE_M**2))
@@ -333,7 +335,7 @@ def test_a_plane_pressed_at_a_point(force_n: float, share: float, angle: float) 
 def cylinder(dice: np.random.Generator) -> Field:
     """A cylinder of 140 mm pressed into the pads anywhere, in any direction, also with one end first."""
     depth_m, angle, tilt = dice.uniform(0.004, 0.008), dice.uniform(0.0, math.pi), dice.uniform(-0.02, 0.02)
-    at_m = dice.uniform(-0.03, 0.03, 2)
+    position_m = dice.uniform(-0.03, 0.03, 2)
     across, along = (
         np.array([math.cos(angle), math.sin(angle)]),
         np.array([-math.sin(angle), math.cos(angle)]),

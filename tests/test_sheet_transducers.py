@@ -94,6 +94,6 @@ def test_what_a_board_reads_does_not_depend_on_the_others() -> None:
 
 
 def test_a_scan_fits_into_the_period() -> None:
-    assert elements("a", element_us=62.5).scan_end_ns.tolist() == [PERIOD_NS]
+    assert elements("a", element_read_us=62.5).scan_end_ns.tolist() == [PERIOD_NS]
     with pytest.raises(DeploymentError, match=r"sheets\.a: 64 elements of 63\.0 µs"):
-        elements("a", element_us=63.0)
+        elements("a", element_read_us=63.0)

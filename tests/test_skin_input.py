@@ -86,7 +86,7 @@ def as_stream(rows: list[Said]) -> Stream:
     table = np.zeros(len(rows), dtype=STREAM_ROW)
     for i, row in enumerate(rows):
         table[i] = (row.t_sampled_ns, row.t_delivered_ns, row.seq, [row.value] * 8, row.cell, row.gateway)
-    return Stream(patch=rows[0].patch, t_ns=0, covered_ns=0, events=0, rows=table.tobytes())
+    return Stream(patch=rows[0].patch, t_ns=0, watermark_ns=0, n_events=0, rows=table.tobytes())
 
 
 @settings(deadline=None, max_examples=150)

@@ -40,7 +40,7 @@ class Streaming:
     ) -> None:
         deployment = small(*patches, **tables)
         placed = {one.name: place_patch(one, deployment.cells) for one in deployment.patches}
-        groups = [[placed[name] for name in group] for group in deployment.groups()]
+        groups = [[placed[name] for name in group] for group in deployment.bridged_patches()]
         bridges = resolve_bridges(deployment.bridges, tuple(placed.values()))
         self.wiring = wire_cells(groups, deployment.network, bridges)
         found = found(self.wiring) if callable(found) else found
@@ -114,11 +114,11 @@ def test_a_link_cut_in_the_middle_of_a_hundred_cells() -> None:
         patch("p", 10, 10), network=FAST, found=lambda w: [cut(w, middle, whole.master_port[middle], CUT_NS)]
     ).run(CUT_NS + 200_000_000)
     (recovery,) = life.network.recovery_log.recoveries
-    assert recovery.back_ns is not None
-    assert recovery.complete_ns is not None
-    assert recovery.complete_ns - CUT_NS <= 50_000_000
+    assert recovery.rejoined_ns is not None
+    assert recovery.topology_complete_ns is not None
+    assert recovery.topology_complete_ns - CUT_NS <= 50_000_000
     rows = life.rows()
-    after = rows[rows[:, 1] > recovery.back_ns + 1_000_000]
+    after = rows[rows[:, 1] > recovery.rejoined_ns + 1_000_000]
     assert len(np.unique(after[:, 0])) == 100
     gap_ns = [np.diff(np.sort(rows[rows[:, 0] == cell, 1])).max() for cell in range(100)]
     assert max(gap_ns) <= 50_000_000
@@ -174,8 +174,8 @@ def test_a_bridge_joins_two_patches_into_one_network() -> None:
     arm, hand = (life.network.membership.topology_message(patch, 0) for patch in (0, 1))
     assert sorted(arm.network_id + hand.network_id) == list(range(1, 13))
     assert set(arm.gateway) | set(hand.gateway) == {0, 1}
-    assert [2, 0, 6] in arm.bridged
-    assert [0, 3, 2] in hand.bridged
+    assert [2, 0, 6] in arm.bridged_neighbours
+    assert [0, 3, 2] in hand.bridged_neighbours
 
 
 def test_over_a_bridge_a_patch_outlives_its_gateway() -> None:
@@ -208,7 +208,7 @@ def test_without_a_bridge_a_patch_that_loses_its_only_gateway_is_reported_and_co
 
 def test_cells_below_their_minimum_leave_the_network_and_their_neighbours_go_round() -> None:
     """A line whose far end has too little voltage; a second feed, cut off first, brings nothing."""
-    power = PowerSpec(link_ohm=1.0, minimum_v=3.0, current_ma=47.0)
+    power = PowerSpec(link_ohm=1.0, brown_out_v=3.0, current_ma=47.0)
     row = patch("p", 8, 1)
     life = Streaming(row, network=FAST, power=power, feeds=[0]).run(100_000_000)
     powered = life.network.formation_driver.powered

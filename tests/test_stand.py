@@ -78,8 +78,8 @@ def test_the_table_is_all_that_it_does(tmp_path):
 
 
 def test_it_follows_its_timetable(tmp_path):
-    times = {"present_s": 0.5, "lower_s": 1.0, "lower_m": 0.2, "away_s": 1.5, "speed_m_s": 0.2}
-    body = rig(tmp_path, below_m=0.3, present_stage="guide", acceleration_m_s2=1.0, **times)
+    times = {"rise_delay_s": 0.5, "lower_delay_s": 1.0, "lower_m": 0.2, "lowered_s": 1.5, "speed_m_s": 0.2}
+    body = rig(tmp_path, rise_m=0.3, rise_stage="guide", acceleration_m_s2=1.0, **times)
     body.advance(300 * MS)
     body.begin_stage("guide")
     body.advance(500 * MS)
@@ -110,7 +110,7 @@ def test_it_follows_its_timetable(tmp_path):
     ("left_s", "first"), [(0.05, None), (0.4, StandPhase.LOWERING), (2.0, StandPhase.LOWERED)]
 )
 def test_it_comes_back_at_once_when_the_robot_gives_up(tmp_path, left_s, first):
-    body = rig(tmp_path, lower_s=0.1, lower_m=0.2, speed_m_s=0.2, acceleration_m_s2=1.0)
+    body = rig(tmp_path, lower_delay_s=0.1, lower_m=0.2, speed_m_s=0.2, acceleration_m_s2=1.0)
     body.begin_stage("hold")
     body.advance(round(left_s * S))
     body.begin_stage("safe")
@@ -129,7 +129,9 @@ def test_it_comes_back_at_once_when_the_robot_gives_up(tmp_path, left_s, first):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_what_stands_on_it_is_carried_without_bounce_or_drift(tmp_path, name):
     """Its weight, and m (g + a) while it speeds up and slows down, go through the contacts all the time."""
-    body = rig(tmp_path, name, below_m=0.2, present_stage="guide", lower_s=0.5, away_s=0.5, yaw_deg=20.0)
+    body = rig(
+        tmp_path, name, rise_m=0.2, rise_stage="guide", lower_delay_s=0.5, lowered_s=0.5, max_yaw_deg=20.0
+    )
     mass_kg = OBJECTS[name].mass_kg
     body.advance(500 * MS)
     body.begin_stage("guide")
@@ -138,7 +140,7 @@ def test_what_stands_on_it_is_carried_without_bounce_or_drift(tmp_path, name):
     body.advance(13 * S)
     assert body.stand.phase is StandPhase.RETURNED
     t_s = rows(body, "object_t_ns") / S
-    force_n, pose = rows(body, "object_on_stand_n"), rows(body, "object_pose").astype(np.float64)
+    force_n, pose = rows(body, "object_stand_force_n"), rows(body, "object_pose").astype(np.float64)
     settled = t_s > 0.3
     assert force_n[-1] == pytest.approx(mass_kg * G, rel=1e-4)
     assert force_n[settled].min() == pytest.approx(mass_kg * (G - 0.5), rel=0.01)
@@ -149,27 +151,27 @@ def test_what_stands_on_it_is_carried_without_bounce_or_drift(tmp_path, name):
     above_m = pose[settled, 2] - rows(body, "stand_top_m")[settled]
     assert np.ptp(above_m) < 2e-5
     truth = body.ground_truth().facts["object"]
-    assert truth["left_stand_ns"] is None
+    assert truth["lift_off_ns"] is None
     assert truth["carried_s"] == 0.0
     assert truth["peak_speed_m_s"] == 0.0
     assert rows(body, "object_speed_m_s").max() == pytest.approx(0.1, abs=1e-3)
-    assert truth["sunk_m"] == pytest.approx(0.25, abs=1e-4), "nobody held it"
-    assert not truth["met"]
+    assert truth["max_descent_m"] == pytest.approx(0.25, abs=1e-4), "nobody held it"
+    assert not truth["rigid_contacts"]
 
 
 def test_an_object_falls_freely_when_the_stand_is_pulled_away(tmp_path):
-    body = rig(tmp_path, lower_s=0.1, lower_m=0.8, speed_m_s=5.0, acceleration_m_s2=40.0)
+    body = rig(tmp_path, lower_delay_s=0.1, lower_m=0.8, speed_m_s=5.0, acceleration_m_s2=40.0)
     body.begin_stage("hold")
     body.advance(400 * MS)
     t_s = (rows(body, "object_t_ns") - body.stand.history[1][0]) / S
-    height_m, force_n = rows(body, "object_pose")[:, 2], rows(body, "object_on_stand_n")
+    height_m, force_n = rows(body, "object_pose")[:, 2], rows(body, "object_stand_force_n")
     falling = (t_s > 0.01) & (t_s < 0.28)
     assert not force_n[falling].any()
     assert height_m[falling] == pytest.approx(1.07 - 0.5 * G * t_s[falling] ** 2, abs=2e-3)
     speed_m_s = rows(body, "object_speed_m_s")[falling]
     assert speed_m_s == pytest.approx(G * t_s[falling], abs=0.02)
     truth = body.ground_truth().facts["object"]
-    assert truth["left_stand_ns"] == pytest.approx(100 * MS, abs=10 * MS)
+    assert truth["lift_off_ns"] == pytest.approx(100 * MS, abs=10 * MS)
     assert truth["peak_speed_m_s"] == pytest.approx(speed_m_s.max(), rel=0.15)
 
 
@@ -181,7 +183,7 @@ def box_n_per_m():
 def squeezed(tmp_path, share, **stand):
     """A box between two paddles that press with `share` of what friction needs to carry it."""
     thing = OBJECTS["delivery_box"]
-    body = rig(tmp_path, lower_s=0.1, **stand)
+    body = rig(tmp_path, lower_delay_s=0.1, **stand)
     needed_n = thing.mass_kg * G / (2 * 0.6)
     close(body, share * needed_n / box_n_per_m(), thing.size_m[1])
     body.begin_stage("hold")
@@ -195,13 +197,13 @@ def test_friction_of_two_skins_carries_up_to_twice_mu_n(tmp_path):
     facts, height_m = truth.facts["object"], truth.arrays["object_pose"][:, 2]
     assert body.stand.phase is StandPhase.LOWERED
     assert facts["dropped_ns"] is None
-    assert facts["carried_away_s"] == pytest.approx(5.0 - 0.1 - 0.012 / 0.005, abs=0.03)
+    assert facts["carried_without_stand_s"] == pytest.approx(5.0 - 0.1 - 0.012 / 0.005, abs=0.03)
     sheared_m = 1.1 * G / (2 * 0.5 * box_n_per_m())
-    assert facts["sunk_m"] == pytest.approx(sheared_m, rel=0.05), "the foam's shear, no slip"
+    assert facts["max_descent_m"] == pytest.approx(sheared_m, rel=0.05), "the foam's shear, no slip"
     assert np.ptp(height_m[-100:]) < 1e-5
     assert truth.arrays["object_speed_m_s"][-1] < 1e-5
     assert body.data.xfrc_applied[body.model.mj.body("object").id, 2] == pytest.approx(1.1 * G, rel=1e-4)
-    assert truth.facts["peak_cell_n"]["hold"] == pytest.approx(1.05 * 1.1 * G / 1.2 / 12, rel=0.02)
+    assert truth.facts["peak_force_by_stage_n"]["hold"] == pytest.approx(1.05 * 1.1 * G / 1.2 / 12, rel=0.02)
 
 
 def test_above_that_it_slips_with_the_rest_of_its_weight(tmp_path):
@@ -210,11 +212,11 @@ def test_above_that_it_slips_with_the_rest_of_its_weight(tmp_path):
     body.advance(body.t_ns + 450 * MS)
     t_s = (rows(body, "object_t_ns") - began_ns) / S
     slipping = (t_s > 0.16) & (t_s < 0.38)
-    assert not rows(body, "object_on_stand_n")[slipping].any()
+    assert not rows(body, "object_stand_force_n")[slipping].any()
     gained = np.polyfit(t_s[slipping], rows(body, "object_speed_m_s")[slipping], 1)[0]
     assert gained == pytest.approx(0.2 * G, rel=0.02)
     body.advance(body.t_ns + 2 * S)
-    assert body.ground_truth().facts["object"]["sunk_m"] > 0.1
+    assert body.ground_truth().facts["object"]["max_descent_m"] > 0.1
 
 
 def test_what_falls_off_the_stand_is_dropped(tmp_path):
@@ -230,12 +232,12 @@ def test_what_falls_off_the_stand_is_dropped(tmp_path):
     assert dropped_ns is not None
     t_ns, height_m = truth.arrays["object_t_ns"], truth.arrays["object_pose"][:, 2]
     assert (height_m[t_ns < dropped_ns] >= truth.arrays["stand_top_m"][t_ns < dropped_ns]).all()
-    assert "floor" in truth.facts["object"]["met"]
-    assert truth.facts["object"]["met"]["floor"]["first_ns"] > dropped_ns
+    assert "floor" in truth.facts["object"]["rigid_contacts"]
+    assert truth.facts["object"]["rigid_contacts"]["floor"]["first_ns"] > dropped_ns
 
 
 def test_a_stuck_object_cannot_be_moved(tmp_path):
-    body = rig(tmp_path, stuck=True, below_m=0.2, present_stage="guide", lower_s=0.1)
+    body = rig(tmp_path, stuck=True, rise_m=0.2, rise_stage="guide", lower_delay_s=0.1)
     body.begin_stage("guide")
     body.advance(3 * S)
     start_m = body.data.body("object").xpos.copy()
@@ -253,14 +255,14 @@ def test_a_stuck_object_cannot_be_moved(tmp_path):
 @pytest.mark.parametrize(
     ("stand", "says"),
     [
-        ({"near_x_m": 0.2, "offset_m": 0.0, "grasp_z_m": 0.3}, "touch base"),
-        ({"below_m": 0.95, "present_stage": "guide"}, "touch floor at the start"),
+        ({"object_face_x_m": 0.2, "max_offset_m": 0.0, "grasp_z_m": 0.3}, "touch base"),
+        ({"rise_m": 0.95, "rise_stage": "guide"}, "touch floor at the start"),
         ({"grasp_z_m": 0.15}, r"grasp_z_m = 0.15: object and plate need more than 0.16"),
-        ({"plate_near_x_m": 0.6}, r"plate_near_x_m = 0.6: .* at 0.55"),
+        ({"plate_edge_x_m": 0.6}, r"plate_edge_x_m = 0.6: .* at 0.55"),
     ],
 )
 def test_what_cannot_stand_there_is_refused(tmp_path, stand, says):
-    keys = {"near_x_m": -0.13, "plate_near_x_m": -0.1} if "touch base" in says else {}
+    keys = {"object_face_x_m": -0.13, "plate_edge_x_m": -0.1} if "touch base" in says else {}
     with pytest.raises(DeploymentError, match=says):
         rig(tmp_path, **(stand | keys))
 
@@ -270,9 +272,9 @@ def test_what_cannot_stand_there_is_refused(tmp_path, stand, says):
     [
         ({"stand": None}, r'object = "delivery_box": nothing presents it'),
         ({"script": {}}, "stand, script: do not go together"),
-        ({"stand": {"below_m": 0.2}}, "below_m = 0.2: it would stay there"),
+        ({"stand": {"rise_m": 0.2}}, "rise_m = 0.2: it would stay there"),
         ({"stand": {"lower_stage": "hold"}}, "lower_stage = 'hold': unknown stage; there are guide"),
-        ({"stand": {"below_m": 0.1, "present_stage": "grasp.open"}}, "present_stage = 'grasp.open': unknown"),
+        ({"stand": {"rise_m": 0.1, "rise_stage": "grasp.open"}}, "rise_stage = 'grasp.open': unknown"),
     ],
 )
 def test_contradictions_are_refused(changes, says):
@@ -282,21 +284,21 @@ def test_contradictions_are_refused(changes, says):
 
 def changed(changes, **guide):
     raw = msgspec.to_builtins(rig_deployment(lower_stage=None))
-    guide = guide or {"kind": "listen", "duration_s": 1.0}
+    guide = guide or {"kind": "passive", "duration_s": 1.0}
     control = {"program": ["guide"], "stages": {"guide": guide}}
     return msgspec.convert(raw | {"controller": raw["controller"] | control} | changes, Deployment)
 
 
 def test_states_of_a_session_are_stages_too():
-    stand = {"below_m": 0.1, "present_stage": "guide.open", "lower_stage": "guide.hold"}
-    check(changed({"stand": stand}, kind="session"))
+    stand = {"rise_m": 0.1, "rise_stage": "guide.open", "lower_stage": "guide.hold"}
+    check(changed({"stand": stand}, kind="teach_and_grasp"))
     with pytest.raises(DeploymentError, match="unknown stage"):
         check(changed({"stand": stand}))
 
 
 def test_chunks_and_readings_change_nothing(tmp_path):
     def history(chunk_ms, read):
-        body = rig(tmp_path, below_m=0.05, present_stage="guide", lower_s=0.02, acceleration_m_s2=5.0)
+        body = rig(tmp_path, rise_m=0.05, rise_stage="guide", lower_delay_s=0.02, acceleration_m_s2=5.0)
         for k in range(0, 2400, 20):
             if k in (20, 1000, 1500):
                 body.begin_stage({20: "guide", 1000: "hold", 1500: "safe"}[k])
@@ -306,7 +308,7 @@ def test_chunks_and_readings_change_nothing(tmp_path):
                 if read and end % read == 0:
                     body.stimulus()
         truth = body.ground_truth()
-        del truth.facts["reaction_crossings"]  # those of proximity are seen when a stimulus is read
+        del truth.facts["threshold_crossings"]  # those of proximity are seen when a stimulus is read
         return truth.facts, {name: array.tobytes() for name, array in truth.arrays.items()}
 
     assert history(20, 0) == history(20, 4) == history(4, 4)
@@ -322,10 +324,10 @@ def test_a_rigid_touch_is_told_with_place_time_and_stage(tmp_path):
     body.advance(body.t_ns + 500 * MS)
     body.begin_stage("hold.it")
     body.advance(body.t_ns + 100 * MS)
-    left = body.ground_truth().facts["object"]["met"]["bare"]
+    left = body.ground_truth().facts["object"]["rigid_contacts"]["bare"]
     assert left["first_ns"] < body.t_ns - 300 * MS
     assert left["stages"].keys() == {"guide", "hold.it"}
     assert left["stages"]["hold.it"] == pytest.approx(0.1, abs=0.002)
-    assert math.fsum(left["stages"].values()) == pytest.approx(left["total_s"])
+    assert math.fsum(left["stages"].values()) == pytest.approx(left["duration_s"])
     assert left["first_ns"] <= left["peak_ns"] < body.t_ns
-    assert left["peak_n"] > 0.0
+    assert left["peak_force_n"] > 0.0

@@ -34,7 +34,11 @@ from skinnet.tools.stress.sweep import PointResult, run_sweep
 from skinnet.tools.stress.sweep_metrics import delta_at_published, nearest_delta, sweep_metrics
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
-SCRIPTED = ("script.stimulated=0.5", "script.stimulation.start_s=0.0", "script.stimulation.pause_s=0.1")
+SCRIPTED = (
+    "scripted_stimuli.stimulated_fraction=0.5",
+    "scripted_stimuli.random_presses.start_s=0.0",
+    "scripted_stimuli.random_presses.pause_s=0.1",
+)
 
 
 def row_of_patches(**tables: Any) -> Deployment:
@@ -42,7 +46,7 @@ def row_of_patches(**tables: Any) -> Deployment:
     patches = [patch(name) for name in ("a", "b", "c")]
     for i, one in enumerate(patches):
         one["lattice"]["origin_m"] = (0.3 * i, 0.0, 0.0)
-    return small(*patches, script={"stimulated": 0.5}, **tables)
+    return small(*patches, scripted_stimuli={"stimulated": 0.5}, **tables)
 
 
 # What is varied
@@ -52,21 +56,21 @@ def test_points_are_all_combinations_each_once() -> None:
     spec = StressSpec(
         cells=(6, 7, 18),
         gateways=(1, 2),
-        stimulated=(0.0, 0.5),
-        encodings=("clock", "delta"),
-        delta_sigmas=(3.0,),
+        stimulated_fractions=(0.0, 0.5),
+        encodings=("periodic", "send_on_delta"),
+        delta_noise_ratios=(3.0,),
     )
     points = sweep_points(row_of_patches(), spec)
     assert len(points) == len({point.name for point in points}) == 3 * 2 * 2 * 2 + 2
     assert {point.cells for point in points} == {6, 12, 18}  # by whole patches
     assert {p.stimulated for p in points if p.delta_sigma is not None} == {0.0, 0.5}
-    assert all(p.cells == 18 and p.encoding == "delta" for p in points if p.delta_sigma is not None)
+    assert all(p.cells == 18 and p.encoding == "send_on_delta" for p in points if p.delta_sigma is not None)
 
 
 def test_a_sweep_of_nothing_is_the_deployment_itself_touched_and_not() -> None:
-    points = sweep_points(row_of_patches(), StressSpec(encodings=("clock",)))
-    assert points == [Point(18, "clock", stimulated=0.0), Point(18, "clock", stimulated=0.5)]
-    assert sweep_points(small(), StressSpec(encodings=("clock",))) == [Point(8, "clock")]
+    points = sweep_points(row_of_patches(), StressSpec(encodings=("periodic",)))
+    assert points == [Point(18, "periodic", stimulated=0.0), Point(18, "periodic", stimulated=0.5)]
+    assert sweep_points(small(), StressSpec(encodings=("periodic",))) == [Point(8, "periodic")]
 
 
 @given(cells=st.integers(1, 18))
@@ -77,40 +81,40 @@ def test_whole_patches_are_kept_until_there_are_enough_cells(cells: int) -> None
 
 def test_a_smaller_skin_forgets_whatever_names_the_patches_that_are_gone() -> None:
     deployment = row_of_patches(
-        hosts={"one": ("a", "c"), "two": ("b",)},
+        cell_processes={"one": ("a", "c"), "two": ("b",)},
         faults=(
             {"kind": "link_cut", "target": "c/0:1", "at_s": 1.0},
             {"kind": "link_cut", "target": "a/0:1", "at_s": 1.0},
         ),
     )
     spec = StressSpec(cells=(6,))
-    derived = derive_deployment(deployment, Point(6, "clock", stimulated=0.25), spec)
+    derived = derive_deployment(deployment, Point(6, "periodic", stimulated=0.25), spec)
     check(derived)
     assert [one.name for one in derived.patches] == ["a"]
-    assert derived.hosts == {"one": ("a",)}
+    assert derived.cell_processes == {"one": ("a",)}
     assert [rule.target for rule in derived.faults] == ["a/0:1"]
-    assert derived.script is not None
-    assert derived.script.stimulated == 0.25
-    assert derived.cells.encoding.kind == "clock"
+    assert derived.scripted_stimuli is not None
+    assert derived.scripted_stimuli.stimulated_fraction == 0.25
+    assert derived.cells.encoding.kind == "periodic"
 
 
 def test_a_point_without_wishes_changes_what_is_run_and_nothing_else() -> None:
     deployment = row_of_patches()
-    derived = derive_deployment(deployment, Point(18, "levels"), StressSpec())
+    derived = derive_deployment(deployment, Point(18, "level_crossing"), StressSpec())
     for name in ("name", "robot", "seed", "hosts", "body", "cells", "network", "patches", "script"):
         assert getattr(derived, name) == getattr(deployment, name)
     assert derived.controller.program == ("listen",)
-    assert derived.controller.stages["listen"].duration_s == StressSpec().settle_s + StressSpec().duration_s
+    assert derived.controller.stages["listen"].duration_s == StressSpec().warm_up_s + StressSpec().duration_s
 
 
 def test_gateways_are_as_many_as_asked_for() -> None:
-    derived = derive_deployment(row_of_patches(), Point(18, "clock", gateways=2), StressSpec())
+    derived = derive_deployment(row_of_patches(), Point(18, "periodic", gateways=2), StressSpec())
     assert [len(one.interfaces) for one in derived.patches] == [2, 2, 2]
 
 
 def test_thresholds_follow_the_noise_of_the_sensors() -> None:
     deployment = row_of_patches()
-    cells = derive_deployment(deployment, Point(18, "delta", delta_sigma=3.0), StressSpec()).cells
+    cells = derive_deployment(deployment, Point(18, "send_on_delta", delta_sigma=3.0), StressSpec()).cells
     # noise 0.004 and steps of 1/1024: independent errors add as squares
     assert cells.force.delta == pytest.approx(3.0 * math.sqrt(0.004**2 + (1 / 1024) ** 2 / 12))
     sigma = noise_sigma(deployment.cells)
@@ -158,32 +162,36 @@ def test_what_was_used_outside_the_window_does_not_count() -> None:
 def swept(**shares: float) -> list[PointResult]:
     """Results of send-on-delta with deltas of k2, k4, … multiples of the noise."""
     return [
-        PointResult(Point(6, "delta", stimulated=0.0, delta_sigma=float(name[1:])), {"share.bytes": share})
+        PointResult(
+            Point(6, "send_on_delta", stimulated=0.0, delta_sigma=float(name[1:])), {"fraction.bytes": share}
+        )
         for name, share in shares.items()
     ]
 
 
 def test_the_threshold_that_gives_a_published_share_is_found_between_two_points() -> None:
-    published = PublishedRateSpec(share=0.1, stimulated=False, source="x")
+    published = PublishedRateSpec(fraction=0.1, stimulated=False, source="x")
     assert delta_at_published(swept(k2=1.0, k4=0.01), published, "bytes") == pytest.approx(3.0)
     assert delta_at_published(swept(k4=0.01, k2=1.0, k3=0.1), published, "bytes") == pytest.approx(3.0)
     assert delta_at_published(swept(k2=0.05, k4=0.01), published, "bytes") is None
     assert delta_at_published(swept(k2=1.0, k4=0.0), published, "bytes") is None
-    touched = PublishedRateSpec(share=0.1, stimulated=True, source="x")
+    touched = PublishedRateSpec(fraction=0.1, stimulated=True, source="x")
     assert delta_at_published(swept(k2=1.0, k4=0.01), touched, "bytes") is None
 
 
 def test_the_thresholds_nearest_to_what_was_published_are_nearest_to_all_of_it() -> None:
     shares = {2.0: (0.4, 0.5), 3.0: (0.2, 0.4), 5.0: (0.001, 0.45), 9.0: (0.0, 0.45)}
     results = [
-        PointResult(Point(6, "delta", stimulated=touched, delta_sigma=sigma), {"share.packets": share})
+        PointResult(
+            Point(6, "send_on_delta", stimulated=touched, delta_sigma=sigma), {"fraction.packets": share}
+        )
         for sigma, both in shares.items()
         for touched, share in zip((0.0, 0.5), both, strict=True)
     ]
     untouched, touched, bound = (
-        PublishedRateSpec(share=0.16, stimulated=False, source="x"),
-        PublishedRateSpec(share=0.45, stimulated=True, source="x"),
-        PublishedRateSpec(share=0.01, stimulated=True, source="x", at_most=True),
+        PublishedRateSpec(fraction=0.16, stimulated=False, source="x"),
+        PublishedRateSpec(fraction=0.45, stimulated=True, source="x"),
+        PublishedRateSpec(fraction=0.01, stimulated=True, source="x", is_upper_bound=True),
     )
     assert nearest_delta(results, StressSpec(published=(untouched, touched, bound))) == 3.0
     assert nearest_delta(results, StressSpec(published=(touched,))) in (5.0, 9.0)
@@ -214,7 +222,7 @@ def small_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[st
 @pytest.mark.processes
 def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, dict[str, Any]]) -> None:
     out, report = small_sweep
-    figures = report["figures"]
+    figures = report["metrics"]
     assert report["points"] == ["c15-clock-s0.5", "c15-delta-s0.5"]
     assert report == json.loads((out / "stress.json").read_text())
     for name in report["points"]:
@@ -222,11 +230,11 @@ def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, d
         assert f["conserved"]
         assert f["offered"] == f["delivered"] + f["dropped"] + f["in_flight"]
         assert f["received"] <= f["delivered"]
-        assert f["missing"] == f["rejected"] == f["malformed"] == f["dropped"] == 0
+        assert f["missing"] == f["rejected"] == f["malformed_messages"] == f["dropped"] == 0
         assert 0.0 < f["latency_us.p50"] <= f["latency_us.p99"] <= f["latency_us.p999"]
         assert 0.0 <= f["machine_us.p50"] <= f["machine_us.p99"]
         assert f["cpu.all"] == pytest.approx(
-            sum(f[f"cpu.{who}"] for who in ("body", "host0", "host1", "controller"))
+            sum(f[f"cpu.{who}"] for who in ("body", "cells0", "cells1", "controller"))
         )
         assert 0.0 < f["cores.controller"] <= 2.0
         assert f["peak_mb.controller"] > 20.0
@@ -262,13 +270,13 @@ def test_a_sweep_goes_on_where_it_was_killed(
     )
 
     def fail(*_: object) -> None:
-        raise ProcessFailedError("host0 was killed by signal 9; its last lines:\n    one\n    two")
+        raise ProcessFailedError("cells0 was killed by signal 9; its last lines:\n    one\n    two")
 
     monkeypatch.setattr(skinnet.tools.stress.sweep, "run_once", fail)
     told: list[str] = []
     kept = run_sweep(ARM, deployment, spec, out, resume=True, progress=told.append)
-    assert [result.failed for result in kept] == [None, None]
-    assert kept[0].figures == json.loads((out / "c15-clock-s0.5" / "point.json").read_text())["figures"]
+    assert [result.failure for result in kept] == [None, None]
+    assert kept[0].metrics == json.loads((out / "c15-clock-s0.5" / "point.json").read_text())["metrics"]
     # another seed makes other points
     other = run_sweep(
         ARM,
@@ -278,8 +286,8 @@ def test_a_sweep_goes_on_where_it_was_killed(
         resume=True,
         progress=told.append,
     )
-    assert all(result.failed for result in other)
-    assert other[0].failed == "host0 was killed by signal 9; its last lines: two"
+    assert all(result.failure for result in other)
+    assert other[0].failure == "cells0 was killed by signal 9; its last lines: two"
     figures = sweep_metrics(deployment, spec, [kept[0], other[1]])
     assert (figures["points"], figures["failed"]) == (2, 1)
     draw_plots(deployment, spec, [kept[0], other[1]], out / "half")
@@ -289,10 +297,10 @@ def test_a_sweep_goes_on_where_it_was_killed(
 def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, dict[str, Any]]) -> None:
     out, _ = small_sweep
     folder = out / "c15-clock-s0.5"
-    names = ["body", "host0", "host1", "controller"]
+    names = ["body", "cells0", "cells1", "controller"]
     deployment = load_and_check(RunOptions(ARM, SCRIPTED))
     with pytest.raises(SkinnetError, match="did not form"):
-        measure_point(deployment, StressSpec(settle_s=1000.0), folder, names)
+        measure_point(deployment, StressSpec(warm_up_s=1000.0), folder, names)
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,8 @@ def test_some_cells_and_several_patches(tmp_path):
     assert truth.asked == [0, 1, 2, 3, 13, 10]
     assert truth.touched == [0, 1, 2, 3, 10, 13]
     figures = teaching_metrics(ProcessResult("body", "body", body.ground_truth().facts, {}))
-    assert figures["strokes.cells"] == [6]
-    assert (figures["strokes.missed"], figures["strokes.others"]) == (0, 0)
+    assert figures["strokes.touched_cells"] == [6]
+    assert (figures["strokes.missed_cells"], figures["strokes.unintended_cells"]) == (0, 0)
     assert 0.1 < figures["strokes.peak_force_n"] < 0.5
 
 

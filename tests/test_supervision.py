@@ -24,7 +24,7 @@ def test_a_host_that_may_not_be_lost_ends_the_run(tmp_path: Path) -> None:
 
 
 def test_a_host_that_may_be_lost_does_not(tmp_path: Path) -> None:
-    settings = (*EXPLORE, 'run.may_be_lost=["cells"]', "controller.structure.average_s=0.1")
+    settings = (*EXPLORE, 'run.tolerated_losses=["cells"]', "controller.structure.averaging_s=0.1")
     with launched(TOUCH, tmp_path, settings=settings) as process:
         wait_for(process, "structure")
         child(process, "right").kill()
@@ -33,9 +33,9 @@ def test_a_host_that_may_be_lost_does_not(tmp_path: Path) -> None:
         assert "right was killed by signal 9; the run goes on without it" in output
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["outcome"] == "completed_with_losses"
-    assert [fault["process"] for fault in summary["faults"]] == ["right"]
+    assert [fault["process"] for fault in summary["process_failures"]] == ["right"]
     assert summary["counters"]["controller"]["lost_upstreams"] == 3
-    assert summary["figures"]["structure.problems"]  # cells of the right arm were not measured
+    assert summary["metrics"]["structure.problems"]  # cells of the right arm were not measured
 
 
 @pytest.mark.parametrize("name", ["controller", "body"])
@@ -51,7 +51,7 @@ def test_the_loss_of_body_or_controller_is_named(tmp_path: Path, name: str) -> N
 
 
 def test_the_body_holds_still_when_the_controller_may_be_lost(tmp_path: Path) -> None:
-    settings = (*EXPLORE, 'run.may_be_lost=["controller"]', "run.max_s=12")
+    settings = (*EXPLORE, 'run.tolerated_losses=["controller"]', "run.max_s=12")
     with launched(TOUCH, tmp_path, settings=settings) as process:
         wait_for(process, "structure")
         child(process, "controller").kill()

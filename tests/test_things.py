@@ -91,8 +91,8 @@ def test_foam_and_object_are_two_springs_in_a_row(tmp_path, name, overlap_m):
     in_a_row = 1.0 / (1.0 / FOAM_PA_PER_M + 1.0 / thing.stiffness_pa_per_m)
     expected_n = in_a_row * overlap_m * CELLS_M2
     truth = body.ground_truth()
-    assert truth.arrays["object_patch_n"][-1] == pytest.approx([expected_n, expected_n], rel=0.01)
-    assert not truth.facts["object"]["met"], "the links under the foam are not met"
+    assert truth.arrays["object_patch_force_n"][-1] == pytest.approx([expected_n, expected_n], rel=0.01)
+    assert not truth.facts["object"]["rigid_contacts"], "the links under the foam are not met"
 
 
 @pytest.mark.parametrize("round_link", [False, True])
@@ -102,12 +102,12 @@ def test_a_link_under_skin_is_met_where_the_foam_is_pressed_flat(tmp_path, round
     flat_m = body.thickness_m * (1.0 + FOAM_PA_PER_M / thing.stiffness_pa_per_m)
     assert flat_m == pytest.approx(0.021)
     close(body, body.thickness_m + 0.4 * (flat_m - body.thickness_m), thing.size_m[1])
-    assert not body.ground_truth().facts["object"]["met"]
+    assert not body.ground_truth().facts["object"]["rigid_contacts"]
     body.set_command([0.02, 0.02])
     body.advance(body.t_ns + 400 * MS)
-    met = body.ground_truth().facts["object"]["met"]
+    met = body.ground_truth().facts["object"]["rigid_contacts"]
     assert set(met) == {"left", "right"}
-    assert min(each["peak_n"] for each in met.values()) > 50.0
+    assert min(each["peak_force_n"] for each in met.values()) > 50.0
 
 
 def test_bare_links_meet_a_soft_object_at_its_face(tmp_path):
@@ -119,10 +119,10 @@ def test_bare_links_meet_a_soft_object_at_its_face(tmp_path):
     body.set_command([0.0, 0.0])
     body.advance(body.t_ns + 300 * MS)
     truth = body.ground_truth()
-    left_n, right_n = truth.arrays["object_patch_n"][-1]
+    left_n, right_n = truth.arrays["object_patch_force_n"][-1]
     assert left_n == 0.0
     assert right_n > 5.0
-    assert set(truth.facts["object"]["met"]) == {"bare"}
+    assert set(truth.facts["object"]["rigid_contacts"]) == {"bare"}
     pushed_n = body.data.qfrc_constraint[body.model.dof_address[0]]
     assert abs(pushed_n) == pytest.approx(right_n, rel=0.05)
 
@@ -139,13 +139,13 @@ def test_cells_lie_on_the_links_that_they_were_put_on():
 def test_the_seed_places_the_object_within_the_disturbance():
     drawn = []
     for seed in range(1, 41):
-        presented = place_object(rig_deployment(seed=seed, offset_m=0.03, yaw_deg=10.0))
+        presented = place_object(rig_deployment(seed=seed, max_offset_m=0.03, max_yaw_deg=10.0))
         assert presented is not None
         off_m, turned_deg = np.array(presented.position_m[:2]) - (0.4, 0.0), np.degrees(presented.yaw_rad)
         drawn.append([*off_m / 0.03, turned_deg / 10.0])
         assert presented.position_m[2] == 1.07
-        again = place_object(rig_deployment(seed=seed, offset_m=0.03, yaw_deg=10.0))
-        unturned = place_object(rig_deployment(seed=seed, offset_m=0.03))
+        again = place_object(rig_deployment(seed=seed, max_offset_m=0.03, max_yaw_deg=10.0))
+        unturned = place_object(rig_deployment(seed=seed, max_offset_m=0.03))
         assert again is not None
         assert unturned is not None
         assert again.position_m == presented.position_m == unturned.position_m
@@ -157,14 +157,14 @@ def test_the_seed_places_the_object_within_the_disturbance():
 
 
 def test_the_object_stands_where_the_seed_has_put_it(tmp_path):
-    body = rig(tmp_path, "lid", offset_m=0.02, yaw_deg=15.0)
-    presented = place_object(rig_deployment("lid", offset_m=0.02, yaw_deg=15.0))
+    body = rig(tmp_path, "lid", max_offset_m=0.02, max_yaw_deg=15.0)
+    presented = place_object(rig_deployment("lid", max_offset_m=0.02, max_yaw_deg=15.0))
     assert presented is not None
     assert body.data.body(OBJECT).xpos == pytest.approx(presented.position_m)
     R = body.data.body(OBJECT).xmat.reshape(3, 3)
     assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(presented.yaw_rad)
     facts = body.ground_truth().facts["object"]
-    assert facts["placed_m"] == presented.position_m
+    assert facts["initial_position_m"] == presented.position_m
     assert facts["yaw_rad"] == presented.yaw_rad
 
 
@@ -189,7 +189,7 @@ def test_the_page_lists_every_object():
 
 
 def test_none_is_a_stand_alone(tmp_path):
-    body = rig(tmp_path, "none", below_m=0.3, present_stage="guide")
+    body = rig(tmp_path, "none", rise_m=0.3, rise_stage="guide")
     body.begin_stage("guide")
     body.advance(4 * S)
     truth = body.ground_truth()

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 MS = 1_000_000
 PERIOD_NS = 5 * MS
 FORCE, PROXIMITY = Modality.FORCE, Modality.PROXIMITY
-LEVEL, DELTA = EventKind.LEVEL, EventKind.DELTA
+LEVEL, DELTA = EventKind.LEVEL_CROSSING, EventKind.SEND_ON_DELTA
 
 Event = tuple[int, int, int, int, int, int, float]
 """Cell, time [ns], modality, channel, kind, level, value."""
@@ -290,7 +290,7 @@ joints = st.lists(st.floats(-1.5, 1.5), min_size=D, max_size=D).map(np.array)
 @given(start=joints, goal=joints, speed=st.floats(0.5, 2.0))
 def test_a_posture_is_reached_at_its_speed_and_told_once(start: Floats, goal: Floats, speed: float) -> None:
     posture, position = PostureControl(), start.copy()
-    posture.set_target(PoseTarget("open", goal, speed_rad_s=speed, accuracy_rad=0.01))
+    posture.set_target(PoseTarget("open", goal, speed_rad_s=speed, tolerance_rad=0.01))
     told = []
     ticks = math.ceil(np.abs(goal - start).max() / (speed * 5e-3)) + 2
     for tick in range(ticks):
@@ -334,7 +334,7 @@ def test_a_reached_posture_is_held_or_let_go(deactivate: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"speed_rad_s": 0.0}, {"accuracy_rad": -1.0}, {"position_rad": np.array([math.nan])}]
+    "change", [{"speed_rad_s": 0.0}, {"tolerance_rad": -1.0}, {"position_rad": np.array([math.nan])}]
 )
 def test_a_posture_refuses_what_makes_no_sense(change: dict[str, object]) -> None:
     posture = PostureControl()
@@ -391,7 +391,7 @@ def test_no_input_gets_past_the_limits(
         if acceleration is not None and not limited:
             assert np.abs(out - last).max() <= acceleration * 5e-3 * (1 + 1e-9)
         last = out
-    assert clamp.counters.rejected == rejected
+    assert clamp.counters.non_finite == rejected
     assert clamp.counters.stale_ticks == stale
     assert clamp.counters.ticks == len(ticks)
 
@@ -445,7 +445,7 @@ def test_after_a_number_that_is_none_motion_comes_back_smoothly() -> None:
     commands = [0.5, math.nan, 0.5, 0.5]
     out = [clamp.clamp(0, np.array([v]), np.zeros(1), 0, 0)[0] for v in commands]
     np.testing.assert_allclose(out, np.array([0.5, 0.0, 0.025, 0.05]))
-    assert clamp.counters.rejected == 1
+    assert clamp.counters.non_finite == 1
     assert clamp.clamp(0, np.ones(1), np.array([math.inf]), 0, 0)[0] == 0.0
 
 
@@ -472,7 +472,7 @@ def test_a_joint_slows_down_before_its_limit_and_may_come_back() -> None:
 def test_a_clamp_refuses_limits_that_are_none() -> None:
     for limits in (
         SafetyLimits(speed_rad_s=0.0),
-        SafetyLimits(acceleration_rad_s2=math.nan),
+        SafetyLimits(max_joint_acceleration_rad_s2=math.nan),
         SafetyLimits(ramp_ns=0),
     ):
         with pytest.raises(ValueError, match="positive and finite"):

@@ -80,7 +80,7 @@ def test_proximity_follows_its_law() -> None:
     distance_m = np.append(np.linspace(-0.005, 0.06, 400), math.inf)
     readings = read(cells(401, SILENT), stimulus(401, distance=distance_m))[:, 3]
     # the law in another form: 1/√reading grows linearly, from 1 at contact to its value at reach
-    root = 1.0 + np.maximum(distance_m, 0.0) / spec.reach_m * (1.0 / math.sqrt(spec.reading_at_reach) - 1.0)
+    root = 1.0 + np.maximum(distance_m, 0.0) / spec.range_m * (1.0 / math.sqrt(spec.reading_at_range) - 1.0)
     assert np.abs(readings - root**-2.0).max() <= 0.5 * spec.lsb + 1e-7
     assert np.all(np.diff(readings) <= 0.0)
     assert readings[0] == 1.0
@@ -144,7 +144,7 @@ def test_noise_is_normal_and_has_no_memory() -> None:
     rows = stimulus(n, force=1.0, distance=0.02, acceleration=0.0)
     transducers = cells(n, fine)
     series = np.array([read(transducers, rows, frame=k) for k in range(frames)], dtype=np.float64)
-    root = 1.0 + 0.4 * (1.0 / math.sqrt(fine.proximity.reading_at_reach) - 1.0)
+    root = 1.0 + 0.4 * (1.0 / math.sqrt(fine.proximity.reading_at_range) - 1.0)
     centre = np.array([0.14] * 3 + [root**-2.0] + [0.0] * 3 + [23.0])
     sigma = np.array([0.004] * 3 + [0.0008] + [0.004] * 3 + [0.03])
     unit = (series - centre) / sigma
@@ -225,7 +225,7 @@ def test_a_frame_is_sampled_without_new_arrays() -> None:
         replace(SILENT, force=ForceSpec(calibration_n=(0.0, 0.0), calibration_reading=(0.0, 1.0))),
         replace(SILENT, force=ForceSpec(calibration_n=(0.0, 1.0), calibration_reading=(0.2, 0.1))),
         replace(SILENT, force=ForceSpec(calibration_n=(0.0, math.inf), calibration_reading=(0.0, 1.0))),
-        replace(SILENT, proximity=ProximitySpec(reading_at_reach=1.0)),
+        replace(SILENT, proximity=ProximitySpec(reading_at_range=1.0)),
         replace(SILENT, temperature=TemperatureSpec(min_c=60.0)),
     ],
 )

@@ -95,7 +95,7 @@ def star(request: pytest.FixtureRequest, endpoint: str) -> Iterator[Star]:
 
 def key(word: str) -> str:
     """A key that every member of `Star.gather` hears."""
-    return KEYS.of("frame", word)
+    return KEYS.of("period_end", word)
 
 
 async def hear(transport: Transport, n: int) -> list[Delivery]:
@@ -130,7 +130,7 @@ async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender
 
 async def test_a_sender_knows_whether_it_is_heard(star: Star) -> None:
     body, watcher = await star.gather("body", "watcher")
-    world = KEYS.of("world")
+    world = KEYS.of("free_bodies")
     assert not body.has_subscribers(world)
     heard: queue.Queue[tuple[str, bytes]] = queue.Queue()
     undo = watcher.declare_loop_subscriber(world, lambda *message: heard.put(message))
@@ -164,7 +164,7 @@ async def test_messages_of_a_sender_arrive_once_and_in_order(star: Star) -> None
         heard = await hear(member, 2 * 3 * n_words * n_periods)
         assert len(heard) == 2 * 3 * n_words * n_periods
         for name in star.members:
-            for kind in ("frame", "stimulus"):
+            for kind in ("period_end", "stimulus"):
                 keys = [KEYS.of(kind, f"{name}{i}") for i in range(n_words)]
                 said = [delivery for delivery in heard if delivery.key in keys]
                 assert said == [Delivery(k, f"{t}".encode()) for t in range(n_periods) for k in keys]

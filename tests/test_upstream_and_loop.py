@@ -41,12 +41,12 @@ counts = st.lists(st.integers(0, 3), min_size=1, max_size=6)
 def test_a_period_is_covered_when_its_frame_and_all_messages_so_far_are_there(
     counts: list[int], random: random.Random
 ) -> None:
-    arrivals = ["frame"] * len(counts) + ["message"] * sum(counts)
+    arrivals = ["period_end"] * len(counts) + ["message"] * sum(counts)
     random.shuffle(arrivals)
     upstream = Upstream("p", "host")
     frames = messages = 0
     for arrival in arrivals:
-        if arrival == "frame":
+        if arrival == "period_end":
             upstream.end_period((frames + 1) * PERIOD_NS, counts[frames])
             frames += 1
         else:
@@ -98,7 +98,7 @@ class Talker:
         peers: Sequence[str] = (),
     ) -> None:
         self.name = name
-        self.subscriptions = tuple(KEYS.of("frame", other) for other in hears)
+        self.subscriptions = tuple(KEYS.of("period_end", other) for other in hears)
         self.upstreams: Mapping[str, Upstream] = {
             other: Upstream(other, other, watermark_ns=PERIOD_NS) for other in hears
         }
@@ -125,7 +125,7 @@ class Talker:
         if frame.patch not in self.upstreams:
             raise ProtocolError("who is that?")
         self.received.append((frame.t_ns, frame.patch))
-        self.upstreams[frame.patch].end_period(frame.covered_ns)
+        self.upstreams[frame.patch].end_period(frame.watermark_ns)
 
     def on_upstream_lost(self, upstream: Upstream) -> None:
         self.lost.append(upstream.name)
@@ -139,8 +139,8 @@ class Talker:
         self.t_ns += PERIOD_NS
         if self.t_ns <= self.silent_from * PERIOD_NS:
             t_ns = self.t_ns - PERIOD_NS
-            frame = PeriodEnd(patch=self.name, t_ns=t_ns, covered_ns=self.t_ns + PERIOD_NS, events=0)
-            put(KEYS.of("frame", self.name), encode(frame))
+            frame = PeriodEnd(patch=self.name, t_ns=t_ns, watermark_ns=self.t_ns + PERIOD_NS, n_events=0)
+            put(KEYS.of("period_end", self.name), encode(frame))
 
     def best_effort_messages(self) -> list[tuple[str, bytes]]:
         return [(KEYS.of("state"), self.name.encode()), (KEYS.of("answer"), b"and more")]
@@ -242,7 +242,7 @@ async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody()
     assert await running == {"a", "b"}
     assert twin.log == twin.received == []
     assert len(first.log) == len(other.log) == 5
-    assert said == {KEYS.of("frame", "a"): 5, KEYS.of("frame", "b"): 5}
+    assert said == {KEYS.of("period_end", "a"): 5, KEYS.of("period_end", "b"): 5}
     assert not first.counters
     assert not other.counters
 
@@ -324,19 +324,19 @@ async def test_a_message_without_sense_is_counted_and_its_source_named_once(
     node.peers = frozenset({"a"})
     task = asyncio.create_task(run_loop(node, hub.connect("a"), KEYS, deadline_s=20.0))
     await asyncio.sleep(0)
-    good = [PeriodEnd(patch="b", t_ns=t, covered_ns=t + PERIOD_NS, events=0) for t in (1000, 2000)]
-    other = encode(PeriodEnd(patch="z", t_ns=0, covered_ns=10**9, events=0))
+    good = [PeriodEnd(patch="b", t_ns=t, watermark_ns=t + PERIOD_NS, n_events=0) for t in (1000, 2000)]
+    other = encode(PeriodEnd(patch="z", t_ns=0, watermark_ns=10**9, n_events=0))
     with caplog.at_level(logging.WARNING, "skinnet.runtime.loop"):
         for frame in good:
-            stranger.put(KEYS.of("frame", "b"), b"\xc1 no message")
-            stranger.put(KEYS.of("frame", "b"), encode(Joints(t_ns=0, covered_ns=0, position_rad=[])))
-            stranger.put(KEYS.of("frame", "z"), other)
+            stranger.put(KEYS.of("period_end", "b"), b"\xc1 no message")
+            stranger.put(KEYS.of("period_end", "b"), encode(Joints(t_ns=0, watermark_ns=0, position_rad=[])))
+            stranger.put(KEYS.of("period_end", "z"), other)
             stranger.put(KEYS.prefix + "no/channel", b"x")
-            stranger.put(KEYS.of("frame", "b"), encode(frame))
+            stranger.put(KEYS.of("period_end", "b"), encode(frame))
         await task
-    assert node.counters == {"malformed": 8}
+    assert node.counters == {"malformed_messages": 8}
     assert len(caplog.records) == 3
-    for key in (KEYS.of("frame", "b"), KEYS.of("frame", "z"), KEYS.prefix + "no/channel"):
+    for key in (KEYS.of("period_end", "b"), KEYS.of("period_end", "z"), KEYS.prefix + "no/channel"):
         assert sum(f" {key}: " in record.getMessage() for record in caplog.records) == 1
     assert [frame[0] for frame in node.received] == [1000, 2000]
 
@@ -358,8 +358,8 @@ async def alone(monkeypatch: pytest.MonkeyPatch, node: Talker, frames: int) -> N
     node.subscriptions = ()
     source = hub.connect("b")
     for k in range(frames):
-        frame = PeriodEnd(patch="b", t_ns=k * PERIOD_NS, covered_ns=(k + 2) * PERIOD_NS, events=0)
-        source.put(KEYS.of("frame", "b"), encode(frame))
+        frame = PeriodEnd(patch="b", t_ns=k * PERIOD_NS, watermark_ns=(k + 2) * PERIOD_NS, n_events=0)
+        source.put(KEYS.of("period_end", "b"), encode(frame))
     await run_loop(node, transport, KEYS, deadline_s=20.0, realtime=True)
 
 
@@ -367,7 +367,7 @@ async def test_who_is_behind_waits_for_nobody_and_counts(monkeypatch: pytest.Mon
     node = Talker("a", ("b",), periods=6, follows_wall_clock=True)
     await alone(monkeypatch, node, frames=0)
     assert len(node.log) == 6
-    assert node.counters["late_frames"] == 5  # all but the head start
+    assert node.counters["deadline_misses"] == 5  # all but the head start
     assert not node.lost
 
 
@@ -375,7 +375,7 @@ async def test_who_is_behind_still_takes_in_what_has_come(monkeypatch: pytest.Mo
     node = Talker("a", ("b",), periods=6, follows_wall_clock=True)
     await alone(monkeypatch, node, frames=3)
     assert len(node.received) == 3
-    assert node.counters["late_frames"] == 2  # periods 0 to 3 were covered
+    assert node.counters["deadline_misses"] == 2  # periods 0 to 3 were covered
 
 
 async def test_a_body_that_is_behind_lets_the_others_of_its_process_work(
@@ -389,7 +389,7 @@ async def test_a_body_that_is_behind_lets_the_others_of_its_process_work(
             group.create_task(run_loop(node, hub.connect(node.name), KEYS, deadline_s=20.0, realtime=True))
     assert len(fast.received) == 20
     assert len(steady.log) == 20
-    assert steady.counters["late_frames"] == 0  # only the body follows the wall clock
+    assert steady.counters["deadline_misses"] == 0  # only the body follows the wall clock
 
 
 async def test_who_is_in_time_waits_for_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -415,7 +415,7 @@ async def test_who_is_in_time_waits_for_the_clock(monkeypatch: pytest.MonkeyPatc
     transport: Any = Waiting(InMemoryHub().connect("a"), 0)
     await run_loop(node, transport, KEYS, deadline_s=20.0, realtime=True)
     assert sum(waits) == pytest.approx(4e-3)
-    assert node.counters["late_frames"] == 0
+    assert node.counters["deadline_misses"] == 0
 
 
 class RestingBody:
@@ -431,10 +431,10 @@ class RestingBody:
         self._controller = Upstream("controller", "controller", watermark_ns=control.command_delay_ns)
         self.upstreams: Mapping[str, Upstream] = {"controller": self._controller}
         self.subscriptions = (KEYS.of("command"),)
-        self.peers = frozenset({"body", "controller", *deployment.host_patches()})
+        self.peers = frozenset({"body", "controller", *deployment.patches_by_process()})
         self.senders, self.tolerated_losses = frozenset({"controller"}), frozenset[str]()
         self.counters: Counter[str] = Counter()
-        self.t_ns, self.end_ns = 0, deployment.max_ns
+        self.t_ns, self.end_ns = 0, deployment.max_duration_ns
         self._pending: deque[Command] = deque()
         self._configs: Counter[str] = Counter()
         self._said_end: int | None = None
@@ -449,14 +449,14 @@ class RestingBody:
     def due_ns(self) -> int:
         body, control = self._spec.body, self._spec.controller
         return min(
-            next_multiple(self.t_ns, body.stimulus_ns),
+            next_multiple(self.t_ns, body.stimulus_period_ns),
             next_multiple(self.t_ns, control.period_ns),
             next_multiple(self.t_ns, control.period_ns, control.command_delay_ns),
         )
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
         command = decode(payload, Command)
-        self._controller.end_period(command.covered_ns)
+        self._controller.end_period(command.watermark_ns)
         self._pending.append(command)
 
     def on_upstream_lost(self, upstream: Upstream) -> None: ...
@@ -465,7 +465,7 @@ class RestingBody:
         end_ns = self.due_ns()
         while self._pending and self._pending[0].effect_ns <= self.t_ns:
             command = self._pending.popleft()
-            self._configs.update(command.configs)
+            self._configs.update(command.config_counts)
             if command.end_ns is not None:
                 self.end_ns = self._said_end = command.end_ns
         self.t_ns = end_ns
@@ -473,20 +473,20 @@ class RestingBody:
 
     def _publish(self, put: Put) -> None:
         t_ns = self.t_ns
-        if t_ns % self._spec.body.stimulus_ns == 0:
-            for host, patches in self._spec.host_patches().items():
+        if t_ns % self._spec.body.stimulus_period_ns == 0:
+            for host, patches in self._spec.patches_by_process().items():
                 felt = np.zeros((sum(self._cells[patch] for patch in patches), 8), dtype="<f4")
                 frame = Stimulus(
-                    host=host,
+                    process=host,
                     t_ns=t_ns,
-                    covered_ns=t_ns,
+                    watermark_ns=t_ns,
                     values=felt.tobytes(),
-                    configs=sum(self._configs.pop(patch, 0) for patch in patches),
+                    n_configs=sum(self._configs.pop(patch, 0) for patch in patches),
                     end_ns=self._said_end,
                 )
                 put(KEYS.of("stimulus", host), encode(frame))
-        if t_ns % self._spec.body.joints_ns == 0:
-            put(KEYS.of("joints"), encode(Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=[0.1, 0.2])))
+        if t_ns % self._spec.body.joint_state_period_ns == 0:
+            put(KEYS.of("joints"), encode(Joints(t_ns=t_ns, watermark_ns=t_ns, position_rad=[0.1, 0.2])))
 
     def best_effort_messages(self) -> tuple[()]:
         return ()
@@ -495,17 +495,17 @@ class RestingBody:
         return ProcessResult(self.name, self.role)
 
 
-def robot(stimulus_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
+def robot(stimulus_period_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
     """All nodes of a small robot, real but for the body."""
     deployment = small(
-        hosts="per_patch",
+        cell_processes="per_patch",
         run={"max_s": 0.2},
-        body={"stimulus_ms": stimulus_ms, "joints_ms": control_ms},
+        body={"stimulus_period_ms": stimulus_ms, "joint_state_period_ms": control_ms},
         cells={"period_ms": stimulus_ms},
         controller={"period_ms": control_ms, "command_delay_ms": delay_ms},
     )
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
-    hosts = [CellProcess(deployment, name) for name in deployment.host_patches()]
+    hosts = [CellProcess(deployment, name) for name in deployment.patches_by_process()]
     return [RestingBody(deployment), *hosts, ControllerProcess(deployment, "controller", sizes)]
 
 

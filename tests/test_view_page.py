@@ -136,10 +136,10 @@ def test_the_controller_shows_its_state_and_why(opened: Visit, robot: Pushed) ->
     machine = StateMachineDescription(
         t_ns=0,
         states=["s.idle", "s.open", "s.safe"],
-        moves=[["s.idle", "patted", "s.open"], ["s.open", "pain", "s.safe"]],
+        transitions=[["s.idle", "patted", "s.open"], ["s.open", "pain", "s.safe"]],
     )
     robot.push(state(20_000, "s.idle"), state(21_000, "s.open", "patted"))
-    robot.push(state(20_000, "x")._replace(channel="machine", message=machine))
+    robot.push(state(20_000, "x")._replace(channel="state_machine", message=machine))
     opened.tab("Controller")
     opened.until(
         """() => { const pill = document.querySelector('svg rect[fill="#0b6e4f"] + text');

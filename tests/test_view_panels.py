@@ -192,7 +192,11 @@ def test_the_ring_shows_the_present_state_its_ways_out_and_the_way_in() -> None:
     view.controller.description = StateMachineDescription(
         t_ns=0,
         states=["s.idle", "s.go", "s.safe"],
-        moves=[["s.idle", "go", "s.go"], ["s.go", "pose reached", "s.idle"], ["s.go", "pain", "s.safe"]],
+        transitions=[
+            ["s.idle", "go", "s.go"],
+            ["s.go", "pose reached", "s.idle"],
+            ["s.go", "pain", "s.safe"],
+        ],
     )
     view.apply(state(1_000, "s.idle"), 0.0)
     view.apply(state(2_000, "s.go", "go"), 0.0)

@@ -19,13 +19,13 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 LASTING = (
     'controller.program=["listen"]',
-    'controller.stages.listen={ kind = "listen", duration_s = 90.0 }',
+    'controller.stages.listen={ kind = "passive", duration_s = 90.0 }',
     "run.max_s=90.0",
 )
 """In lockstep much longer than a page takes to be ready."""
 LISTEN = (
     'controller.program=["listen"]',
-    'controller.stages.listen={ kind = "listen", duration_s = 600.0 }',
+    'controller.stages.listen={ kind = "passive", duration_s = 600.0 }',
     "run.max_s=600.0",
 )
 
@@ -126,7 +126,7 @@ def test_a_real_run_in_a_browser(browser: Any, tmp_path: Path) -> None:
             found.tab("Controller")
             found.until("() => document.body.innerText.includes('listen for')")
             found.tab("Processes")
-            for name in ("body", "controller", "host0", "host1", "launcher"):
+            for name in ("body", "controller", "cells0", "cells1", "launcher"):
                 found.page.wait_for_selector(f"td:text-is('{name}')", timeout=LONG_MS)
             found.until(
                 """() => [...document.querySelectorAll(".sk-proc tr")].filter((row) =>

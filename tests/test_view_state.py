@@ -35,7 +35,7 @@ def links(
         row["cell"], row["port"], row["state"] = cell, port, flags
         for name, value in counters.items():
             row[name] = value
-    return LinkLoad(patch="arm", t_ns=t_ns, rows=table.tobytes(), dark=list(dark))
+    return LinkLoad(patch="arm", t_ns=t_ns, rows=table.tobytes(), unpowered_cells=list(dark))
 
 
 def test_readings_are_those_that_were_told() -> None:
@@ -93,13 +93,16 @@ def test_many_events_are_taken_as_few_are() -> None:
         event("arm", 1, 0.1, channel=70),
         stream("hand", np.zeros((3, 8), dtype=np.float32)),
         joints(5, 1.0, 2.0, 3.0),
-        told("links", LinkLoad(patch="leg", t_ns=0, rows=b"", dark=[]), 0, "leg"),
-        told("links", LinkLoad(patch="arm", t_ns=0, rows=b"xyz", dark=[]), 0, "arm"),
-        told("links", LinkLoad(patch="arm", t_ns=0, rows=b"", dark=[9]), 0, "arm"),
+        told("links", LinkLoad(patch="leg", t_ns=0, rows=b"", unpowered_cells=[]), 0, "leg"),
+        told("links", LinkLoad(patch="arm", t_ns=0, rows=b"xyz", unpowered_cells=[]), 0, "arm"),
+        told("links", LinkLoad(patch="arm", t_ns=0, rows=b"", unpowered_cells=[9]), 0, "arm"),
         told(
-            "regions", Regions(t_ns=0, covered_ns=0, frames=b"", rows=bytes(REGION_ROW.itemsize)), 0, "boards"
+            "regions",
+            Regions(t_ns=0, watermark_ns=0, frames=b"", rows=bytes(REGION_ROW.itemsize)),
+            0,
+            "boards",
         ),
-        told("stream", Stream(patch="arm", t_ns=0, covered_ns=0, events=0, rows=b"123"), 0, "arm"),
+        told("stream", Stream(patch="arm", t_ns=0, watermark_ns=0, n_events=0, rows=b"123"), 0, "arm"),
     ],
     ids=lambda message: f"{message.channel}",
 )
@@ -203,11 +206,11 @@ def regions(frames: list[tuple[int, list[tuple[float, ...]]]], seq: int = 0) -> 
         head["board"], head["rows"] = board, len(found)
         head["t_sampled_ns"], head["t_delivered_ns"] = 4 * MS, 5 * MS
         for values in found:
-            names = ("force_n", "xi1_m", "xi2_m", "area_m2", "peak_kpa", "elements")
+            names = ("force_n", "xi1_m", "xi2_m", "area_m2", "peak_kpa", "n_elements")
             for name, value in zip(names, values, strict=True):
                 bodies[row][name] = value
             row += 1
-    return Regions(t_ns=4 * MS, covered_ns=8 * MS, frames=heads.tobytes(), rows=bodies.tobytes(), seq=seq)
+    return Regions(t_ns=4 * MS, watermark_ns=8 * MS, frames=heads.tobytes(), rows=bodies.tobytes(), seq=seq)
 
 
 def test_regions_press_as_many_elements_as_they_have() -> None:
@@ -233,9 +236,9 @@ def test_a_raw_pattern_is_better_than_regions() -> None:
     view, atlas = scene(**SHEETS)
     rows = np.zeros(1, dtype=PATTERN_ROW)
     n = atlas.sheets[1].n_elements
-    rows[0]["board"], rows[0]["elements"], rows[0]["t_sampled_ns"] = 1, n, 4 * MS
+    rows[0]["board"], rows[0]["n_elements"], rows[0]["t_sampled_ns"] = 1, n, 4 * MS
     rows[0]["pressure_kpa"][:n] = np.arange(n)
-    message = Regions(t_ns=4 * MS, covered_ns=8 * MS, frames=b"", rows=b"", patterns=rows.tobytes())
+    message = Regions(t_ns=4 * MS, watermark_ns=8 * MS, frames=b"", rows=b"", patterns=rows.tobytes())
     view.apply(told("regions", message, 4 * MS, "boards"), 0.0)
     assert view.skin.pressure_kpa()[-n:].tolist() == list(range(n))
 
@@ -336,7 +339,7 @@ def test_a_mind_notes_its_moves_and_why() -> None:
     assert mind.states == ("forming", "session.idle", "session.open", "session.safe")
     assert ("session.open", "pain", "session.safe") in mind.transitions
     mind.description = StateMachineDescription(
-        t_ns=0, states=["session.safe", "session.idle"], moves=[["a", "b", "c"], ["odd"]]
+        t_ns=0, states=["session.safe", "session.idle"], transitions=[["a", "b", "c"], ["odd"]]
     )
     assert mind.states[:2] == ("session.safe", "session.idle"), "the controller's order, then the others"
     assert mind.transitions == (("a", "b", "c"),)
@@ -385,8 +388,8 @@ def test_a_scene_comes_back_to_what_it_was() -> None:
 def test_what_moves_freely_is_known_from_the_world() -> None:
     view, _ = scene()
     for t_ms, name in ((5, "object"), (10, "finger")):
-        message = FreeBodyPoses(t_ns=t_ms * MS, covered_ns=0, poses={name: [0.0] * 7})
-        view.apply(told("world", message, t_ms * MS), 0.0)
+        message = FreeBodyPoses(t_ns=t_ms * MS, watermark_ns=0, poses={name: [0.0] * 7})
+        view.apply(told("free_bodies", message, t_ms * MS), 0.0)
     assert set(view.free_body_poses) == {"object", "finger"}
 
 
@@ -394,7 +397,7 @@ def test_losses_that_only_hosts_count_are_losses() -> None:
     view, _ = scene()
     for t_ms, lost in ((1000, 3), (2000, 10), (2600, 10)):
         counts = {"event.queue_full": lost, "event.delivered": 1000 * lost, "event.offered": 2000}
-        message = Counters(host="host0", t_ns=t_ms * MS, counts=counts)
+        message = Counters(process="cells0", t_ns=t_ms * MS, counts=counts)
         view.apply(told("counters", message, t_ms * MS), 0.0)
     assert view.traffic.series().dropped.sum() * 0.25 == 7
 
@@ -402,13 +405,13 @@ def test_losses_that_only_hosts_count_are_losses() -> None:
 def test_a_recording_of_the_loop_has_commands_for_states() -> None:
     view, _ = scene()
     for t_ms, stage in ((5, "map"), (10, "map"), (15, "evade")):
-        command = Command(t_ns=t_ms * MS, effect_ns=0, covered_ns=0, velocity_rad_s=[0.0, 0.0], stage=stage)
+        command = Command(t_ns=t_ms * MS, effect_ns=0, watermark_ns=0, velocity_rad_s=[0.0, 0.0], stage=stage)
         view.apply(told("command", command, t_ms * MS), 0.0)
     assert [(m.source, m.target) for m in view.controller.history] == [("map", "evade")]
 
 
 def test_without_a_machine_the_deployment_says_which_states_there_are() -> None:
-    stages = {"home": {"kind": "posture"}, "talk": {"kind": "session"}}
+    stages = {"home": {"kind": "posture"}, "talk": {"kind": "teach_and_grasp"}}
     view, _ = scene(controller={"program": ("home", "talk"), "stages": stages})
     assert view.controller.states[:3] == ("forming", "home", "talk.idle")
     assert "talk.safe" in view.controller.states

@@ -45,7 +45,7 @@ BRIDGED = small(
 def reports(host: Host) -> dict[str, Any]:
     """Rows and cells without power by patch."""
     loads = [decode(payload, LinkLoad) for _, payload in host.node.telemetry()]
-    return {load.patch: (unpack(load.rows, LINK_ROW), load.dark, load.t_ns) for load in loads}
+    return {load.patch: (unpack(load.rows, LINK_ROW), load.unpowered_cells, load.t_ns) for load in loads}
 
 
 def test_links_are_told_by_patch_cell_and_port() -> None:
@@ -113,8 +113,8 @@ async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None
 def test_a_machine_has_every_move_of_the_table_and_leads_through_the_program() -> None:
     deployment = load(SHIPPED.parent / "hrp2_teach.toml")
     machine = describe_program(deployment.controller, ("open", "closed"), 5)
-    moves = {tuple(move) for move in machine.moves}
-    stage = next(n for n, s in deployment.controller.stages.items() if s.kind == "session")
+    moves = {tuple(move) for move in machine.transitions}
+    stage = next(n for n, s in deployment.controller.stages.items() if s.kind == "teach_and_grasp")
     for state, row in state_machine.TRANSITIONS.items():
         for event, to in row.items():
             assert (f"{stage}.{state.value}", event.value, f"{stage}.{to.value}") in moves
@@ -145,7 +145,7 @@ def test_requests_are_those_that_a_session_understands() -> None:
 
 def test_the_nursing_program_has_a_machine_of_its_own() -> None:
     machine = describe_nursing(0)
-    assert len(machine.moves) == len(nursing.TRANSITIONS)
+    assert len(machine.transitions) == len(nursing.TRANSITIONS)
     assert machine.requests == {}
 
 
@@ -156,11 +156,13 @@ def test_a_controller_tells_its_machine_once_and_when_it_has_learnt() -> None:
         robot.step()
         if tick == 3:
             robot.node._controller.self_model.poses["new"] = robot.position_rad
-        news = [payload for key, payload in robot.node.best_effort_messages() if key == KEYS.of("machine")]
+        news = [
+            payload for key, payload in robot.node.best_effort_messages() if key == KEYS.of("state_machine")
+        ]
         told += [decode(payload, StateMachineDescription) for payload in news]
     assert len(told) == 2
     assert told[0].states == [FORMING, "bow", "home"]
-    assert told[0].moves == [[FORMING, "network formed", "bow"], ["bow", "done", "home"]]
+    assert told[0].transitions == [[FORMING, "network formed", "bow"], ["bow", "done", "home"]]
 
 
 class Window:

@@ -33,7 +33,7 @@ SHEETS: dict[str, Any] = {
     ),
     "sheets": (
         {"name": "inside", "surface": "side", "columns": 4, "rows": 3, "mask": ("####", "#..#", "####")},
-        {"name": "outside", "surface": "side", "columns": 2, "rows": 2, "middle_xi_m": (0.2, 0.0)},
+        {"name": "outside", "surface": "side", "columns": 2, "rows": 2, "centre_xi_m": (0.2, 0.0)},
     ),
 }
 
@@ -74,7 +74,7 @@ def event(
         seq=[seq],
         modality=[int(modality)],
         channel=[channel],
-        kind=[int(EventKind.LEVEL)],
+        kind=[int(EventKind.LEVEL_CROSSING)],
         level=[level],
         value=[value],
     )
@@ -89,7 +89,7 @@ def stream(name: str, values: np.ndarray[Any, Any], t_ms: int = 4, first_seq: in
     rows["t_sampled_ns"], rows["t_delivered_ns"] = t_ms * MS, t_ms * MS + MS
     rows["seq"] = first_seq + np.arange(len(values))
     message = Stream(
-        patch=name, t_ns=t_ms * MS, covered_ns=(t_ms + 4) * MS, events=len(values), rows=rows.tobytes()
+        patch=name, t_ns=t_ms * MS, watermark_ns=(t_ms + 4) * MS, n_events=len(values), rows=rows.tobytes()
     )
     return told("stream", message, t_ms * MS, name)
 
@@ -133,7 +133,7 @@ def topology(
 
 
 def joints(t_ms: int, *angles: float) -> ReceivedMessage:
-    message = Joints(t_ns=t_ms * MS, covered_ns=(t_ms + 5) * MS, position_rad=list(angles))
+    message = Joints(t_ns=t_ms * MS, watermark_ns=(t_ms + 5) * MS, position_rad=list(angles))
     return told("joints", message, t_ms * MS)
 
 

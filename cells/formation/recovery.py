@@ -20,16 +20,16 @@ class Recovery:
     Attributes:
         group: Index of the group.
         t_ns: Time of the change [ns].
-        back_ns: Time at which the last cell that changed its master had joined [ns]; None if none did.
-        complete_ns: Time at which the computer knew the new topology [ns]; None before.
+        rejoined_ns: Time at which the last cell that changed its master had joined [ns]; None if none did.
+        topology_complete_ns: Time at which the computer knew the new topology [ns]; None before.
         lost_packets: Data packets dropped for want of a link or a route until then, or until the next
             change; each is counted once.
     """
 
     group: int
     t_ns: int
-    back_ns: int | None = None
-    complete_ns: int | None = None
+    rejoined_ns: int | None = None
+    topology_complete_ns: int | None = None
     lost_packets: int = 0
 
 
@@ -73,8 +73,8 @@ class RecoveryLog:
             ):
                 still.append((recovery, version))
                 continue
-            recovery.complete_ns = t_ns
-            recovery.back_ns = self._rejoined_ns(recovery)
+            recovery.topology_complete_ns = t_ns
+            recovery.rejoined_ns = self._rejoined_ns(recovery)
         self._open = still
 
     def _attribute_losses(self, group: int) -> None:

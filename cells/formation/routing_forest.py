@@ -101,7 +101,7 @@ class RoutingForest:
             parent=[self._cell_index(row.parent, first_uid, n_cells) for row in rows],
             depth=[row.hops for row in rows],
             neighbours=[[self._cell_index(i, first_uid, n_cells) for i in row.neighbours] for row in rows],
-            bridged=[
+            bridged_neighbours=[
                 [cell, port, self.nodes[i].uid]
                 for cell, row in enumerate(rows)
                 for port, i in enumerate(row.neighbours)

@@ -85,7 +85,7 @@ def _contributions(fault: int, span: FaultSpan, link: int, seed: int) -> Iterato
     match span.rule:
         case Loss(probability=probability):
             yield _FaultContribution(span.t_ns, link, fault, probability, 0.0)
-        case BitErrors(rate=rate):
+        case BitErrors(bit_error_rate=rate):
             yield _FaultContribution(span.t_ns, link, fault, 0.0, rate)
         case BurstLoss():
             for t_ns, probability in gilbert_elliott_phases(span, seed):

@@ -57,6 +57,6 @@ class LinkTelemetry:
         for number, patch in enumerate(self._wiring.patches):
             dark = np.flatnonzero(~powered[first_cell[number] : first_cell[number + 1]]).tolist()
             links = rows[self._bounds[number] : self._bounds[number + 1]]
-            load = LinkLoad(patch=patch.name, t_ns=t_ns, rows=links.tobytes(), dark=dark)
+            load = LinkLoad(patch=patch.name, t_ns=t_ns, rows=links.tobytes(), unpowered_cells=dark)
             told.append((self._keys.of("links", patch.name), encode(load)))
         return told

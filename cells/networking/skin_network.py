@@ -62,7 +62,7 @@ class SkinNetwork:
         self.kernel = wiring.packet_network(seed)
         self._spec = spec
         self._pool = PacketPool()
-        reaction_ns = round(cells.reaction_us * 1e3)
+        reaction_ns = round(cells.processing_delay_us * 1e3)
         resend_ns = max_round_trip_ns(spec, reaction_ns)
         self.formation_driver = FormationDriver(
             wiring,
@@ -71,7 +71,7 @@ class SkinNetwork:
             reaction_ns=reaction_ns,
             retransmission_timeout_ns=resend_ns,
             settle_ns=2 * resend_ns,
-            carrier_detect_ns=round(spec.detect_us * 1e3),
+            carrier_detect_ns=round(spec.failure_detection_us * 1e3),
             size_bytes=spec.control_bytes,
         )
         self.membership = Membership(wiring, self.formation_driver)

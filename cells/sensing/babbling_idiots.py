@@ -61,7 +61,7 @@ class BabblingIdiots:
         self._keys = np.array(
             [span.stream_key(seed, StreamName.BABBLING) for span, _ in found], dtype=np.uint64
         )
-        self._mean_interval_ns = np.array([1e9 / rule.packets_per_s for _, rule in found], dtype=np.float64)
+        self._mean_interval_ns = np.array([1e9 / rule.rate_hz for _, rule in found], dtype=np.float64)
         self._last_sent_ns = self._times.begin_ns.copy()
         self._n_sent = np.zeros(len(found), dtype=np.int64)
 
@@ -92,7 +92,7 @@ class BabblingIdiots:
             t_ns=t_ns[order],
             modality=_MODALITY[column],
             channel=_CHANNEL[column],
-            kind=np.full(len(order), EventKind.DELTA, dtype=np.uint8),
+            kind=np.full(len(order), EventKind.SEND_ON_DELTA, dtype=np.uint8),
             level=np.zeros(len(order), dtype=np.uint8),
             value=value[order],
         )

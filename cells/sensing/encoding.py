@@ -25,7 +25,7 @@ from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES, Config, E
 
 __all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Encoder", "EncoderOutput", "EncoderState"]
 
-ENCODINGS = ("levels", "delta", "clock")
+ENCODINGS = ("level_crossing", "send_on_delta", "periodic")
 _LEVEL_CROSSING, _SEND_ON_DELTA, _PERIODIC = range(len(ENCODINGS))
 _N = len(READING_NAMES)
 _CHANNELS_PER_MODALITY = (N_FORCE_CHANNELS, 1, 3, 1)
@@ -34,7 +34,7 @@ MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_CHANN
 CHANNEL_OF = tuple(channel for width in _CHANNELS_PER_MODALITY for channel in range(width))
 """Channel index within its modality of each column of a reading, (8,)."""
 _LEVEL_CHANNELS = N_FORCE_CHANNELS + 1
-_LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL), int(EventKind.DELTA)
+_LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL_CROSSING), int(EventKind.SEND_ON_DELTA)
 
 
 class EncoderOutput(NamedTuple):

@@ -44,7 +44,7 @@ class SensorFaults:
         mine = [span for span in spans if span.location.patch in first_cell]
         drifting = [(span, span.rule) for span in mine if isinstance(span.rule, Drift)]
         sticking = [(span, span.rule) for span in mine if isinstance(span.rule, StuckAt)]
-        drift = [(span, rule.channel, rule.per_s, math.nan) for span, rule in drifting]
+        drift = [(span, rule.channel, rule.rate_per_s, math.nan) for span, rule in drifting]
         stuck = [
             (span, name, 0.0, math.nan if rule.value is None else rule.value)
             for span, rule in sticking

@@ -84,12 +84,12 @@ class Transducers:
         """
         force, proximity = spec.force, spec.proximity
         self._calibration = _calibration(force.calibration_n, force.calibration_reading)
-        if not proximity.reading_at_reach < 1.0:
+        if not proximity.reading_at_range < 1.0:
             raise DeploymentError(
-                f"cells.proximity.reading_at_reach = {proximity.reading_at_reach}: must be below 1"
+                f"cells.proximity.reading_at_range = {proximity.reading_at_range}: must be below 1"
             )
-        root = math.sqrt(proximity.reading_at_reach)
-        self._reference_distance_m = proximity.reach_m * root / (1.0 - root)
+        root = math.sqrt(proximity.reading_at_range)
+        self._reference_distance_m = proximity.range_m * root / (1.0 - root)
         self._scales = channel_scales(spec)
         self._period_ns = spec.period_ns
         self._lag_rate = spec.period_ns * 1e-9 / spec.temperature.time_constant_s

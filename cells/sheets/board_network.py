@@ -48,7 +48,7 @@ class BoardNetwork:
             wires,
             bits_per_s=spec.bits_per_s,
             bits_per_byte=spec.bits_per_byte,
-            delay_ns=round(spec.delay_us * 1e3),
+            delay_ns=round(spec.propagation_delay_us * 1e3),
             queue_packets=spec.queue_messages,
             loss_probability=spec.loss,
             jitter_ns=round(spec.jitter_us * 1e3),

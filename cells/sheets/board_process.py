@@ -45,8 +45,8 @@ class BoardProcess:
         self._body = Upstream("body", "body", watermark_ns=-1)
         self.upstreams = {"body": self._body}
         self.senders = frozenset({"body"})
-        self.peers = frozenset({"body", "controller", *deployment.hosts_of_skin()})
-        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
+        self.peers = frozenset({"body", "controller", *deployment.skin_processes()})
+        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
         self.counters: Counter[str] = Counter()
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
         self._n_boards = len(sheets)
@@ -56,7 +56,7 @@ class BoardProcess:
         self._regions_key = keys.of("regions", BOARD_PROCESS)
         self._counters_key = keys.of("counters", name)
         self._period_ns = deployment.boards.period_ns
-        self._end_ns = deployment.max_ns
+        self._end_ns = deployment.max_duration_ns
         self._frame = 0
         self._pressures: dict[int, NDArray[np.float32]] = {}
         self._seq = 0
@@ -93,17 +93,17 @@ class BoardProcess:
         if len(values) != self._n_elements:
             raise ProtocolError(f"pressures of {len(values)} elements; there are {self._n_elements}")
         self._pressures[pressures.t_ns] = values
-        self._body.end_period(pressures.covered_ns)
+        self._body.end_period(pressures.watermark_ns)
         if pressures.end_ns is not None:
             self._end_ns = min(self._end_ns, pressures.end_ns)
 
     def _accept_pattern_request(self, config: Config) -> None:
         if config.patch != BOARD_PROCESS or not 0 <= config.cell < self._n_boards:
             raise ProtocolError(f"config of board {config.cell}: there are boards 0 to {self._n_boards - 1}")
-        if config.pattern_every is None or config.pattern_every < 0:
+        if config.pattern_interval_scans is None or config.pattern_interval_scans < 0:
             raise ProtocolError(f"config of board {config.cell}: give pattern_every, 0 or more frames")
-        self.counters["configs_from_outside"] += 1
-        self._pattern_requests.append((config.cell, config.pattern_every))
+        self.counters["external_configs"] += 1
+        self._pattern_requests.append((config.cell, config.pattern_interval_scans))
 
     def on_upstream_lost(self, upstream: Upstream) -> None:
         """Do nothing: the body is the only upstream, and its loss is never tolerated."""
@@ -124,7 +124,7 @@ class BoardProcess:
             put(self._counters_key, encode(self._counters_message(end_ns)))
         message = Regions(
             t_ns=start_ns,
-            covered_ns=end_ns,
+            watermark_ns=end_ns,
             frames=told.frames.tobytes(),
             rows=told.rows.tobytes(),
             patterns=told.patterns.tobytes(),
@@ -143,7 +143,7 @@ class BoardProcess:
         """Return the counters of the board network and of this process up to `t_ns`."""
         messages = self._boards.counters()
         counts = {f"{kind}.{what}": n for kind, entry in messages.items() for what, n in entry.items()}
-        return Counters(host=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
+        return Counters(process=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def best_effort_messages(self) -> tuple[()]:
         """Return no best-effort publications: all output of boards is part of the run."""

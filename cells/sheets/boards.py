@@ -28,7 +28,7 @@ Ints = NDArray[np.int64]
 _MESSAGE_ROW = np.dtype(
     [
         ("kind", np.uint8),
-        ("frame", np.int64),
+        ("scan_index", np.int64),
         ("count", np.int64),  # rows of regions, elements of a pattern, or the frame interval of a request
         ("rows", REGION_ROW, MAX_ROWS),
         ("pressure_kpa", np.float32, MAX_SIDE * MAX_SIDE),
@@ -85,9 +85,9 @@ class Boards:
         self._board_of_element = np.repeat(np.arange(len(sheets)), self._n_elements)
         self._element_of_board = np.concatenate([np.arange(size) for size in self._n_elements])
         self.readings_kpa = np.zeros(len(self._board_of_element))
-        self._pattern_interval = np.full(len(sheets), spec.pattern_every, dtype=np.int64)
+        self._pattern_interval = np.full(len(sheets), spec.pattern_interval_scans, dtype=np.int64)
         self._powered = np.ones(len(sheets), dtype=np.bool_)
-        self._ready_ns = self._transducers.scan_end_ns + round(spec.compute_us * 1e3)
+        self._ready_ns = self._transducers.scan_end_ns + round(spec.processing_delay_us * 1e3)
         self._packet_ids = PacketSlots()
         self._messages: NDArray[Any] = np.zeros(0, dtype=_MESSAGE_ROW)
         self._offered = np.zeros(len(MessageKind), dtype=np.int64)
@@ -116,7 +116,7 @@ class Boards:
         return self._receive(begin_ns + self._spec.period_ns)
 
     def request_pattern(self, t_ns: int, board: int, pattern_every: int) -> None:
-        """Request the raw pattern of a board every `pattern_every` frames, 0 to stop, at `t_ns`.
+        """Request the raw pattern of a board every `pattern_interval_scans` frames, 0 to stop, at `t_ns`.
 
         The request takes effect with the first frame that begins after it has been delivered.
 
@@ -130,13 +130,13 @@ class Boards:
             )
         number = self._register(MessageKind.REQUEST, 0, np.array([board]), np.array([t_ns]))
         self._messages["count"][number] = pattern_every
-        self.network.send_to_board(t_ns, board, self._network_spec.head_bytes, int(number[0]))
+        self.network.send_to_board(t_ns, board, self._network_spec.header_bytes, int(number[0]))
 
     def set_power(self, board: int, on: bool) -> None:
         """Switch a board's power from the next frame on; a board that is switched on is reset."""
         self._powered[board] = on
         self.tracker.reset(board)
-        self._pattern_interval[board] = self._spec.pattern_every
+        self._pattern_interval[board] = self._spec.pattern_interval_scans
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Count messages by kind: offered, delivered, dropped by cause, in flight."""
@@ -153,7 +153,7 @@ class Boards:
         count = self.tracker.n_rows[boards]
         self._messages["count"][numbers] = count
         self._messages["rows"][numbers] = self.tracker.rows[boards]
-        size = self._network_spec.head_bytes + count * self._network_spec.region_bytes
+        size = self._network_spec.header_bytes + count * self._network_spec.region_bytes
         self.network.send_to_pc(begin_ns + self._ready_ns[boards], boards, size, numbers)
 
     def _send_patterns(self, begin_ns: int, frame: int, boards: Ints) -> None:
@@ -163,7 +163,7 @@ class Boards:
         pattern = np.zeros((len(self._powered), MAX_SIDE * MAX_SIDE), dtype=np.float32)
         pattern[self._board_of_element, self._element_of_board] = self.readings_kpa
         self._messages["pressure_kpa"][numbers] = pattern[boards]
-        size = self._network_spec.head_bytes + -(-self._n_elements[boards] * self._spec.pressure.bits // 8)
+        size = self._network_spec.header_bytes + -(-self._n_elements[boards] * self._spec.pressure.bits // 8)
         self.network.send_to_pc(begin_ns + self._ready_ns[boards], boards, size, numbers)
 
     def _register(self, kind: MessageKind, frame: int, boards: Ints, sampled_ns: Ints) -> Ints:
@@ -172,7 +172,7 @@ class Boards:
         if (missing := int(numbers.max(initial=-1)) + 1 - len(self._messages)) > 0:
             self._messages = np.concatenate([self._messages, np.zeros(2 * missing, dtype=_MESSAGE_ROW)])
         self._messages["kind"][numbers] = kind
-        self._messages["frame"][numbers] = frame
+        self._messages["scan_index"][numbers] = frame
         self._offered[kind] += len(numbers)
         return numbers
 
@@ -188,13 +188,13 @@ class Boards:
             self._pattern_interval[board[i]] = self._messages["count"][numbers[i]]
         heads = []
         for wanted, dtype, count in (
-            (MessageKind.REGIONS, SCAN_FRAME_ROW, "rows"),
-            (MessageKind.PATTERN, PATTERN_ROW, "elements"),
+            (MessageKind.REGIONS, SCAN_FRAME_ROW, "n_regions"),
+            (MessageKind.PATTERN, PATTERN_ROW, "n_elements"),
         ):
             mine = np.flatnonzero(arrived & (kind == wanted))
             head = np.zeros(len(mine), dtype=dtype)
             head["t_sampled_ns"], head["t_delivered_ns"] = sampled_ns[mine], finished.t_ns[mine]
-            head["frame"] = self._messages["frame"][numbers[mine]]
+            head["scan_index"] = self._messages["scan_index"][numbers[mine]]
             head["board"], head[count] = board[mine], self._messages["count"][numbers[mine]]
             heads.append((head, numbers[mine]))
         (frames, with_rows), (patterns, with_patterns) = heads
@@ -203,10 +203,10 @@ class Boards:
 
     def _quantised_regions(self, frames: NDArray[Any], numbers: Ints) -> NDArray[Any]:
         """Return the region rows of delivered messages, quantised as on the wire."""
-        filled = np.arange(MAX_ROWS) < frames["rows"][:, None]
+        filled = np.arange(MAX_ROWS) < frames["n_regions"][:, None]
         rows: NDArray[Any] = self._messages["rows"][numbers][filled]
         for name in ("t_sampled_ns", "t_delivered_ns"):
-            rows[name] = np.repeat(frames[name], frames["rows"])
+            rows[name] = np.repeat(frames[name], frames["n_regions"])
         for name, step in (
             ("force_n", FORCE_STEP_N),
             ("xi1_m", XI_STEP_M),

@@ -37,14 +37,14 @@ class PressureTransducers:
         Raises:
             DeploymentError: a scan takes longer than a period.
         """
-        element_ns = ns_of_ms(spec.pressure.element_us * 1e-3)
+        element_ns = ns_of_ms(spec.pressure.element_read_us * 1e-3)
         self.scan_end_ns = np.zeros(len(sheets), dtype=np.int64)
         sampled_ns = []
         for b, sheet in enumerate(sheets):
             spare_ns = spec.period_ns - sheet.n_elements * element_ns
             if spare_ns < 0:
                 raise DeploymentError(
-                    f"sheets.{sheet.name}: {sheet.n_elements} elements of {spec.pressure.element_us} µs each "
+                    f"sheets.{sheet.name}: {sheet.n_elements} elements of {spec.pressure.element_read_us} µs each "
                     f"take longer than the period of {spec.period_ms} ms; lower element_us"
                 )
             begin_ns = int(

@@ -75,8 +75,8 @@ def match_regions(
             overlap[tracked.label[i], label[i]] += 1
     ended = np.ones(MAX_REGIONS, dtype=np.bool_)
     for new in range(n):
-        row[new].number = 0
-        row[new].kin = 0
+        row[new].region_id = 0
+        row[new].lineage_id = 0
     while _match_best_pair(board, before, n, True, math.inf, tracked, overlap, ended, row):
         pass
     while _match_best_pair(board, before, n, False, max_displacement_m, tracked, overlap, ended, row):
@@ -84,7 +84,7 @@ def match_regions(
     _assign_new_ids(board, before, n, tracked, overlap, row)
     rows = _write_ended(board, before, n, tracked, overlap, ended, row)
     for new in range(n):
-        tracked.region_id[board, new] = row[new].number
+        tracked.region_id[board, new] = row[new].region_id
         tracked.xi_m[board, new, 0] = row[new].xi1_m
         tracked.xi_m[board, new, 1] = row[new].xi2_m
     tracked.n_regions[board] = n
@@ -109,7 +109,7 @@ def _match_best_pair(
     best_old, best_new, most, nearest_m = -1, -1, 0, 0.0
     for old in range(n_previous):
         for new in range(n):
-            if not ended[old] or row[new].number != 0:
+            if not ended[old] or row[new].region_id != 0:
                 continue
             shared = overlap[old, new]
             if with_overlap:
@@ -127,7 +127,7 @@ def _match_best_pair(
     if best_old < 0:
         return False
     ended[best_old] = False
-    row[best_new].number = tracked.region_id[board, best_old]
+    row[best_new].region_id = tracked.region_id[board, best_old]
     return True
 
 
@@ -137,20 +137,20 @@ def _assign_new_ids(
 ) -> None:
     """Assign new IDs to unmatched regions; regions that split off name the region they came from."""
     for new in range(n):
-        if row[new].number != 0:
+        if row[new].region_id != 0:
             continue
         most = 0
         for old in range(n_previous):
             if overlap[old, new] > most:
                 most = overlap[old, new]
-                row[new].kin = tracked.region_id[board, old]
+                row[new].lineage_id = tracked.region_id[board, old]
         used = True
         while used:
             tracked.last_id[board] = tracked.last_id[board] + 1 if tracked.last_id[board] < _MAX_ID else 1
             used = False
             for old in range(n_previous):
                 used |= tracked.region_id[board, old] == tracked.last_id[board]
-        row[new].number = tracked.last_id[board]
+        row[new].region_id = tracked.last_id[board]
 
 
 @compiled
@@ -168,18 +168,18 @@ def _write_ended(
     for old in range(n_previous):
         if not ended[old]:
             continue
-        row[rows].number = tracked.region_id[board, old]
-        row[rows].kin = 0
+        row[rows].region_id = tracked.region_id[board, old]
+        row[rows].lineage_id = 0
         most = 0
         for new in range(n):
             if overlap[old, new] > most:
                 most = overlap[old, new]
-                row[rows].kin = row[new].number
+                row[rows].lineage_id = row[new].region_id
         row[rows].xi1_m = tracked.xi_m[board, old, 0]
         row[rows].xi2_m = tracked.xi_m[board, old, 1]
         row[rows].force_n = 0.0
         row[rows].area_m2 = 0.0
         row[rows].peak_kpa = 0.0
-        row[rows].elements = 0
+        row[rows].n_elements = 0
         rows += 1
     return rows

@@ -1,6 +1,6 @@
 """Contact regions of tactile sheets: segmentation, features, and tracking over frames.
 
-An element (taxel) is active from `on_kpa` until it falls below `off_kpa` (hysteresis thresholding). A region
+An element (taxel) is active from `activation_kpa` until it falls below `deactivation_kpa` (hysteresis thresholding). A region
 is a connected component of active elements. Its rim, inactive neighbours with a reading above zero, also
 counts for its force: several per cent for a cylinder. The force is the sum of pressure times area, the
 centre of pressure ξ the pressure-weighted mean of coordinates [R11, III]; area, peak and number of elements
@@ -53,11 +53,11 @@ class RegionTracker:
         """Create a tracker without regions.
 
         Raises:
-            DeploymentError: `off_kpa` is above `on_kpa`.
+            DeploymentError: `deactivation_kpa` is above `activation_kpa`.
         """
-        if spec.off_kpa > spec.on_kpa:
+        if spec.deactivation_kpa > spec.activation_kpa:
             raise DeploymentError(
-                f"regions.off_kpa = {spec.off_kpa}: may not be above on_kpa = {spec.on_kpa}"
+                f"regions.off_kpa = {spec.deactivation_kpa}: may not be above on_kpa = {spec.activation_kpa}"
             )
         boards = len(sheets)
         self._graph = _element_graph(sheets)
@@ -84,9 +84,9 @@ class RegionTracker:
         _track(
             readings_kpa,
             self._graph,
-            self._spec.on_kpa,
-            self._spec.off_kpa,
-            self._spec.follow_m,
+            self._spec.activation_kpa,
+            self._spec.deactivation_kpa,
+            self._spec.association_distance_m,
             self._tracked,
             self._component,
             self._component_with_rim,
@@ -147,7 +147,7 @@ def _track(
             _write_features(readings_kpa, graph, b, component, component_with_rim, rows[b], n)
         n_rows[b] = match_regions(b, begin, end, n, component, max_displacement_m, tracked, overlap, rows[b])
         for i in range(begin, end):
-            region_id[i] = rows[b, component[i]].number if component[i] >= 0 else 0
+            region_id[i] = rows[b, component[i]].region_id if component[i] >= 0 else 0
 
 
 @compiled
@@ -235,4 +235,4 @@ def _write_features(
         row[r].xi2_m = moment2 / total_kpa
         row[r].area_m2 = elements * graph.area_m2[board]
         row[r].peak_kpa = peak_kpa
-        row[r].elements = elements
+        row[r].n_elements = elements

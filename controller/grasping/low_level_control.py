@@ -62,7 +62,7 @@ class LowLevelControl:
             self._posture.clear_target()
         else:
             self._posture.set_target(target)
-        self._timeout_ns = t_ns + min(parameters.patience_s * 1e9, FOREVER_NS)
+        self._timeout_ns = t_ns + min(parameters.timeout_s * 1e9, FOREVER_NS)
         self._min_distance_rad, self._last_progress_ns = np.inf, t_ns
 
     def _tune(self, cells: NDArray[np.int64] | None, gains: ReactionParameters) -> None:
@@ -100,6 +100,9 @@ class LowLevelControl:
             return False
         away = np.abs(self._target.position_rad - position_rad)
         left_rad = float(away.sum())
-        if left_rad < self._min_distance_rad - _MIN_PROGRESS_RAD or (away <= self._target.accuracy_rad).all():
+        if (
+            left_rad < self._min_distance_rad - _MIN_PROGRESS_RAD
+            or (away <= self._target.tolerance_rad).all()
+        ):
             self._min_distance_rad, self._last_progress_ns = left_rad, t_ns
         return t_ns - self._last_progress_ns > self._stall_ns

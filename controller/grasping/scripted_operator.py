@@ -40,8 +40,8 @@ class ScriptedOperator:
         quiet_ns = t_ns - max(self._last_touch_ns, self._last_request_ns)
         if (
             state.value != step.state
-            or waited_ns < round(step.after_s * NS_PER_S)
-            or quiet_ns < round(step.quiet_s * NS_PER_S)
+            or waited_ns < round(step.delay_s * NS_PER_S)
+            or quiet_ns < round(step.contact_free_s * NS_PER_S)
         ):
             return None
         self._script.popleft()

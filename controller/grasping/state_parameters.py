@@ -53,8 +53,8 @@ class StateParameters:
     pose: str | None = None
     """Name of the target key pose; None: no posture control, the robot stays where it is pushed."""
     speed_rad_s: float = 0.4
-    accuracy_rad: float = 0.01
-    patience_s: float = math.inf
+    tolerance_rad: float = 0.01
+    timeout_s: float = math.inf
     """Time [s] after which the state times out."""
 
 
@@ -72,25 +72,25 @@ _EVADE_SLOWLY = ReactionParameters(proximity_threshold=0.01, proximity_gain=0.2)
 _EVADE_WEAKLY = ReactionParameters(proximity_threshold=0.01, proximity_gain=0.01)
 _YIELD = ReactionParameters(force_threshold=0.10, force_gain=0.80)
 
-_SCALAR_FIELDS = ("speed_rad_s", "accuracy_rad", "patience_s")
+_SCALAR_FIELDS = ("speed_rad_s", "tolerance_rad", "timeout_s")
 _TABLE_II = {
     State.GUIDE_FORCE: StateParameters(
         _for_all_areas(ReactionParameters(force_threshold=0.05, force_gain=1.0))
     ),
     State.GUIDE_PROXIMITY: StateParameters(_for_all_areas(_EVADE)),
-    State.GO: StateParameters(_for_all_areas(_EVADE), speed_rad_s=0.4, patience_s=30.0),
-    State.OPEN: StateParameters(_for_all_areas(_EVADE), "open", 0.4, patience_s=30.0),
-    State.APPROACH: StateParameters(_for_all_areas(_EVADE), "closed", 0.4, patience_s=20.0),
+    State.GO: StateParameters(_for_all_areas(_EVADE), speed_rad_s=0.4, timeout_s=30.0),
+    State.OPEN: StateParameters(_for_all_areas(_EVADE), "open", 0.4, timeout_s=30.0),
+    State.APPROACH: StateParameters(_for_all_areas(_EVADE), "closed", 0.4, timeout_s=20.0),
     State.CONTACT: StateParameters(
-        _toward_contact(_EVADE, ReactionParameters()), "closed", 0.1, patience_s=20.0
+        _toward_contact(_EVADE, ReactionParameters()), "closed", 0.1, timeout_s=20.0
     ),
     State.LOAD: StateParameters(
-        _toward_contact(_EVADE_WEAKLY, ReactionParameters()), "closed", 0.05, patience_s=20.0
+        _toward_contact(_EVADE_WEAKLY, ReactionParameters()), "closed", 0.05, timeout_s=20.0
     ),
-    State.PULL: StateParameters(_toward_contact(_EVADE_WEAKLY, _YIELD), "pulled", 0.05, patience_s=30.0),
+    State.PULL: StateParameters(_toward_contact(_EVADE_WEAKLY, _YIELD), "pulled", 0.05, timeout_s=30.0),
     State.HOLD: StateParameters(_toward_contact(_EVADE_WEAKLY, _YIELD)),
     State.SET_DOWN: StateParameters(_toward_contact(_EVADE_WEAKLY, _YIELD)),
-    State.RELEASE: StateParameters(_for_all_areas(_EVADE_SLOWLY), "open", 0.1, patience_s=60.0),
+    State.RELEASE: StateParameters(_for_all_areas(_EVADE_SLOWLY), "open", 0.1, timeout_s=60.0),
     State.SAFE: StateParameters(_for_all_areas(_EVADE_SLOWLY), "open", 0.1),
 }
 """State parameters of Table II [M14].
@@ -129,7 +129,7 @@ def flatten_state_parameters(states: Mapping[State, StateParameters]) -> dict[st
 
 def _deployment_parameters(spec: TeachAndGraspSpec) -> dict[str, float]:
     """Return the parameters that the deployment sets, by name."""
-    said = {f"{State.SET_DOWN.value}.patience_s": spec.set_down_s}
+    said = {f"{State.SET_DOWN.value}.timeout_s": spec.set_down_delay_s}
     for state, own in spec.states.items():
         given = {name: getattr(own, name) for name in _SCALAR_FIELDS}
         for area, gains in own.areas.items():

@@ -61,7 +61,7 @@ class TransitionRecord(NamedTuple):
     t_ns: int
     state: str
     event: str
-    to: str
+    next_state: str
     argument: str
     contacts: tuple[int, ...]
 
@@ -87,16 +87,20 @@ class TeachAndGrasp:
         n_cells: int,
         t_ns: int,
     ) -> None:
-        self._spec = control.session
+        self._spec = control.teach_and_grasp
         self._self_model, self._memory = self_model, memory
         self._map_config, self._n_dofs, self._n_cells = map_config, n_dofs, n_cells
         self._reactions_enabled = control.reactions.enabled
-        table = merge_state_parameters(control.session, self_model.parameters)
+        table = merge_state_parameters(control.teach_and_grasp, self_model.parameters)
         memory.store_parameters(flatten_state_parameters(table))
-        self._state_parameters = table if control.session.pre_contact else without_pre_contact(table)
-        stale_ns = round(control.safety.stale_ms * 1e6)
-        self._low_level_control = LowLevelControl(self_model, n_cells, stale_ns, control.session.stall_ns)
-        self._operator = ScriptedOperator(control.session.operator, control.session.patience_ns, t_ns)
+        self._state_parameters = table if control.teach_and_grasp.pre_contact else without_pre_contact(table)
+        stale_ns = round(control.safety.input_timeout_ms * 1e6)
+        self._low_level_control = LowLevelControl(
+            self_model, n_cells, stale_ns, control.teach_and_grasp.stall_timeout_ns
+        )
+        self._operator = ScriptedOperator(
+            control.teach_and_grasp.operator_requests, control.teach_and_grasp.operator_timeout_ns, t_ns
+        )
         self._tactile_state = tactile_state
         self._touch_events = self._new_touch_events(t_ns)
         self._area_teaching: AreaTeaching | None = None
@@ -265,7 +269,7 @@ class TeachAndGrasp:
         pose_rad = None if name is None else self._self_model.poses.get(name)
         target = None
         if name is not None and pose_rad is not None:
-            target = PoseTarget(name, pose_rad, directive.speed_rad_s, directive.accuracy_rad)
+            target = PoseTarget(name, pose_rad, directive.speed_rad_s, directive.tolerance_rad)
         self._low_level_control.apply(t_ns, directive, target, reactions_enabled=self._reactions_enabled)
         if self.state is State.ATTEND:
             self._area_teaching = AreaTeaching(self._argument, self._tactile_state, self._spec.contact_level)

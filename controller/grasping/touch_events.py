@@ -90,7 +90,7 @@ class TouchEventDetector:
             Event.OBJECT_NEAR: both and all(near[arm].any() for arm in self.arms),
             Event.OBJECT_TOUCHED: both and held.all(),
             Event.OBJECT_LOADED: both and all((force[arm] >= spec.load_level).any() for arm in self.arms),
-            Event.OBJECT_LOST: bool((t_ns - self._last_contact_ns > spec.lost_ns).any()),
+            Event.OBJECT_LOST: bool((t_ns - self._last_contact_ns > spec.contact_timeout_ns).any()),
             Event.CHEST_TOUCHED: contact[self._chest].any(),
             Event.PAIN: (force >= spec.pain_level).any(),
             Event.SKIN_LOST: self._is_skin_lost(tactile_state.present),
@@ -113,4 +113,4 @@ class TouchEventDetector:
 
     def _is_skin_lost(self, present: NDArray[np.bool_]) -> bool:
         groups = [*self.arms, self._chest]
-        return any(len(cells) and present[cells].mean() < self._spec.least_skin for cells in groups)
+        return any(len(cells) and present[cells].mean() < self._spec.min_skin_fraction for cells in groups)

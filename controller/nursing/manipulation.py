@@ -45,19 +45,23 @@ class Manipulation:
             ValueError: a region is outside its sheet, or at the object's centre with position feedback on.
         """
         self._spec = spec
-        self.contacts: InitialContacts = initial_contacts(kinematics, q, sheets, regions, spec.object_m)
-        self.contact_tracker = ContactTracker(regions, t_ns, spec.contact_n, spec.follow_m)
+        self.contacts: InitialContacts = initial_contacts(
+            kinematics, q, sheets, regions, spec.object_centre_m
+        )
+        self.contact_tracker = ContactTracker(
+            regions, t_ns, spec.contact_threshold_n, spec.association_distance_m
+        )
         self.feedback = TactileFeedback(
             self.contacts,
             period_s,
-            _impedance(spec.position_feedback) if spec.feels_position else None,
-            _impedance(spec.rotation_feedback) if spec.feels_rotation else None,
+            _impedance(spec.position_feedback) if spec.has_position_feedback else None,
+            _impedance(spec.rotation_feedback) if spec.has_rotation_feedback else None,
         )
         n = len(kinematics)
         limits = JointLimits(
             kinematics.joint_range,
-            np.full(n, spec.speed_rad_s),
-            np.full(n, spec.acceleration_rad_s2 or np.inf),
+            np.full(n, spec.max_joint_speed_rad_s),
+            np.full(n, spec.max_joint_acceleration_rad_s2 or np.inf),
         )
         of_contact = [_weights(spec, region.sheet, sheets[region.sheet].body) for region in regions]
         weights = Weights(
@@ -92,7 +96,7 @@ class Manipulation:
         """
         if regions is not None:
             self.contact_tracker.update(t_ns, regions)
-        lost = self.contact_tracker.time_below_threshold_ns(t_ns) > self._spec.lost_ns
+        lost = self.contact_tracker.time_below_threshold_ns(t_ns) > self._spec.contact_timeout_ns
         felt = ~lost if regions is not None else np.zeros_like(lost)
         self.feedback.step(self.contact_tracker.force_n, self.contact_tracker.xi_m, felt)
         return lost

@@ -112,7 +112,7 @@ class NursingProgram:
         self._t_ns = t_ns
         if tactile_input is not None:
             self._last_input_ns = max(self._last_input_ns, tactile_input.t_ns)
-        silent = t_ns - self._last_input_ns > self._spec.silent_ns or tactile_input is None
+        silent = t_ns - self._last_input_ns > self._spec.skin_timeout_ns or tactile_input is None
         velocity = np.zeros(len(self._kinematics))
         match self.state:
             case State.HOLD:
@@ -136,9 +136,13 @@ class NursingProgram:
             self._samples.append(tactile_input)
         if self._t_ns - self._state_start_ns < self._spec.record_ns or not self._samples:
             return
-        regions = _assumed_regions(self._spec) or _average_regions(self._samples, self._spec.contact_n)
+        regions = _assumed_regions(self._spec) or _average_regions(
+            self._samples, self._spec.contact_threshold_n
+        )
         if not regions:
-            self._transition(Event.NO_CONTACT, f"nothing presses with {self._spec.contact_n:g} N or more")
+            self._transition(
+                Event.NO_CONTACT, f"nothing presses with {self._spec.contact_threshold_n:g} N or more"
+            )
             return
         for region in regions:
             sheet = self._sheets.get(region.sheet)
@@ -178,7 +182,7 @@ class NursingProgram:
         names = manipulation.contacts.names
         if silent:
             return  # no tactile input is not a lost contact; `_check_safety` triggers SKIN_SILENT
-        if lost.any() and not self._spec.assumed:
+        if lost.any() and not self._spec.assumed_contacts:
             self._transition(Event.CONTACT_LOST, ", ".join(np.array(names)[lost]))
         elif wrong := self._check_singular(manipulation) or self._check_reachable(names, step):
             self._transition(*wrong)
@@ -189,16 +193,26 @@ class NursingProgram:
 
     def _check_singular(self, manipulation: Manipulation) -> tuple[Event, str] | None:
         share = manipulation.mobility
-        if share >= self._spec.mobility:
+        if share >= self._spec.min_mobility:
             return None
         return Event.SINGULAR_POSTURE, (
-            f"the contacts can follow {share:.2f} of a shift in some direction, not {self._spec.mobility:g}"
+            f"the contacts can follow {share:.2f} of a shift in some direction, not {self._spec.min_mobility:g}"
         )
 
     def _check_reachable(self, names: tuple[str, ...], step: TrajectoryStep) -> tuple[Event, str] | None:
         position_m, rotation_rad = step.deviations
-        c = int(np.argmax(np.maximum(position_m / self._spec.reach_m, rotation_rad / self._spec.reach_rad)))
-        if position_m[c] <= self._spec.reach_m and rotation_rad[c] <= self._spec.reach_rad:
+        c = int(
+            np.argmax(
+                np.maximum(
+                    position_m / self._spec.position_tolerance_m,
+                    rotation_rad / self._spec.rotation_tolerance_rad,
+                )
+            )
+        )
+        if (
+            position_m[c] <= self._spec.position_tolerance_m
+            and rotation_rad[c] <= self._spec.rotation_tolerance_rad
+        ):
             return None
         return Event.UNREACHABLE, (
             f"{names[c]} deviates by {1e3 * position_m[c]:.0f} mm and {np.degrees(rotation_rad[c]):.0f}°"
@@ -208,7 +222,7 @@ class NursingProgram:
         """Trigger SKIN_SILENT or PRESSURE_LIMIT in every state that is not terminal."""
         if self.done:
             return
-        if silent and self._t_ns - self._last_input_ns > self._spec.silent_ns:
+        if silent and self._t_ns - self._last_input_ns > self._spec.skin_timeout_ns:
             self._transition(Event.SKIN_SILENT, f"last heard at {self._last_input_ns / 1e9:.3f} s")
             return
         worst = (
@@ -216,8 +230,8 @@ class NursingProgram:
             if tactile_input is not None
             else None
         )
-        if worst is not None and worst.peak_kpa > self._spec.comfort_kpa:
-            limit = self._spec.comfort_kpa
+        if worst is not None and worst.peak_kpa > self._spec.max_pressure_kpa:
+            limit = self._spec.max_pressure_kpa
             self._transition(
                 Event.PRESSURE_LIMIT, f"{worst.peak_kpa:.0f} kPa on {worst.sheet}, {limit:g} allowed"
             )
@@ -235,7 +249,7 @@ class NursingProgram:
 
 def _assumed_regions(spec: NursingSpec) -> list[Region]:
     """Return the assumed contacts of the deployment, which have no tactile input."""
-    return [Region(contact.surface, 0, contact.xi_m, 0.0, 0.0) for contact in spec.assumed]
+    return [Region(contact.surface, 0, contact.xi_m, 0.0, 0.0) for contact in spec.assumed_contacts]
 
 
 def _average_regions(samples: list[TactileInput], contact_threshold_n: float) -> list[Region]:

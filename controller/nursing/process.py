@@ -62,17 +62,17 @@ class NursingProcess:
         self._boards = Upstream(BOARD_PROCESS, BOARD_PROCESS)
         self.upstreams: Mapping[str, Upstream] = {"body": self._body, BOARD_PROCESS: self._boards}
         self.senders = frozenset({"body", BOARD_PROCESS})
-        self.peers: frozenset[str] = frozenset({"body", name, *deployment.hosts_of_skin()})
-        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
+        self.peers: frozenset[str] = frozenset({"body", name, *deployment.skin_processes()})
+        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
         self.counters: Counter[str] = Counter()
         self._state_key, self._command_key = keys.of("state"), keys.of("command")
-        self._state_machine_key = keys.of("machine")
+        self._state_machine_key = keys.of("state_machine")
         control, spec = deployment.controller, deployment.nursing
         self._period_ns, self._delay_ns = control.period_ns, control.command_delay_ns
-        self._hyperperiod_ns, self._max_ns = deployment.frame_ns, deployment.max_ns
+        self._hyperperiod_ns, self._max_ns = deployment.hyperperiod_ns, deployment.max_duration_ns
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
         body = load_model(deployment.body, base, deployment.teacher.tip_radius_m, 0.0)
-        self._board_input = BoardInput(sheets, merge_distance_m=spec.follow_m)
+        self._board_input = BoardInput(sheets, merge_distance_m=spec.association_distance_m)
         try:
             self._program = NursingProgram(
                 spec,
@@ -124,11 +124,11 @@ class NursingProcess:
                 if len(position) != self._clamp.n_dofs or not np.isfinite(position).all():
                     raise ProtocolError(f"joint feedback {position.tolist()}: {self._clamp.n_dofs} are due")
                 self._joints[joints.t_ns] = position
-                self._body.end_period(joints.covered_ns)
+                self._body.end_period(joints.watermark_ns)
             case "regions":
                 regions = decode(payload, Regions)
                 self._board_input.add(regions)
-                self._boards.end_period(regions.covered_ns)
+                self._boards.end_period(regions.watermark_ns)
             case "request":
                 self._requests.add(fields[0], decode(payload, Request))
             case _:
@@ -157,7 +157,7 @@ class NursingProcess:
         command = Command(
             t_ns=t_ns,
             effect_ns=effect_ns,
-            covered_ns=FOREVER_NS if self._finished else effect_ns + self._period_ns,
+            watermark_ns=FOREVER_NS if self._finished else effect_ns + self._period_ns,
             velocity_rad_s=velocity.tolist(),
             stage=said.state.value,
             end_ns=next_multiple(effect_ns, self._hyperperiod_ns) if self._finished else None,
@@ -217,9 +217,9 @@ class NursingProcess:
 
 def _limits(deployment: Deployment) -> SafetyLimits:
     safety = deployment.controller.safety
-    stale_ns = round(safety.stale_ms * 1e6)
+    stale_ns = round(safety.input_timeout_ms * 1e6)
     return SafetyLimits(
-        speed_rad_s=safety.joint_speed_rad_s,
+        speed_rad_s=safety.max_joint_speed_rad_s,
         joints_max_age_ns=stale_ns,
         skin_max_age_ns=stale_ns,
         ramp_ns=round(safety.ramp_ms * 1e6),

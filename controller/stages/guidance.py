@@ -21,7 +21,7 @@ class GuidanceStage(TimedStage):
     ) -> None:
         assert spec.duration_s is not None
         super().__init__(spec.duration_s, start_ns)
-        self._max_age_ns = round(control.safety.stale_ms * 1e6)
+        self._max_age_ns = round(control.safety.input_timeout_ms * 1e6)
         self._self_model = self_model
         self._reaction = TactileReaction(n_cells)
         self.tactile_input: NDArray[np.float64] | None = None

@@ -202,13 +202,13 @@ def make_stage(
             )
         case "posture":
             pose = home_rad if spec.pose == "home" else np.array(control.poses_rad[spec.pose])
-            return PostureStage(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.accuracy_rad))
+            return PostureStage(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.tolerance_rad))
         case "guide":
             return GuidanceStage(spec, control, self_model, n_cells, t_ns)
-        case "listen":
+        case "passive":
             assert spec.duration_s is not None
             return ListenOnlyStage(spec.duration_s, t_ns)
-        case "session":
+        case "teach_and_grasp":
             return TeachAndGrasp(
                 control, self_model, memory, _map_config(control.map), tactile_state, n_dofs, n_cells, t_ns
             )
@@ -217,11 +217,11 @@ def make_stage(
 def _structure_config(spec: StructureExplorationSpec) -> StructuralExplorationConfig:
     return StructuralExplorationConfig(
         step_rad=spec.step_rad,
-        average_ns=round(spec.average_s * 1e9),
+        average_ns=round(spec.averaging_s * 1e9),
         settle_ns=round(spec.settle_s * 1e9),
         threshold_g=spec.threshold_g,
         position_control=PositionControl(speed_rad_s=spec.speed_rad_s),
-        min_samples=max(1, round(25 * spec.average_s)),
+        min_samples=max(1, round(25 * spec.averaging_s)),
     )
 
 

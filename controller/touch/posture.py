@@ -18,7 +18,7 @@ class PoseTarget:
     """Desired joint positions (D,): φ_des."""
     speed_rad_s: float = 0.4
     """Velocity ω_max of the joint with the largest error; 0.4 in free motion [M14, Table II]."""
-    accuracy_rad: float = 0.01
+    tolerance_rad: float = 0.01
     """Position tolerance φ_acc: joints within it rest [M14, Table II]."""
     release_when_reached: bool = False
     """Release the target once it is reached, instead of returning to it when pushed away."""
@@ -52,7 +52,7 @@ class PostureControl:
             ValueError: speed or accuracy is not positive, or the pose is not finite.
         """
         if not (
-            target.speed_rad_s > 0.0 and target.accuracy_rad > 0.0 and np.isfinite(target.position_rad).all()
+            target.speed_rad_s > 0.0 and target.tolerance_rad > 0.0 and np.isfinite(target.position_rad).all()
         ):
             raise ValueError(f"pose {target.name!r}: speed and accuracy must be positive, positions finite")
         self._target, self._completion_reported = target, False
@@ -69,7 +69,7 @@ class PostureControl:
         if target is None:
             return np.zeros(len(position_rad)), None
         way = target.position_rad - position_rad
-        far = np.abs(way) > target.accuracy_rad
+        far = np.abs(way) > target.tolerance_rad
         if far.any():
             return target.speed_rad_s * way * far / np.abs(way).max(), None
         event = None if self._completion_reported else PoseReached(target.name, t_ns)

@@ -36,7 +36,7 @@ class SafetyCounters:
     clamped: int = 0
     """Ticks in which the speed, acceleration or position limit changed the command."""
     stale_ticks: int = 0
-    rejected: int = 0
+    non_finite: int = 0
     """Ticks with a command or a position that is not finite."""
 
 
@@ -121,7 +121,7 @@ class SafetyClamp:
             clamped=counters.clamped
             + bool(finite and not np.array_equal(velocity, wanted * self._ramp_scale)),
             stale_ticks=counters.stale_ticks + self.stale,
-            rejected=counters.rejected + (not finite),
+            non_finite=counters.non_finite + (not finite),
         )
         return velocity.copy()
 

@@ -24,7 +24,7 @@ REACTION_COLUMNS = slice(0, 4)
 """Reaction columns, three of force and one of proximity: M = 3 + 1 in equation (4) of [M14]."""
 _N_COLUMNS = len(READING_NAMES)
 _BOUNDS = np.array([(COLUMNS[modality].start, COLUMNS[modality].stop) for modality in Modality])
-_LEVEL, _DELTA = int(EventKind.LEVEL), int(EventKind.DELTA)
+_LEVEL, _DELTA = int(EventKind.LEVEL_CROSSING), int(EventKind.SEND_ON_DELTA)
 
 
 class TactileState:

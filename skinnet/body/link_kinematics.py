@@ -59,7 +59,7 @@ class LinkKinematics:
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos
         moved = {int(body) for body in mj.jnt_bodyid[self._model.joint_id]}
-        named = {deployment.body.reference, *(patch.body for patch in deployment.patches)}
+        named = {deployment.body.reference_body, *(patch.body for patch in deployment.patches)}
         named |= {surface.body for surface in deployment.surfaces}
         robot = moved | {require_body_id(mj, name, "body", deployment.body.model) for name in named}
         self._body_id = [body for body in range(1, mj.nbody) if self._is_robot_or_fixture(body, robot)]

@@ -125,7 +125,7 @@ def build_mj_spec(
         _add_payload(spec, payload, body.foam.friction)
     if placed_object is not None:
         add_stand(spec, placed_object)
-    spec.option.timestep = body.physics_ns / NS_PER_S
+    spec.option.timestep = body.timestep_ns / NS_PER_S
     # Stiff servos on light links need implicit velocity terms; MuJoCo must not reset an unstable step.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -152,7 +152,7 @@ def load_model(
     spec = build_mj_spec(body, base_dir, finger_radius_m, payload=payload, placed_object=placed_object)
     path = _model_path(body.model, base_dir)
     mj = _compile(spec, path)
-    require_body_id(mj, body.reference, "body.reference", path)
+    require_body_id(mj, body.reference_body, "body.reference_body", path)
     if placed_object is not None and placed_object.object_model is not None:
         for patch in patches:
             require_body_id(mj, patch.body, f"patches.{patch.name}.body", path)
@@ -275,7 +275,7 @@ def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> 
     body.add_geom(
         name=PAYLOAD,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[payload.radius_m, 0.5 * payload.length_m, 0],
+        size=[payload.outer_radius_m, 0.5 * payload.length_m, 0],
         mass=payload.mass_kg,
         friction=[friction, 0.005, 0.0001],
         rgba=_PAYLOAD_RGBA,

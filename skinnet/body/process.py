@@ -46,21 +46,24 @@ class BodyProcess:
         self._controller = Upstream("controller", "controller", watermark_ns=control.command_delay_ns)
         self.upstreams = {"controller": self._controller}
         self.senders = frozenset({"controller"})
-        hosts = deployment.host_patches()
-        self.peers: frozenset[str] = frozenset({"body", "controller", *deployment.hosts_of_skin()})
-        self.tolerated_losses = frozenset(deployment.run.may_be_lost)
+        hosts = deployment.patches_by_process()
+        self.peers: frozenset[str] = frozenset({"body", "controller", *deployment.skin_processes()})
+        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
         self.counters: Counter[str] = Counter()
         self._plant = plant
-        self._stimulus_ns, self._joints_ns = deployment.body.stimulus_ns, deployment.body.joints_ns
+        self._stimulus_ns, self._joints_ns = (
+            deployment.body.stimulus_period_ns,
+            deployment.body.joint_state_period_ns,
+        )
         self._control_ns, self._delay_ns = control.period_ns, control.command_delay_ns
-        self._end_ns = deployment.max_ns
+        self._end_ns = deployment.max_duration_ns
         self._pending: deque[Command] = deque()
         self._config_counts: Counter[str] = Counter()
         self._end_commanded = False
         self._patches = hosts
         self._stage = ""
         self._joints_key = keys.of("joints")
-        self._free_bodies_key = keys.of("world")
+        self._free_bodies_key = keys.of("free_bodies")
         self._has_subscribers: Callable[[str], bool] = _no_subscribers
         self._pressures_key = keys.of("pressures") if deployment.sheets else None
         self._stimulus_outputs = [
@@ -116,7 +119,7 @@ class BodyProcess:
         if not all(map(math.isfinite, command.velocity_rad_s)):
             raise ProtocolError(f"command with velocities {command.velocity_rad_s}: must be finite")
         self._pending.append(command)
-        self._controller.end_period(command.covered_ns)
+        self._controller.end_period(command.watermark_ns)
 
     def on_upstream_lost(self, upstream: Upstream) -> None:
         """Handle loss of the controller: command zero velocity."""
@@ -138,7 +141,7 @@ class BodyProcess:
             if command.stage != self._stage:
                 self._stage = command.stage
                 self._plant.begin_stage(command.stage)
-            self._config_counts.update(command.configs)
+            self._config_counts.update(command.config_counts)
             if command.end_ns is not None:
                 self._end_ns, self._end_commanded = min(self._end_ns, command.end_ns), True
 
@@ -152,22 +155,30 @@ class BodyProcess:
                 values = felt[rows].tobytes()
                 configs = self._pop_config_count(host) if self._config_counts else 0
                 frame = Stimulus(
-                    host=host, t_ns=t_ns, covered_ns=t_ns, values=values, configs=configs, end_ns=end_ns
+                    process=host,
+                    t_ns=t_ns,
+                    watermark_ns=t_ns,
+                    values=values,
+                    n_configs=configs,
+                    end_ns=end_ns,
                 )
                 put(key, encode(frame))
             self._digest.update(felt.tobytes())
             if self._pressures_key is not None:
                 values = self._plant.pressures().astype("<f4").tobytes()
-                pressures = Pressures(t_ns=t_ns, covered_ns=t_ns, values=values, end_ns=end_ns)
+                pressures = Pressures(t_ns=t_ns, watermark_ns=t_ns, values=values, end_ns=end_ns)
                 put(self._pressures_key, encode(pressures))
                 self._digest.update(values)
         if t_ns % self._joints_ns == 0:
             if RECORDER in self.peers or self._has_subscribers(self._free_bodies_key):
                 poses = self._plant.free_bodies()
                 if poses:
-                    put(self._free_bodies_key, encode(FreeBodyPoses(t_ns=t_ns, covered_ns=t_ns, poses=poses)))
+                    put(
+                        self._free_bodies_key,
+                        encode(FreeBodyPoses(t_ns=t_ns, watermark_ns=t_ns, poses=poses)),
+                    )
             position = self._plant.joints()
-            joints = Joints(t_ns=t_ns, covered_ns=t_ns, position_rad=position.tolist())
+            joints = Joints(t_ns=t_ns, watermark_ns=t_ns, position_rad=position.tolist())
             put(self._joints_key, encode(joints))
             self._trace_t_ns.append(t_ns)
             self._trace_rad.append(position)
@@ -187,7 +198,7 @@ class BodyProcess:
         facts: dict[str, Any] = {
             "logs": {"body": self._digest.hexdigest()},
             "end_ns": self._plant.t_ns,
-            "late_frames": self.counters["late_frames"],
+            "deadline_misses": self.counters["deadline_misses"],
             "loop_s": time.monotonic() - self._start_s,
             **truth.facts,
         }
@@ -208,7 +219,7 @@ def build(deployment: Deployment, name: str, base_dir: Path, out_dir: Path | Non
     """Build the body process of `deployment`: scripted if it has a script, else simulated."""
     body = (
         BodySimulation(deployment, base_dir)
-        if deployment.script is None
+        if deployment.scripted_stimuli is None
         else ScriptedBody(deployment, base_dir)
     )
     body.stimulus()  # warm-up: compiles before others wait; no side effect on the state

@@ -87,7 +87,7 @@ class BodySimulation:
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}
 
-        self._step_ns, self._step_s = spec.physics_ns, spec.physics_ns / NS_PER_S
+        self._step_ns, self._step_s = spec.timestep_ns, spec.timestep_ns / NS_PER_S
         self._sway = Sway(spec.sway, deployment.seed)
         self.data = self._home_data()
         resting_rad = equilibrium_targets_rad(self.data, self.model.sway_actuator_id)
@@ -103,10 +103,10 @@ class BodySimulation:
         self._touch_specs = teacher.touches
         skin = TeacherSkin(self._foundation, self.cells, deployment.cells)
         self.teacher = Teacher(self.model, self.data, skin, teacher, spec.model)
-        reach_m = _RANGE_FACTOR * deployment.cells.proximity.reach_m
+        reach_m = _RANGE_FACTOR * deployment.cells.proximity.range_m
         self._sampler = StimulusSampler(self.model.mj, self.data, self._foundation, reach_m)
         self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
-        self.force_trace = PeakForceTrace(spec.joints_ns)
+        self.force_trace = PeakForceTrace(spec.joint_state_period_ns)
         self.free_bodies = FreeBodies(self.data).poses
         self._evaluated = self._recorded = False
         self._stimulus: NDArray[np.float64] | None = None
@@ -116,14 +116,14 @@ class BodySimulation:
             self.stand = Stand(self.data, self._placed_object.stand)
             pressed = self._foundation.contact
             self.grasp_ground_truth = GraspGroundTruth(
-                self.data, self._placed_object, self.stand, pressed, spec.joints_ns
+                self.data, self._placed_object, self.stand, pressed, spec.joint_state_period_ns
             )
             self._compute_contact()
             self.grasp_ground_truth.require_clear()
         self.payload: Payload | None = None
         if deployment.payload is not None:
             self.payload = Payload(
-                self.data, deployment.payload, self.sheet_foundation.contact, spec.joints_ns
+                self.data, deployment.payload, self.sheet_foundation.contact, spec.joint_state_period_ns
             )
             self._close_grip(
                 GripController(self.model, spec.joints, deployment.payload, self._step_s), self.payload
@@ -176,7 +176,7 @@ class BodySimulation:
         if not np.isfinite(self.data.qacc).all() or not np.isfinite(self.data.qpos).all():
             raise ModelError(
                 f"the simulation became unstable before t = {self.t_ns / NS_PER_S:.3f} s; "
-                "take a shorter body.physics_ms, softer servos or softer foam"
+                "take a shorter body.timestep_ms, softer servos or softer foam"
             )
 
     def stimulus(self) -> NDArray[np.float64]:
@@ -205,9 +205,9 @@ class BodySimulation:
             "touches": [touch.facts(self._touch_specs) for touch in self.teacher.touches],
             "lessons": [asdict(lesson) for lesson in self.teacher.lessons],
             "strokes": [asdict(stroke) for stroke in self.teacher.strokes],
-            "reaction_crossings": self.crossings.facts(),
+            "threshold_crossings": self.crossings.facts(),
             "refused_commands": self.actuation.refused_commands,
-            "peak_cell_n": self.force_trace.by_stage_n,
+            "peak_force_by_stage_n": self.force_trace.by_stage_n,
         }
         arrays = self.force_trace.arrays()
         if self.payload is not None:

@@ -28,7 +28,7 @@ def _network(
     with progress.status("starting") as status:
         figures = run_benchmarks(quick=quick, progress=status.update)
     console(stderr=json == "-").print(_table(figures))
-    write_report({"figures": figures}, json)
+    write_report({"metrics": figures}, json)
 
 
 def _table(metrics: dict[str, Any]) -> Table:

@@ -25,7 +25,7 @@ They need a router of ROS 2, rmw_zenohd. This one is the router itself:
 
 With --control, joint velocities come in. The run must let them:
 
-  skinnet run deployments/hrp2_touch.toml --pace realtime --set controller.outside_velocity=true
+  skinnet run deployments/hrp2_touch.toml --pace realtime --set controller.external_velocity=true
 """
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="A run as part of another system.")

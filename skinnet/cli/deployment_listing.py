@@ -28,7 +28,9 @@ def _table(title: str, *columns: str) -> Table:
 
 def _processes(deployment: Deployment) -> Table:
     table = _table("processes", "name", "role", "runs", "may be lost")
-    hosts = deployment.host_patches() | {BOARD_PROCESS: tuple(sheet.name for sheet in deployment.sheets)}
+    hosts = deployment.patches_by_process() | {
+        BOARD_PROCESS: tuple(sheet.name for sheet in deployment.sheets)
+    }
     for spec in process_list(deployment):
         table.add_row(
             spec.name,
@@ -79,8 +81,8 @@ def _periods(deployment: Deployment) -> Table:
     table = _table("periods", "what", "ms")
     body, control = deployment.body, deployment.controller
     for what, value_ms in (
-        ("physics", body.physics_ms),
-        ("stimulus frame, cells", body.stimulus_ms),
+        ("physics", body.timestep_ms),
+        ("stimulus frame, cells", body.stimulus_period_ms),
         ("joint feedback, control", control.period_ms),
         ("command delay", control.command_delay_ns / 1e6),
     ):

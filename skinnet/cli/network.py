@@ -58,7 +58,7 @@ def _simulate(
             progress=lambda share: bar.update(task, completed=share),
         )
     console(stderr=json == "-").print(_table(figures))
-    write_report({"seed": seed, "figures": figures}, json)
+    write_report({"seed": seed, "metrics": figures}, json)
 
 
 def _table(metrics: dict[str, Any]) -> Table:

@@ -43,7 +43,7 @@ def plan(
     utilisation: Annotated[float | None, typer.Option(help="Limit of the load of a link, 0 to 1.")] = None,
     voltage: Annotated[float | None, typer.Option(help="Limit of the lowest voltage of a cell.")] = None,
     encoding: Annotated[
-        str | None, typer.Option(metavar="clock|delta|levels", help="What cells send.")
+        str | None, typer.Option(metavar="periodic|send_on_delta|level_crossing", help="What cells send.")
     ] = None,
     stimulated: Annotated[float | None, typer.Option(help="Share of touched cells, 0 to 1.")] = None,
     events_hz: Annotated[float | None, typer.Option(help="Events a second of a touched cell.")] = None,

@@ -34,7 +34,7 @@ def _changed_places(report: dict[str, Any]) -> dict[str, list[str]]:
 
 
 def _load_lines(report: dict[str, Any]) -> str:
-    load, limits, figures = report["load"], report["limits"], report["figures"]
+    load, limits, figures = report["load"], report["limits"], report["metrics"]
     parts = [f"load: {load['encoding']} ({load['why']})"]
     if "stimulated" in load:
         streams = " and their stream" if load["streams_when_touched"] else ""
@@ -52,7 +52,7 @@ def _load_lines(report: dict[str, Any]) -> str:
 
 
 def _patch_table(report: dict[str, Any]) -> Table:
-    powered = "plan.lowest_v" in report["figures"]
+    powered = "plan.min_voltage_v" in report["metrics"]
     table = Table(title=f"{report['deployment']}: link budget", title_justify="left")
     table.add_column("patch", no_wrap=True)
     for column in (
@@ -89,7 +89,7 @@ def _patch_table(report: dict[str, Any]) -> Table:
             style="red" if patch["utilisation"] > 1.0 else None,
         )
     table.add_section()
-    figures = report["figures"]
+    figures = report["metrics"]
     total = figures["plan.fewest_gateways"]
     table.add_row(
         "all",
@@ -97,11 +97,11 @@ def _patch_table(report: dict[str, Any]) -> Table:
         str(figures["plan.gateways"]),
         "–" if total is None else str(total),
         str(figures["plan.depth"]),
-        f"{figures['plan.utilisation']:.1%}",
-        _format_ms(figures["plan.latency_ms.worst"]),
-        _format_ms(figures["plan.latency_ms.expected"]),
+        f"{figures['plan.max_utilisation']:.1%}",
+        _format_ms(figures["plan.max_latency_ms.worst"]),
+        _format_ms(figures["plan.max_latency_ms.expected"]),
         "∞" if figures["plan.backlog_packets"] is None else f"{figures['plan.backlog_packets']:.0f}",
-        *([f"{figures['plan.lowest_v']:.2f}     "] if powered else []),
+        *([f"{figures['plan.min_voltage_v']:.2f}     "] if powered else []),
         f"{figures['plan.power_w']:.1f} W" if powered else "",
     )
     return table

@@ -20,7 +20,7 @@ Examples:
 
   skinnet replay runs/one/run.mcap --into controller
 
-  skinnet replay runs/one/run.mcap --into controller --set controller.safety.joint_speed_rad_s=0.1
+  skinnet replay runs/one/run.mcap --into controller --set controller.safety.max_joint_speed_rad_s=0.1
 
   skinnet replay runs/one/run.mcap --publish --rate 0.5 --from 70 --until 90 --loop
 """
@@ -92,7 +92,7 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
     if difference is not None:
         typer.echo(
             f"different at {difference.t_ns * 1e-9:.3f} s, stage {difference.stage or 'none'}, "
-            f"after {verdict.ticks - 1} equal commands: {difference.what} was {difference.recorded}, "
+            f"after {verdict.ticks - 1} equal commands: {difference.field} was {difference.recorded}, "
             f"is {difference.replayed}"
         )
     elif verdict.ticks:

@@ -57,5 +57,5 @@ def _print_answer(key: str, payload: bytes) -> bool:
     except ProtocolError as error:
         raise SkinnetError(f"{key}: {error}; is another version of skinnet running there?") from None
     state = f"state {answer.state} at {answer.t_ns * 1e-9:.3f} s"
-    typer.echo(f"accepted; {state}" if answer.accepted else f"refused: {answer.why}; {state}")
+    typer.echo(f"accepted; {state}" if answer.accepted else f"refused: {answer.reason}; {state}")
     return answer.accepted

@@ -28,7 +28,7 @@ from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 
 __all__ = ["stress"]
 
-_QUICK_SETTINGS = {"duration_s": 1.0, "settle_s": 0.5, "delta_sigmas": ()}
+_QUICK_SETTINGS = {"duration_s": 1.0, "warm_up_s": 0.5, "delta_noise_ratios": ()}
 T = TypeVar("T")
 
 
@@ -38,7 +38,7 @@ def stress(
     cells: Annotated[
         str | None, typer.Option(metavar="N,…", help="Numbers of cells, by whole patches.")
     ] = None,
-    encodings: Annotated[str | None, typer.Option(metavar="clock,delta,levels")] = None,
+    encodings: Annotated[str | None, typer.Option(metavar="periodic,send_on_delta,level_crossing")] = None,
     stimulated: Annotated[
         str | None, typer.Option(metavar="SHARE,…", help="Shares of stimulated cells.")
     ] = None,
@@ -74,7 +74,7 @@ def stress(
         ("encodings", encodings, str),
         ("stimulated", stimulated, float),
         ("gateways", gateways, int),
-        ("delta_sigmas", sigmas, float),
+        ("delta_noise_ratios", sigmas, float),
     ):
         if text is not None:
             given[name] = _parse_list(name, text, kind)
@@ -88,8 +88,8 @@ def stress(
         "deployment": deployment.name,
         "stress": to_builtins(spec),
         "points": [result.point.name for result in results],
-        "failed": {result.point.name: result.failed for result in results if result.failed is not None},
-        "figures": sweep_metrics(deployment, spec, results),
+        "failed": {result.point.name: result.failure for result in results if result.failure is not None},
+        "metrics": sweep_metrics(deployment, spec, results),
         "environment": environment(),
         "settings": list(settings or ()),
     }
@@ -117,7 +117,7 @@ def _parse_list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]
     try:
         return tuple(kind(word.strip()) for word in text.split(","))
     except ValueError:
-        option = "--sigmas" if name == "delta_sigmas" else f"--{name}"
+        option = "--sigmas" if name == "delta_noise_ratios" else f"--{name}"
         raise DeploymentError(f"{option} {text}: write numbers with commas between them") from None
 
 

@@ -82,7 +82,7 @@ class RunSpec(Table, frozen=True, kw_only=True):
     caches warm. Turn it off to share the computer with other work."""
     deadline_s: Positive = 10.0
     """Wall-clock timeout of an upstream process that sends no period end."""
-    may_be_lost: tuple[Name, ...] = ()
+    tolerated_losses: tuple[Name, ...] = ()
     """Processes whose loss does not end the run; "cells" stands for every cell process."""
 
 
@@ -120,7 +120,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     model: str
     """Path of an MJCF file relative to the deployment, or the name of a shipped model."""
-    reference: str
+    reference_body: str
     """Body of the model that is the root of the kinematic structure."""
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Controlled hinge and slide joints, in the order of commands and feedback; slide joints use m where a
@@ -129,11 +129,11 @@ class BodySpec(Table, frozen=True, kw_only=True):
     """Joints fixed at the zero position of the model."""
     home_rad: dict[str, float] = field(default_factory=dict)
     """Home posture, by joint; the reference position of the model unless given."""
-    physics_ms: Positive = 1.0
+    timestep_ms: Positive = 1.0
     """Physics timestep."""
-    stimulus_ms: Positive = 4.0
+    stimulus_period_ms: Positive = 4.0
     """Period of the stimuli."""
-    joints_ms: Positive = 5.0
+    joint_state_period_ms: Positive = 5.0
     """Period of the joint feedback."""
     ambient_c: float = 23.0
     """Ambient temperature."""
@@ -144,19 +144,19 @@ class BodySpec(Table, frozen=True, kw_only=True):
     sway: SwaySpec = field(default_factory=SwaySpec)
 
     @property
-    def physics_ns(self) -> int:
+    def timestep_ns(self) -> int:
         """Physics timestep [ns]."""
-        return ns_of_ms(self.physics_ms)
+        return ns_of_ms(self.timestep_ms)
 
     @property
-    def stimulus_ns(self) -> int:
+    def stimulus_period_ns(self) -> int:
         """Period of the stimuli [ns]."""
-        return ns_of_ms(self.stimulus_ms)
+        return ns_of_ms(self.stimulus_period_ms)
 
     @property
-    def joints_ns(self) -> int:
+    def joint_state_period_ns(self) -> int:
         """Period of the joint feedback [ns]."""
-        return ns_of_ms(self.joints_ms)
+        return ns_of_ms(self.joint_state_period_ms)
 
 
 class ForceSpec(Table, frozen=True, kw_only=True):
@@ -178,8 +178,8 @@ class ForceSpec(Table, frozen=True, kw_only=True):
 class ProximitySpec(Table, frozen=True, kw_only=True):
     """Proximity sensor, range about 5 cm [M14]; reading = (d0 / (d0 + distance))² *(assumed law)*."""
 
-    reach_m: Positive = 0.05
-    reading_at_reach: Positive = 0.01
+    range_m: Positive = 0.05
+    reading_at_range: Positive = 0.01
     noise: NonNegative = 0.0008
     lsb: Positive = 0.0009765625
     levels: LevelThresholds = (0.01, 0.02, 0.10, 0.80)
@@ -213,7 +213,7 @@ class TemperatureSpec(Table, frozen=True, kw_only=True):
 class EncodingSpec(Table, frozen=True, kw_only=True):
     """Event encoding of the readings: `levels`, `delta` (send-on-delta) or `clock` (every period)."""
 
-    kind: Literal["levels", "delta", "clock"] = "levels"
+    kind: Literal["level_crossing", "send_on_delta", "periodic"] = "level_crossing"
 
 
 class CellSpec(Table, frozen=True, kw_only=True):
@@ -223,7 +223,7 @@ class CellSpec(Table, frozen=True, kw_only=True):
     side_m: Positive = 0.014
     force_cell_radius_m: Positive = 0.0055
     """Distance of the three force cells from the centre *(assumed)*."""
-    reaction_us: Positive = 50.0
+    processing_delay_us: Positive = 50.0
     """Processing delay from a packet to the cell's answer during network formation *(assumed)*."""
     encoding: EncodingSpec = field(default_factory=EncodingSpec)
     force: ForceSpec = field(default_factory=ForceSpec)
@@ -312,10 +312,10 @@ class NetworkSpec(Table, frozen=True, kw_only=True):
     jitter_us: NonNegative = 0.0
     loss: Fraction = 0.0
     """Probability that a link loses a packet."""
-    detect_us: NonNegative = 500.0
+    failure_detection_us: NonNegative = 500.0
     """Time from the loss of a line's signal (cut wire, or far end without power) to its detection by the
     receiver *(assumed)*."""
-    bundle: bool = False
+    aggregate_events: bool = False
     """Aggregate the events of a period in one message per gateway, instead of one per cell."""
 
 
@@ -325,7 +325,7 @@ class StructureExplorationSpec(Table, frozen=True, kw_only=True):
     step_rad: Positive = 0.1
     speed_rad_s: Positive = 1.0
     settle_s: NonNegative = 0.5
-    average_s: Positive = 1.0
+    averaging_s: Positive = 1.0
     threshold_g: Positive = 0.01
 
 
@@ -336,14 +336,14 @@ class MapExplorationSpec(Table, frozen=True, kw_only=True):
     frequency_hz: Positive = 4.0
     periods: Annotated[int, Meta(ge=1)] = 4
     settle_s: NonNegative = 0.3
-    cut: NonNegative = 0.05
+    min_row_norm: NonNegative = 0.05
     """Norm of a map row below which its cell counts as immobile along its normal."""
 
 
 class StageSpec(Table, frozen=True, kw_only=True):
     """Stage of the controller's program."""
 
-    kind: Literal["structure", "map", "posture", "guide", "listen", "session"]
+    kind: Literal["structure", "map", "posture", "guide", "passive", "teach_and_grasp"]
     duration_s: Positive | None = None
     force_gain: NonNegative = 0.0
     force_threshold: NonNegative = 0.05
@@ -351,7 +351,7 @@ class StageSpec(Table, frozen=True, kw_only=True):
     proximity_threshold: NonNegative = 0.01
     pose: str = "home"
     speed_rad_s: Positive = 0.4
-    accuracy_rad: Positive = 0.01
+    tolerance_rad: Positive = 0.01
 
 
 class ReactionSpec(Table, frozen=True, kw_only=True):
@@ -363,8 +363,8 @@ class ReactionSpec(Table, frozen=True, kw_only=True):
 class SafetySpec(Table, frozen=True, kw_only=True):
     """Safety clamp of the commanded joint velocities *(assumed)*."""
 
-    joint_speed_rad_s: Positive = 1.2
-    stale_ms: Positive = 50.0
+    max_joint_speed_rad_s: Positive = 1.2
+    input_timeout_ms: Positive = 50.0
     """Age beyond which joint feedback or skin data is stale: the robot slows down and holds."""
     ramp_ms: Positive = 100.0
     """Ramp from full speed to rest when input becomes stale, and back when it is fresh again."""
@@ -384,8 +384,8 @@ class ControllerSpec(Table, frozen=True, kw_only=True):
     structure: StructureExplorationSpec = field(default_factory=StructureExplorationSpec)
     map: MapExplorationSpec = field(default_factory=MapExplorationSpec)
     reactions: ReactionSpec = field(default_factory=ReactionSpec)
-    session: TeachAndGraspSpec = field(default_factory=TeachAndGraspSpec)
-    outside_velocity: bool = False
+    teach_and_grasp: TeachAndGraspSpec = field(default_factory=TeachAndGraspSpec)
+    external_velocity: bool = False
     """Add joint velocities of external clients to those of the controller, before the safety clamp."""
     safety: SafetySpec = field(default_factory=SafetySpec)
 
@@ -407,7 +407,7 @@ class Deployment(Table, frozen=True, kw_only=True):
     robot: Name
     seed: Annotated[int, Meta(ge=0)] = 1
     """Seed of all random streams."""
-    hosts: int | Literal["per_patch"] | dict[Name, tuple[str, ...]] = 2
+    cell_processes: int | Literal["per_patch"] | dict[Name, tuple[str, ...]] = 2
     """Cell processes: their number, one per patch, or a table of patches by process."""
     run: RunSpec = field(default_factory=RunSpec)
     body: BodySpec
@@ -426,7 +426,7 @@ class Deployment(Table, frozen=True, kw_only=True):
     """Power network; without this table every cell has power."""
     plan: LinkBudgetSpec = field(default_factory=LinkBudgetSpec)
     faults: tuple[FaultRule, ...] = ()
-    script: ScriptedStimuliSpec | None = None
+    scripted_stimuli: ScriptedStimuliSpec | None = None
     """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
     payload: PayloadSpec | None = None
@@ -443,20 +443,22 @@ class Deployment(Table, frozen=True, kw_only=True):
     """Parameter sweep of `skinnet stress`; runs ignore it."""
 
     @property
-    def frame_ns(self) -> int:
+    def hyperperiod_ns(self) -> int:
         """Hyperperiod (least common multiple) of stimulus, joint and control periods [ns]; runs end on it."""
-        return math.lcm(self.body.stimulus_ns, self.body.joints_ns, self.controller.period_ns)
+        return math.lcm(
+            self.body.stimulus_period_ns, self.body.joint_state_period_ns, self.controller.period_ns
+        )
 
     @property
-    def max_ns(self) -> int:
+    def max_duration_ns(self) -> int:
         """Latest simulated end time of the run [ns], a whole number of hyperperiods."""
-        return -(-round(self.run.max_s * 1e9) // self.frame_ns) * self.frame_ns
+        return -(-round(self.run.max_s * 1e9) // self.hyperperiod_ns) * self.hyperperiod_ns
 
-    def hosts_of_skin(self) -> tuple[str, ...]:
+    def skin_processes(self) -> tuple[str, ...]:
         """List the processes that simulate skin: the cell processes, then that of the boards."""
-        return (*self.host_patches(), *((BOARD_PROCESS,) if self.sheets else ()))
+        return (*self.patches_by_process(), *((BOARD_PROCESS,) if self.sheets else ()))
 
-    def groups(self) -> tuple[tuple[str, ...], ...]:
+    def bridged_patches(self) -> tuple[tuple[str, ...], ...]:
         """Group the patches that bridges join into one network; a patch without bridges is its own group."""
         group = {patch.name: [patch.name] for patch in self.patches}
         for bridge in self.bridges:
@@ -468,17 +470,19 @@ class Deployment(Table, frozen=True, kw_only=True):
         members = {id(names): tuple(sorted(names, key=order.index)) for names in group.values()}
         return tuple(sorted(members.values(), key=lambda names: order.index(names[0])))
 
-    def host_patches(self) -> dict[str, tuple[str, ...]]:
+    def patches_by_process(self) -> dict[str, tuple[str, ...]]:
         """Assign patches to cell processes, by name of the process; a bridged group stays together."""
-        groups = self.groups()
+        groups = self.bridged_patches()
         if not groups:
             return {}
-        if isinstance(self.hosts, dict):
+        if isinstance(self.cell_processes, dict):
             order = {patch: i for i, patch in enumerate(itertools.chain(*groups))}
             place = len(order)
             return {
                 host: tuple(sorted(patches, key=lambda patch: order.get(patch, place)))
-                for host, patches in self.hosts.items()
+                for host, patches in self.cell_processes.items()
             }
-        count = len(groups) if self.hosts == "per_patch" else min(int(self.hosts), len(groups))
-        return {f"host{i}": tuple(itertools.chain(*groups[i::count])) for i in range(count)}
+        count = (
+            len(groups) if self.cell_processes == "per_patch" else min(int(self.cell_processes), len(groups))
+        )
+        return {f"cells{i}": tuple(itertools.chain(*groups[i::count])) for i in range(count)}

@@ -1,26 +1,33 @@
 """Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
 import difflib
+import logging
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
 from skinnet.deployment.deployment import Deployment
-from skinnet.errors import DeploymentError
+from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of, read_layers
+from skinnet.errors import DeploymentError, FormatError
+from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]
 
+log = logging.getLogger(__name__)
+
+_LEADING_KEY = re.compile(r"[\w.\[\]\-]+")
 _ERROR_LOCATION = re.compile(r"^(?P<what>.*?)(?: - at (?P<in_key>`key` in )?`\$(?P<path>.*)`)?$", re.DOTALL)
 _UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(?P<field>[^`]*)`")
 _PATH_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|(\[\.\.\.\]|\[key\])")
 
 
 def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -> Deployment:
-    """Load a deployment and validate it against the schema.
+    """Load a deployment with all that it extends, and validate it against the schema.
 
     Args:
         path: TOML file.
@@ -29,41 +36,64 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
         seed: Replacement for the deployment's seed.
 
     Raises:
-        DeploymentError: one line with file, key, value and what is allowed.
+        DeploymentError: one line with the chain of files, key, value and what is allowed.
     """
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise DeploymentError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise DeploymentError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DeploymentError(f"{path}: no valid TOML: {error}") from error
+    layers = read_layers(path)
+    _log_old_formats(layers)
+    raw = merge_layers(layers)
     for override in overrides:
         apply_override(raw, override)
     if seed is not None:
         raw["seed"] = seed
-    return from_document(raw, str(path))
+    return _convert(raw, lambda key: _source_of(layers, key))
+
+
+def _log_old_formats(layers: tuple[Layer, ...]) -> None:
+    for layer in layers:
+        if layer.n_renamed:
+            log.warning(
+                "%s: %d names of an earlier format, read by their new names; skinnet migrate rewrites the file",
+                layer.path,
+                layer.n_renamed,
+            )
 
 
 def from_document(raw: dict[str, Any], source: str) -> Deployment:
-    """Convert a decoded TOML document to a deployment; `source` names it in errors.
+    """Convert a decoded document of any known format to a deployment; `source` names it in errors.
 
     Raises:
         DeploymentError: one line with source, key, value and what is allowed.
     """
     try:
-        _reject_non_finite(raw)
-        return msgspec.convert(raw, Deployment)
+        document, _ = translate(raw, source)
+    except FormatError as error:
+        raise DeploymentError(str(error)) from None
+    return _convert(document, lambda _key: source)
+
+
+def _convert(document: dict[str, Any], source_of: Callable[[str], str]) -> Deployment:
+    """Convert a document of the present format; `source_of` names the source of a key in errors."""
+    try:
+        _reject_non_finite(document)
+        return msgspec.convert(document, Deployment)
     except DeploymentError as error:
-        raise DeploymentError(f"{source}: {error}") from None
+        text = str(error)
     except msgspec.ValidationError as error:
-        raise DeploymentError(f"{source}: {_describe_error(raw, str(error))}") from None
+        text = _describe_error(document, str(error))
+    key = _LEADING_KEY.match(text)
+    raise DeploymentError(f"{source_of(key[0] if key else '')}: {text}")
+
+
+def _source_of(layers: tuple[Layer, ...], key: str) -> str:
+    """Chain of the files and, if there are several, the one that sets `key`."""
+    origin = origin_of(layers, key) if len(layers) > 1 else None
+    return chain_of(layers) if origin is None else f"{chain_of(layers)}: in {origin}"
 
 
 def resolved_json(deployment: Deployment) -> bytes:
     """Encode the deployment with every default, as JSON that `from_document` accepts."""
-    return msgspec.json.format(msgspec.json.encode(deployment), indent=1)
+    document = {FORMAT_KEY: FORMAT, **msgspec.to_builtins(deployment)}
+    return msgspec.json.format(msgspec.json.encode(document), indent=1)
 
 
 def apply_override(raw: dict[str, Any], override: str) -> None:
@@ -76,6 +106,9 @@ def apply_override(raw: dict[str, Any], override: str) -> None:
     steps = [step.strip() for step in key.split(".")]
     if not separator or not all(steps):
         raise DeploymentError(f"--set {override}: write it as key=value, for example run.max_s=20")
+    renamed = current_name(".".join(steps))
+    if renamed is not None:
+        raise DeploymentError(f"--set {override}: {'.'.join(steps)} is called {renamed} now")
     node: Any = raw
     for step in steps[:-1]:
         node = _descend(node, step, override)

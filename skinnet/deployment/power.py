@@ -16,11 +16,11 @@ class PowerSpec(Table, frozen=True, kw_only=True):
     """Resistance of a link, both conductors together *(assumed: none is published)*."""
     feed_ohm: NonNegative = 0.0
     """Resistance between the supply and a feed point *(assumed)*."""
-    minimum_v: Positive = 2.7
+    brown_out_v: Positive = 2.7
     """Brown-out voltage, below which a cell leaves the network *(assumed)*."""
     feeds: tuple[PortName, ...] = ()
     """Feed points, ports of cells; all interfaces unless given."""
 
     def __post_init__(self) -> None:
-        if self.minimum_v >= self.supply_v:
-            raise ValueError(f"minimum_v = {self.minimum_v:g}: must be below supply_v = {self.supply_v:g}")
+        if self.brown_out_v >= self.supply_v:
+            raise ValueError(f"minimum_v = {self.brown_out_v:g}: must be below supply_v = {self.supply_v:g}")

@@ -94,7 +94,7 @@ class PowerGrid:
         factored = self._cached_factors(ok)
         running = on & factored.powered
         drop_v = self._voltage_drops(running, factored)
-        limit_v = self._spec.supply_v - self._spec.minimum_v
+        limit_v = self._spec.supply_v - self._spec.brown_out_v
         while (low := running & (drop_v > limit_v + _RESOLUTION_V)).any():
             running[_lowest_voltage_cells(drop_v, low, factored.component)] = False
             drop_v = self._voltage_drops(running, factored)

@@ -87,21 +87,21 @@ _GROUND_TRUTH = {"public": False, "recorded": False}
 _TELEMETRY = {"recorded": False, "best_effort": True}
 CHANNELS = (
     Channel(
-        "stimulus", "body/stimulus/<host>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
+        "stimulus", "body/stimulus/<process>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
     ),
     Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH),
-    Channel("world", "body/world", FreeBodyPoses, Role.BODY, (), "joints"),
+    Channel("free_bodies", "body/free_bodies", FreeBodyPoses, Role.BODY, (), "joints"),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
     Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
     Channel("events", "skin/<patch>/<cell>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("bundle", "skin/<patch>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("stream", "skin/<patch>/stream", Stream, Role.CELLS, (Role.CONTROLLER,), "on request"),
-    Channel("frame", "skin/<patch>/frame", PeriodEnd, Role.CELLS, (Role.CONTROLLER,), "cells"),
+    Channel("period_end", "skin/<patch>/period_end", PeriodEnd, Role.CELLS, (Role.CONTROLLER,), "cells"),
     Channel("regions", "skin/<network>/regions", Regions, Role.CELLS, (Role.CONTROLLER,), "boards"),
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
-    Channel("request", "controller/request/<what>", Request, None, (Role.CONTROLLER,), "on request"),
-    Channel("velocity", "controller/velocity", ExternalVelocity, None, (Role.CONTROLLER,), "at will"),
+    Channel("request", "controller/request/<name>", Request, None, (Role.CONTROLLER,), "on request"),
+    Channel("velocity", "controller/velocity", ExternalVelocity, None, (Role.CONTROLLER,), "aperiodic"),
     Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", best_effort=True),
     Channel(
         "state",
@@ -113,17 +113,19 @@ CHANNELS = (
         best_effort=True,
     ),
     Channel(
-        "machine",
-        "controller/machine",
+        "state_machine",
+        "controller/state_machine",
         StateMachineDescription,
         Role.CONTROLLER,
         (),
         "on change",
         best_effort=True,
     ),
-    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if watched", **_TELEMETRY),
-    Channel("processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if watched", **_TELEMETRY),
-    Channel("counters", "host/<host>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
+    Channel("links", "skin/<patch>/links", LinkLoad, Role.CELLS, (), "2 Hz, if subscribed", **_TELEMETRY),
+    Channel(
+        "processes", "run/processes", ProcessLoad, Role.LAUNCHER, (), "2 Hz, if subscribed", **_TELEMETRY
+    ),
+    Channel("counters", "process/<process>/counters", Counters, Role.CELLS, (), "1 Hz, at the end"),
     Channel("fault", "run/fault", FaultEvent, Role.RECORDER, (), "on change", public=False),
 )
 """Channels in the order of the sensorimotor loop."""
@@ -131,11 +133,11 @@ CHANNELS = (
 ALIVE = "alive"
 DEPLOYMENT = "skinnet/*/deployment"
 """Key expression that an observer endpoint answers with its deployment, for any robot."""
-EXTERNAL = "outside"
+EXTERNAL = "external"
 """Sender name of external clients in the loop: configurations, requests to the controller, velocities."""
 RECORDER = "recorder"
 """Process name of the recorder."""
-OBSERVERS = "watchers"
+OBSERVERS = "observers"
 """Route group of channels without receivers in the loop; put only if an observer subscribes."""
 _MAX_CACHED_KEYS = 100_000
 _BY_NAME = {row.name: row for row in CHANNELS}

@@ -3,7 +3,7 @@
 Every message is a map that names its type and its schema version, so that any MessagePack decoder reads it.
 New fields come last, with a default. Bulk numbers are little-endian bytes of the stated type.
 
-Time: `t_ns` is simulated time. A period end carries the watermark `covered_ns`: its sender publishes nothing
+Time: `t_ns` is simulated time. A period end carries the watermark `watermark_ns`: its sender publishes nothing
 more about the time before it (the lower bound on time stamps of conservative synchronisation,
 Chandy-Misra-Bryant).
 """
@@ -44,7 +44,7 @@ __all__ = [
     "unpack",
 ]
 
-SCHEMA = 1
+SCHEMA = 2
 FOREVER_NS = 2**62
 N_FORCE_CHANNELS = 3
 STIMULUS_NAMES = (
@@ -86,9 +86,9 @@ class Modality(IntEnum):
 class EventKind(IntEnum):
     """Event kind: the send condition of its encoding."""
 
-    LEVEL = 0
+    LEVEL_CROSSING = 0
     """Level crossing: the reading changed its level of Table I; `level` is the new one, 0 for none."""
-    DELTA = 1
+    SEND_ON_DELTA = 1
     """Send-on-delta: the reading changed by more than the cell's delta since the last one sent."""
 
 
@@ -106,11 +106,11 @@ class Stimulus(Message, frozen=True, kw_only=True, tag="stimulus"):
     processes need no period ends of the controller.
     """
 
-    host: str
+    process: str
     t_ns: int
-    covered_ns: int
+    watermark_ns: int
     values: bytes
-    configs: int = 0
+    n_configs: int = 0
     end_ns: int | None = None
 
 
@@ -118,23 +118,23 @@ class Joints(Message, frozen=True, kw_only=True, tag="joints"):
     """Joint position feedback [rad] at `t_ns`, (n_dof,) in the order of the controlled joints."""
 
     t_ns: int
-    covered_ns: int
+    watermark_ns: int
     position_rad: list[float]
 
 
 class Command(Message, frozen=True, kw_only=True, tag="command"):
     """Joint velocity command [rad/s] computed at `t_ns`, in effect from `effect_ns` until that of the next.
 
-    `configs` counts the configuration messages sent in this period, by patch. `end_ns`, if given, ends the
+    `config_counts` counts the configuration messages sent in this period, by patch. `end_ns`, if given, ends the
     run.
     """
 
     t_ns: int
     effect_ns: int
-    covered_ns: int
+    watermark_ns: int
     velocity_rad_s: list[float]
     stage: str = ""
-    configs: dict[str, int] = {}
+    config_counts: dict[str, int] = {}
     end_ns: int | None = None
 
 
@@ -143,7 +143,7 @@ class Config(Message, frozen=True, kw_only=True, tag="config"):
 
     It leaves the gateway at `t_ns` (0: as soon as it arrives). `levels` are ascending thresholds of a
     modality ("force" or "proximity"). The board of a tactile sheet (patch "boards", its number as cell) sends
-    its raw pattern every `pattern_every` scan frames, 0 for never.
+    its raw pattern every `pattern_interval_scans` scan frames, 0 for never.
     """
 
     patch: str
@@ -154,7 +154,7 @@ class Config(Message, frozen=True, kw_only=True, tag="config"):
     levels: dict[str, list[float]] | None = None
     hysteresis: dict[str, float] | None = None
     deltas: dict[str, float] | None = None
-    pattern_every: int | None = None
+    pattern_interval_scans: int | None = None
 
 
 class Events(Message, frozen=True, kw_only=True, tag="events"):
@@ -184,25 +184,25 @@ class Stream(Message, frozen=True, kw_only=True, tag="stream"):
 
     patch: str
     t_ns: int
-    covered_ns: int
-    events: int
+    watermark_ns: int
+    n_events: int
     rows: bytes
 
 
-class PeriodEnd(Message, frozen=True, kw_only=True, tag="skin_frame"):
-    """Period end (null message) of a patch without streamed readings; `events` counts its deliveries."""
+class PeriodEnd(Message, frozen=True, kw_only=True, tag="period_end"):
+    """Period end (null message) of a patch without streamed readings; `n_events` counts its deliveries."""
 
     patch: str
     t_ns: int
-    covered_ns: int
-    events: int
+    watermark_ns: int
+    n_events: int
 
 
 class Topology(Message, frozen=True, kw_only=True, tag="topology"):
     """Network topology of a patch, as discovered by its cells: lists over its cells.
 
     `network_id` 0 means unreached; `parent` −1 is the gateway, or a cell of another patch; `neighbours` are
-    cells, by port, −1 for an open port. `bridged` has (cell, port, cell index across all bridged patches) of
+    cells, by port, −1 for an open port. `bridged_neighbours` has (cell, port, cell index across all bridged patches) of
     every neighbour in another patch. A new version replaces the one before.
     """
 
@@ -215,7 +215,7 @@ class Topology(Message, frozen=True, kw_only=True, tag="topology"):
     parent: list[int]
     depth: list[int]
     neighbours: list[list[int]]
-    bridged: list[list[int]] = msgspec.field(default_factory=list)
+    bridged_neighbours: list[list[int]] = msgspec.field(default_factory=list)
 
 
 class Request(Message, frozen=True, kw_only=True, tag="request"):
@@ -230,13 +230,13 @@ class Request(Message, frozen=True, kw_only=True, tag="request"):
 
 
 class Answer(Message, frozen=True, kw_only=True, tag="answer"):
-    """Answer to request `id` at control tick `t_ns`: the state after it and, if refused, the reason `why`."""
+    """Answer to request `id` at control tick `t_ns`: the state after it and, if refused, the reason `reason`."""
 
     id: int
     t_ns: int
     accepted: bool
     state: str
-    why: str = ""
+    reason: str = ""
 
 
 class ControllerState(Message, frozen=True, kw_only=True, tag="controller_state"):

@@ -16,9 +16,9 @@ REGION_ROW = np.dtype(
         ("xi2_m", "<f4"),
         ("area_m2", "<f4"),
         ("peak_kpa", "<f4"),
-        ("number", "<u2"),
-        ("kin", "<u2"),
-        ("elements", "<u2"),
+        ("region_id", "<u2"),
+        ("lineage_id", "<u2"),
+        ("n_elements", "<u2"),
         ("board", "<u2"),
     ]
 )
@@ -33,9 +33,9 @@ SCAN_FRAME_ROW = np.dtype(
     [
         ("t_sampled_ns", "<i8"),
         ("t_delivered_ns", "<i8"),
-        ("frame", "<i8"),
+        ("scan_index", "<i8"),
         ("board", "<u2"),
-        ("rows", "<u2"),
+        ("n_regions", "<u2"),
     ]
 )
 """Scan frame of a board, as received in a features message, with or without regions: 28 bytes.
@@ -48,9 +48,9 @@ PATTERN_ROW = np.dtype(
     [
         ("t_sampled_ns", "<i8"),
         ("t_delivered_ns", "<i8"),
-        ("frame", "<i8"),
+        ("scan_index", "<i8"),
         ("board", "<u2"),
-        ("elements", "<u2"),
+        ("n_elements", "<u2"),
         ("pressure_kpa", "<f4", _MAX_BOARD_ELEMENTS),
     ]
 )
@@ -64,7 +64,7 @@ class Pressures(Message, frozen=True, kw_only=True, tag="pressures"):
     """
 
     t_ns: int
-    covered_ns: int
+    watermark_ns: int
     values: bytes
     end_ns: int | None = None
 
@@ -78,7 +78,7 @@ class Regions(Message, frozen=True, kw_only=True, tag="regions"):
     """
 
     t_ns: int
-    covered_ns: int
+    watermark_ns: int
     frames: bytes
     rows: bytes
     patterns: bytes = b""

@@ -33,12 +33,12 @@ out of the cell's port. `queue_high_water` is the largest number of packets queu
 
 
 class LinkLoad(Message, frozen=True, kw_only=True, tag="link_load"):
-    """Link load of a patch up to `t_ns`: bytes of `LINK_ROW`; `dark` lists its cells without power."""
+    """Link load of a patch up to `t_ns`: bytes of `LINK_ROW`; `unpowered_cells` lists its cells without power."""
 
     patch: str
     t_ns: int
     rows: bytes
-    dark: list[int]
+    unpowered_cells: list[int]
 
 
 class ProcessLoad(Message, frozen=True, kw_only=True, tag="process_load"):
@@ -54,15 +54,15 @@ class ProcessLoad(Message, frozen=True, kw_only=True, tag="process_load"):
     memory_mb: list[float]
 
 
-class StateMachineDescription(Message, frozen=True, kw_only=True, tag="machine"):
+class StateMachineDescription(Message, frozen=True, kw_only=True, tag="state_machine_description"):
     """State machine of the controller: states, transitions, accepted requests.
 
-    `states` are the stages of `ControllerState`; `moves` are transitions (state, event, next state).
+    `states` are the stages of `ControllerState`; `transitions` are transitions (state, event, next state).
     `requests` lists the arguments that each request takes, [""] for none; an empty list stands for a free
     name.
     """
 
     t_ns: int
     states: list[str]
-    moves: list[list[str]] = msgspec.field(default_factory=list)
+    transitions: list[list[str]] = msgspec.field(default_factory=list)
     requests: dict[str, list[str]] = msgspec.field(default_factory=dict)

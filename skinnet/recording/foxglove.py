@@ -65,7 +65,7 @@ class FoxgloveConverter:
         match channel:
             case "joints":
                 self._joints_payload = payload
-            case "world":
+            case "free_bodies":
                 self._free_bodies_payload = payload
             case "events" | "bundle" | "stream" | "regions":
                 self._skin_scene.add(channel, key, payload)
@@ -116,7 +116,9 @@ class FoxgloveConverter:
                     text = f"{state.stage}: {state.text}" if state.text else state.stage
             case "answer":
                 answer = decode(payload, Answer)
-                text = f"request {answer.id} " + ("accepted" if answer.accepted else f"refused: {answer.why}")
+                text = f"request {answer.id} " + (
+                    "accepted" if answer.accepted else f"refused: {answer.reason}"
+                )
             case "topology":
                 topology = decode(payload, Topology)
                 reached = sum(number > 0 for number in topology.network_id)

@@ -17,7 +17,7 @@ from skinnet.transport.loop_transport import ZenohTransport
 
 __all__ = ["PlaybackOptions", "PlaybackSchedule", "publish_recording"]
 
-_LATCHED_CHANNELS = ("topology", "state", "machine")
+_LATCHED_CHANNELS = ("topology", "state", "state_machine")
 """Channels whose newest message answers Zenoh queries, as in a run."""
 _MIN_WAIT_S = 0.001
 """Shortest wait [s] before a message; shorter ones are skipped."""
@@ -96,7 +96,7 @@ def publish_recording(
         recording: Recording to play.
         options: Range and rate.
         listen: Endpoint to listen on.
-        base: Folder that relative paths in the deployment start from, as reported to observers.
+        base_folder: Folder that relative paths in the deployment start from, as reported to observers.
         wait_for_subscriber: Start when the first observer has subscribed.
         log: Called with each line for the user.
 
@@ -109,9 +109,9 @@ def publish_recording(
     transport = ZenohTransport(keys, EXTERNAL, listen=listen)
     try:
         text = msgspec.json.encode(recording.deployment_dict).decode()
-        deployed = {keys.deployment: encode(DeploymentInfo(deployment=text, base=str(base)))}
+        deployed = {keys.deployment: encode(DeploymentInfo(deployment=text, base_folder=str(base)))}
         transport.serve_values(keys.deployment, lambda: deployed)
-        for expression in (keys.of("topology", "*"), keys.of("state"), keys.of("machine")):
+        for expression in (keys.of("topology", "*"), keys.of("state"), keys.of("state_machine")):
             transport.serve_values(expression, playback.latched.copy)
         somebody = threading.Event()
         transport.declare_matching_listener(

@@ -32,16 +32,16 @@ from skinnet.skin.placement import place_patches
 
 __all__ = ["RecorderProcess", "build"]
 
-_PERIOD_END_CHANNELS = ("joints", "stream", "frame", "regions", "command", "fault")
+_PERIOD_END_CHANNELS = ("joints", "stream", "period_end", "regions", "command", "fault")
 _HYPERPERIODS_PER_WRITE = 5
-"""Hyperperiods (`frame_ns`) per write; several of them need fewer wake-ups than one."""
+"""Hyperperiods (`hyperperiod_ns`) per write; several of them need fewer wake-ups than one."""
 _OTHER_CHANNELS = [
     row.name for row in recorded_channels() if row.name not in (*_PERIOD_END_CHANNELS, "topology")
 ]
 _CHANNEL_ORDER = ("topology", *_OTHER_CHANNELS, *_PERIOD_END_CHANNELS)
 """Channel order at equal time and source; channels that end a period come last."""
 _CHANNEL_RANK = {name: i for i, name in enumerate(_CHANNEL_ORDER)}
-_SENDER_OF = {"world": "body", "state": "controller", "machine": "controller"}
+_SENDER_OF = {"free_bodies": "body", "state": "controller", "state_machine": "controller"}
 
 
 class _MessageHeader(msgspec.Struct):
@@ -84,7 +84,7 @@ class RecorderProcess:
         self.subscriptions = tuple(
             key_expression(keys, row) for row in recorded_channels() if row.sender is not Role.RECORDER
         )
-        hosts = deployment.host_patches()
+        hosts = deployment.patches_by_process()
         self._body = Upstream("body", "body", watermark_ns=-1)
         self._controller = Upstream("controller", "controller")
         self._skin = {patch: Upstream(patch, host) for host, patches in hosts.items() for patch in patches}
@@ -95,19 +95,30 @@ class RecorderProcess:
             "controller": self._controller,
             **self._skin,
         }
-        others = {"body", "controller", *deployment.hosts_of_skin()}
+        others = {"body", "controller", *deployment.skin_processes()}
         self.senders = frozenset(others)
         self.peers: frozenset[str] = frozenset({name, *others})
         # it tolerates every loss: a process that does not ends the run, and the file shows how far it came
         self.tolerated_losses = frozenset(others)
         self.counters: Counter[str] = Counter()
         patches = [patch.name for patch in deployment.patches]
-        sources = [EXTERNAL, "body", *patches, BOARD_PROCESS, *deployment.host_patches(), "controller", name]
+        sources = [
+            EXTERNAL,
+            "body",
+            *patches,
+            BOARD_PROCESS,
+            *deployment.patches_by_process(),
+            "controller",
+            name,
+        ]
         self._rank = {source: i for i, source in enumerate(sources)}
         self._writer, self._converter = writer, conversion
-        self._span_ns = _HYPERPERIODS_PER_WRITE * deployment.frame_ns
-        self._joints_ns, self._control_ns = deployment.body.joints_ns, deployment.controller.period_ns
-        self._t_ns, self._end_ns = 0, deployment.max_ns
+        self._span_ns = _HYPERPERIODS_PER_WRITE * deployment.hyperperiod_ns
+        self._joints_ns, self._control_ns = (
+            deployment.body.joint_state_period_ns,
+            deployment.controller.period_ns,
+        )
+        self._t_ns, self._end_ns = 0, deployment.max_duration_ns
         self._finished = False
         self._file_consistent = False
         self._keys = keys
@@ -158,7 +169,7 @@ class RecorderProcess:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ProtocolError(f"no message: {error}") from error
         match channel:
-            case "frame" | "stream" | "regions":
+            case "period_end" | "stream" | "regions":
                 self._end_period(channel, fields[0], key, payload, head)
             case "topology":
                 self._skin_upstream(fields[0]).count_arrivals()
@@ -296,7 +307,7 @@ def _fault_events(deployment: Deployment) -> Iterator[FaultEvent]:
     placed = place_patches(deployment.patches, deployment.cells, deployment.bridges)
     for span in fault_schedule(deployment, placed):
         for t_ns, begins in ((span.t_ns, True), (span.until_ns, False)):
-            if t_ns <= deployment.max_ns:
+            if t_ns <= deployment.max_duration_ns:
                 yield FaultEvent(
                     t_ns=t_ns, rule=span.index, kind=span.kind, target=span.target, begins=begins
                 )

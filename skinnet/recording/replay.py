@@ -32,14 +32,14 @@ class CommandDifference(NamedTuple):
     Attributes:
         t_ns: Simulated time of the tick [ns].
         stage: Stage of the recorded command.
-        what: Joint velocity or other field that differs.
+        field: Joint velocity or other field that differs.
         recorded: Recorded value.
         replayed: Replayed value.
     """
 
     t_ns: int
     stage: str
-    what: str
+    field: str
     recorded: str
     replayed: str
 

@@ -117,8 +117,8 @@ class SkinScene:
     def _apply_regions(self, regions: Regions) -> None:
         rows, at = unpack(regions.rows, REGION_ROW), 0
         for frame in unpack(regions.frames, SCAN_FRAME_ROW):
-            self._regions[int(frame["board"])] = rows[at : at + int(frame["rows"])]
-            at += int(frame["rows"])
+            self._regions[int(frame["board"])] = rows[at : at + int(frame["n_regions"])]
+            at += int(frame["n_regions"])
 
     def _cell_colours(self) -> Floats:
         force = np.clip(self._readings[:, _FORCES].max(axis=1, initial=0.0) / _PAIN_FORCE, 0.0, 1.0)

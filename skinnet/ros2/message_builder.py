@@ -210,17 +210,17 @@ class RosMessageBuilder:
     def _handle_regions(self, _network: str, payload: bytes) -> None:
         message = decode(payload, Regions)
         frames, rows = unpack(message.frames, SCAN_FRAME_ROW), unpack(message.rows, REGION_ROW)
-        if int(frames["rows"].sum()) != len(rows):
-            raise ProtocolError(f"regions: {len(rows)} rows, and frames of {int(frames['rows'].sum())}")
+        if int(frames["n_regions"].sum()) != len(rows):
+            raise ProtocolError(f"regions: {len(rows)} rows, and frames of {int(frames['n_regions'].sum())}")
         if len(frames) and frames["board"].max() >= len(self._frame_counts):
             raise ProtocolError(
                 f"regions of board {frames['board'].max()}; there are {len(self._frame_counts)}"
             )
-        ends = np.cumsum(frames["rows"], dtype=np.int64).tolist()
-        for board, end, n in zip(frames["board"].tolist(), ends, frames["rows"].tolist(), strict=True):
+        ends = np.cumsum(frames["n_regions"], dtype=np.int64).tolist()
+        for board, end, n in zip(frames["board"].tolist(), ends, frames["n_regions"].tolist(), strict=True):
             mine = rows[end - n : end]
             self._frame_counts[board] += 1
-            self._regions[board] = mine[mine["elements"] > 0]
+            self._regions[board] = mine[mine["n_elements"] > 0]
 
     def _handle_state(self, _field: str, payload: bytes) -> None:
         state = decode(payload, ControllerState)

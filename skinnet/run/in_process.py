@@ -61,7 +61,7 @@ async def run_in_process(
                 realtime=deployment.run.pace == "realtime",
             )
         except SkinnetError as error:
-            if node.name != RECORDER or RECORDER not in deployment.run.may_be_lost:
+            if node.name != RECORDER or RECORDER not in deployment.run.tolerated_losses:
                 raise
             faults.append(ProcessFailure(node.name, str(error)))  # no process depends on it
             progress.print_line(f"{node.name}: {error}; the run goes on without it")

@@ -96,7 +96,7 @@ def run_once(
         if watch is not None:
             stack.callback(watch.close)
             watch.serve_deployment(
-                DeploymentInfo(deployment=resolved_json(deployment).decode(), base=str(base))
+                DeploymentInfo(deployment=resolved_json(deployment).decode(), base_folder=str(base))
             )
             if options.on_observer_endpoint is not None:
                 options.on_observer_endpoint(watch.endpoint)
@@ -105,7 +105,7 @@ def run_once(
     wall_s = time.monotonic() - start_s
     summary = summarise(deployment, base, outcome, wall_s) | {"settings": list(options.settings)}
     if watch is not None and watch.counters:
-        summary["counters"]["watch"] = watch.counters
+        summary["counters"]["observers"] = watch.counters
     write_json(out / "summary.json", summary)
     if options.plots:
         _draw_plots(deployment, base, outcome, out, progress.print_line)

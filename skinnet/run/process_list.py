@@ -20,10 +20,10 @@ class ProcessSpec:
 
 def process_list(deployment: Deployment, record: bool = False) -> tuple[ProcessSpec, ...]:
     """List the processes of a deployment, with a recorder if `record`; the body, the hub, comes first."""
-    spared = set(deployment.run.may_be_lost)
+    spared = set(deployment.run.tolerated_losses)
     hosts = [
         ProcessSpec(host, Role.CELLS, "cells", bool({host, "cells"} & spared))
-        for host in deployment.hosts_of_skin()
+        for host in deployment.skin_processes()
     ]
     controller = ProcessSpec("controller", Role.CONTROLLER, "controller", "controller" in spared)
     recorder = ProcessSpec(RECORDER, Role.RECORDER, "skinnet.recording", RECORDER in spared)

@@ -45,11 +45,11 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
         "wall_s": wall_s,
         "loop_s": loop_s,
         "rtf": sim_s / loop_s if loop_s > 0 else 0.0,
-        "late_frames": parts["body"].facts["late_frames"] if "body" in parts else 0,
+        "deadline_misses": parts["body"].facts["deadline_misses"] if "body" in parts else 0,
         "processes": [asdict(report) for report in outcome.processes],
-        "faults": [asdict(fault) for fault in outcome.failures],
+        "process_failures": [asdict(fault) for fault in outcome.failures],
         "counters": {part.name: part.facts["counters"] for part in outcome.results if part.facts["counters"]},
-        "figures": compute_metrics(deployment, base, parts) | _recording_metrics(parts.get(RECORDER)),
+        "metrics": compute_metrics(deployment, base, parts) | _recording_metrics(parts.get(RECORDER)),
         "environment": environment(),
     }
 

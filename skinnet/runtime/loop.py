@@ -150,7 +150,7 @@ class _Loop:
                 # receive even when late, or messages would stay unread until the body has caught up
                 self.dispatch(await self.transport.receive(max(wait_s, 0.0)))
                 if wait_s <= 0.0:
-                    self.process.counters["late_frames"] += bool(self.missing(needs))
+                    self.process.counters["deadline_misses"] += bool(self.missing(needs))
                     return
             for up in missing:
                 self.check_timeout(up)
@@ -198,7 +198,7 @@ class _Loop:
             row, fields = self.keys.parse(key)
             self.process.accept(row.name, fields, payload)
         except ProtocolError as error:
-            self.process.counters["malformed"] += 1
+            self.process.counters["malformed_messages"] += 1
             if key not in self._logged_keys and len(self._logged_keys) < 1000:  # once per source
                 self._logged_keys.add(key)
                 log.warning("dropped a message on %s: %s", key, error)

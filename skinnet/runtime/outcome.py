@@ -24,7 +24,7 @@ class ProcessFailure:
     """Process failure: name, cause, last log lines."""
 
     process: str
-    what: str
+    cause: str
     last_lines: tuple[str, ...] = ()
 
 

@@ -21,6 +21,7 @@ from typing import Protocol
 import msgspec
 
 from skinnet.deployment import Deployment
+from skinnet.deployment.load import from_document
 from skinnet.errors import SkinnetError
 from skinnet.protocol.channels import Keys
 from skinnet.runtime.loop import Closeable, LogicalProcess, run_loop
@@ -125,7 +126,7 @@ def _install_stop_handlers() -> None:
 
 
 async def _run(module: str, args: argparse.Namespace) -> None:
-    deployment = msgspec.json.decode(args.deployment.read_bytes(), type=Deployment)
+    deployment = from_document(msgspec.json.decode(args.deployment.read_bytes()), str(args.deployment))
     keys = Keys(deployment.robot)
     transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
     node: LogicalProcess | None = None
@@ -144,7 +145,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             on_period=usage.sample,
         )
         if transport.malformed_batches:
-            node.counters["malformed_envelopes"] += transport.malformed_batches
+            node.counters["malformed_batches"] += transport.malformed_batches
         part = result_of(node)
         part.arrays |= {"usage": usage.rows, "transit_us": transport.transit_histogram}
         part.save(args.parts)

@@ -180,14 +180,14 @@ def _place_sheet(spec: SheetSpec, surface: Surface) -> PlacedSheet:
     grid = _element_grid(spec)
     half = 0.5 * np.array([spec.columns - 1, spec.rows - 1])
     steps = np.column_stack([grid[:, 1] - half[0], half[1] - grid[:, 0]])
-    xi_m = np.array(spec.middle_xi_m) + spec.pitch_m * steps
+    xi_m = np.array(spec.centre_xi_m) + spec.pitch_m * steps
     if np.abs(xi_m[:, 0]).max() > surface.max_xi1_m - 0.5 * spec.pitch_m + 1e-9:
         raise DeploymentError(
             f"sheets.{spec.name}: an element lies at ξ1 = {np.abs(xi_m[:, 0]).max():.4f} m; "
             f"{surface.name} reaches to {surface.max_xi1_m:.4f} m, half around on both sides; use fewer"
         )
     position_m, rotation = surface.frame_at(xi_m)
-    neighbours = _neighbours(grid, joins_gaps=spec.joins_gaps)
+    neighbours = _neighbours(grid, joins_gaps=spec.connect_across_gaps)
     return PlacedSheet(spec.name, surface, grid, xi_m, position_m, rotation, neighbours, spec.pitch_m**2)
 
 
@@ -206,7 +206,7 @@ def _element_grid(spec: SheetSpec) -> Ints:
 
 
 def _neighbours(grid: Ints, *, joins_gaps: bool) -> Ints:
-    """Return neighbour pairs (m, 2) in the 8-neighbourhood; with `joins_gaps`, also across gaps of one."""
+    """Return neighbour pairs (m, 2) in the 8-neighbourhood; with `connect_across_gaps`, also across gaps of one."""
     number = {(row, column): i for i, (row, column) in enumerate(grid.tolist())}
     pairs = set()
     for (row, column), i in number.items():

@@ -84,4 +84,4 @@ def query_deployment(session: PublicSession, endpoint: str) -> tuple[Deployment,
         raw = msgspec.json.decode(deployed.deployment)
     except (ProtocolError, msgspec.DecodeError) as error:
         raise SkinnetError(f"{endpoint}: runs another version of skinnet: {error}") from error
-    return from_document(raw, endpoint), Path(deployed.base)
+    return from_document(raw, endpoint), Path(deployed.base_folder)

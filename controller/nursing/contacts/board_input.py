@@ -62,8 +62,8 @@ class BoardInput:
         frames, rows = unpack(regions.frames, SCAN_FRAME_ROW), unpack(regions.rows, REGION_ROW)
         if len(frames) and frames["board"].max() >= len(self._surface):
             raise ProtocolError(f"regions of board {frames['board'].max()}; there are {len(self._surface)}")
-        if int(frames["rows"].sum()) != len(rows):
-            raise ProtocolError(f"{len(rows)} regions; the frames announce {int(frames['rows'].sum())}")
+        if int(frames["n_regions"].sum()) != len(rows):
+            raise ProtocolError(f"{len(rows)} regions; the frames announce {int(frames['n_regions'].sum())}")
         self._queue.append((frames, rows))
 
     def latest_input(self, before_ns: int) -> TactileInput | None:
@@ -74,13 +74,13 @@ class BoardInput:
         while self._queue:
             frames, rows = self._queue[0]
             due = int(np.searchsorted(frames["t_delivered_ns"], before_ns))
-            ends = np.cumsum(frames["rows"], dtype=np.int64)
+            ends = np.cumsum(frames["n_regions"], dtype=np.int64)
             for i in range(due):
                 board = int(frames["board"][i])
                 if frames["t_sampled_ns"][i] >= self._sampled_ns[board]:
                     self._sampled_ns[board] = frames["t_sampled_ns"][i]
-                    mine = rows[ends[i] - frames["rows"][i] : ends[i]]
-                    self._rows[board] = mine[mine["elements"] > 0]
+                    mine = rows[ends[i] - frames["n_regions"][i] : ends[i]]
+                    self._rows[board] = mine[mine["n_elements"] > 0]
             self.received_frames += due
             if due < len(frames):
                 done = int(ends[due - 1]) if due else 0
@@ -96,7 +96,7 @@ class BoardInput:
             for row in rows:
                 region = Region(
                     sheet=self._surface[board],
-                    region_id=_IDS_PER_BOARD * board + int(row["number"]),
+                    region_id=_IDS_PER_BOARD * board + int(row["region_id"]),
                     xi_m=(float(row["xi1_m"]), float(row["xi2_m"])),
                     force_n=float(row["force_n"]),
                     peak_kpa=float(row["peak_kpa"]),

@@ -48,9 +48,11 @@ def _had_three_contacts(grasp: list[StateInterval]) -> bool:
 
 def _was_carried(object_facts: dict[str, Any], body: ProcessResult) -> bool:
     """Test of the object: held for five seconds without the stand, and back on it at the end."""
-    stands_n = float(body.arrays["object_on_stand_n"][-1])
+    stands_n = float(body.arrays["object_stand_force_n"][-1])
     back = stands_n > _SUPPORTED_WEIGHT_FRACTION * object_facts["mass_kg"] * _G_M_S2
-    return object_facts["dropped_ns"] is None and object_facts["carried_away_s"] >= _MIN_HOLD_S and back
+    return (
+        object_facts["dropped_ns"] is None and object_facts["carried_without_stand_s"] >= _MIN_HOLD_S and back
+    )
 
 
 def _state_metrics(grasp: list[StateInterval]) -> dict[str, Any]:
@@ -59,13 +61,13 @@ def _state_metrics(grasp: list[StateInterval]) -> dict[str, Any]:
         key = f"grasp.{span.state}_s"
         figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
     for span in grasp:
-        figures.setdefault(f"grasp.begin_s.{span.state}", span.start_ns * 1e-9)
+        figures.setdefault(f"grasp.start_s.{span.state}", span.start_ns * 1e-9)
         if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
             figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
     failed = [span for span, after in pairwise(grasp) if after.state in ("set_down", "safe")]
     figures["grasp.cancelled_in"] = failed[0].state if failed else ""
     figures["grasp.cancelled_by"] = failed[0].event if failed else ""
-    figures["grasp.ends_in"] = grasp[-1].state
+    figures["grasp.final_state"] = grasp[-1].state
     return figures
 
 
@@ -74,19 +76,19 @@ def _force_metrics(
 ) -> dict[str, Any]:
     """Peak forces of the grasp: ground truth on one force cell, and readings that reached the controller."""
     start_ns, end_ns = grasp[0].start_ns, grasp[-1].end_ns
-    t_ns = body.arrays["cell_t_ns"]
+    t_ns = body.arrays["peak_force_t_ns"]
     within = (t_ns >= start_ns) & (t_ns <= end_ns)
-    peak_n = float(body.arrays["cell_peak_n"][within].max(initial=0.0))
+    peak_n = float(body.arrays["peak_force_n"][within].max(initial=0.0))
     ticks = controller.arrays["patch_t_ns"]
-    told = controller.arrays["patch_felt"][(ticks >= start_ns) & (ticks <= end_ns), :, 0]
+    told = controller.arrays["patch_readings"][(ticks >= start_ns) & (ticks <= end_ns), :, 0]
     t_move = controller.arrays["t_ns"]
     speed = np.abs(controller.arrays["velocity_rad_s"][(t_move >= start_ns) & (t_move <= end_ns)])
-    stages = {name.rpartition(".")[2]: n for name, n in body.facts["peak_cell_n"].items()}
+    stages = {name.rpartition(".")[2]: n for name, n in body.facts["peak_force_by_stage_n"].items()}
     by_state = {f"grasp.{span.state}.peak_force_n": stages.get(span.state, 0.0) for span in grasp}
     return by_state | {
         "grasp.peak_force_n": peak_n,
         "grasp.peak_reading": float(np.interp(peak_n, force.calibration_n, force.calibration_reading)),
-        "grasp.peak_reading_told": float(told.max(initial=0.0)),
+        "grasp.peak_reading_received": float(told.max(initial=0.0)),
         "grasp.peak_speed_rad_s": float(speed.max(initial=0.0)),
     }
 
@@ -96,18 +98,18 @@ def object_metrics(body: ProcessResult) -> dict[str, Any]:
     thing = body.facts.get("object")
     if thing is None:
         return {}
-    moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["placed_m"])
+    moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["initial_position_m"])
     figures: dict[str, Any] = {
         "object.name": thing["name"],
-        "object.placed_m": list(thing["placed_m"]),
+        "object.initial_position_m": list(thing["initial_position_m"]),
         "object.yaw_deg": float(np.degrees(thing["yaw_rad"])),
-        "object.carried_s": thing["carried_away_s"],
+        "object.carried_s": thing["carried_without_stand_s"],
         "object.dropped": thing["dropped_ns"] is not None,
-        "object.sunk_mm": 1e3 * thing["sunk_m"],
+        "object.max_descent_mm": 1e3 * thing["max_descent_m"],
         "object.peak_speed_m_s": thing["peak_speed_m_s"],
-        "object.moved_m": [float(m) for m in moved_m],
+        "object.displacement_m": [float(m) for m in moved_m],
     }
-    for name, met in sorted(thing["met"].items()):
-        figures[f"object.bare.{name}_n"] = met["peak_n"]
-        figures[f"object.bare.{name}_s"] = met["total_s"]
+    for name, met in sorted(thing["rigid_contacts"].items()):
+        figures[f"object.bare_link.{name}.peak_force_n"] = met["peak_force_n"]
+        figures[f"object.bare_link.{name}.contact_s"] = met["duration_s"]
     return figures

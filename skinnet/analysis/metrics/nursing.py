@@ -31,9 +31,9 @@ def nursing_metrics(
         figures[f"position_dev_mm.{name}.peak"] = 1e3 * contact["position_dev_peak_m"]
         figures[f"rotation_dev_deg.{name}"] = float(np.degrees(contact["rotation_dev_end_rad"]))
         figures[f"rotation_dev_deg.{name}.peak"] = float(np.degrees(contact["rotation_dev_peak_rad"]))
-        for when in () if deployment.nursing.assumed else ("start", "min", "max", "end"):
+        for when in () if deployment.nursing.assumed_contacts else ("start", "min", "max", "end"):
             figures[f"force_n.{name}.{when}"] = contact[f"force_{when}_n"]
-    if names and not deployment.nursing.assumed:
+    if names and not deployment.nursing.assumed_contacts:
         figures["cop_mm.peak"] = 1e3 * max(contact["cop_peak_m"] for contact in facts["contacts"])
         figures["cop_mm.end"] = 1e3 * max(contact["cop_end_m"] for contact in facts["contacts"])
         figures["peak_pressure_kpa"] = facts["peak_kpa"]
@@ -76,7 +76,10 @@ def _object_metrics(deployment: Deployment, controller: ProcessResult, body: Pro
     """Ground truth of the object: dropped, slip, and distance from its target position."""
     assert deployment.nursing is not None
     truth = body.facts["payload"]
-    figures: dict[str, Any] = {"dropped": truth["dropped_ns"] is not None, "slip_mm": 1e3 * truth["slid_m"]}
+    figures: dict[str, Any] = {
+        "dropped": truth["dropped_ns"] is not None,
+        "slip_mm": 1e3 * truth["sliding_distance_m"],
+    }
     begin_ns = next((t_ns for state, t_ns in controller.facts["states"] if state == "move"), None)
     if begin_ns is not None:
         t_ns, pose = body.arrays["object_t_ns"], body.arrays["object_pose"]

@@ -51,14 +51,16 @@ def _formation_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     figures["formation.packets"] = sum(host.facts["formation_packets"] for host in cell_processes)
     formed_ns = [t_ns for host in cell_processes for t_ns in host.facts["formed_ns"].values()]
     if None not in formed_ns:
-        figures["formation.sim_ms"] = max(formed_ns) * 1e-6
-    figures["formation.repeated_packets"] = sum(host.facts["formation_repeated"] for host in cell_processes)
-    figures["formation.ignored_packets"] = sum(host.facts["formation_ignored"] for host in cell_processes)
+        figures["formation.duration_ms"] = max(formed_ns) * 1e-6
+    figures["formation.repeated_packets"] = sum(
+        host.facts["formation_retransmitted"] for host in cell_processes
+    )
+    figures["formation.ignored_packets"] = sum(host.facts["formation_dropped"] for host in cell_processes)
     figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in cell_processes)
-    figures["formation.unreached_cells"] = sum(host.facts["unreached"] for host in cell_processes)
-    if cut_off := [patch for host in cell_processes for patch in host.facts["cut_off"]]:
+    figures["formation.unreached_cells"] = sum(host.facts["unreachable_cells"] for host in cell_processes)
+    if cut_off := [patch for host in cell_processes for patch in host.facts["unreachable_patches"]]:
         figures["formation.cut_off_patches"] = ", ".join(sorted(cut_off))
-    if without_power := sum(host.facts["without_power"] for host in cell_processes):
+    if without_power := sum(host.facts["unpowered_cells"] for host in cell_processes):
         figures["power.cells_off"] = without_power
     return figures
 
@@ -69,12 +71,12 @@ def _recovery_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     if not recoveries:
         return {}
     figures: dict[str, Any] = {
-        "recovery.changes": len(recoveries),
-        "recovery.unfinished": sum(recovery["complete_ns"] is None for recovery in recoveries),
+        "recovery.count": len(recoveries),
+        "recovery.unfinished": sum(recovery["topology_complete_ns"] is None for recovery in recoveries),
         "recovery.lost_packets": sum(recovery["lost_packets"] for recovery in recoveries),
     }
-    for name in ("back", "complete"):
-        took_ns = [r[f"{name}_ns"] - r["t_ns"] for r in recoveries if r[f"{name}_ns"] is not None]
+    for name, key in (("rejoin", "rejoined_ns"), ("complete", "topology_complete_ns")):
+        took_ns = [r[key] - r["t_ns"] for r in recoveries if r[key] is not None]
         if took_ns:
             figures[f"recovery.{name}_ms.max"] = max(took_ns) * 1e-6
     return figures

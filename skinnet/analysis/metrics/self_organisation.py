@@ -32,7 +32,7 @@ def structure_metrics(
         "structure.joints": len(found["joints"]),
         "structure.is_tree": not found["problems"],
         "structure.problems": list(found["problems"]),
-        "structure.sim_s": sum(span.end_ns - span.start_ns for span in spans) * 1e-9,
+        "structure.duration_s": sum(span.end_ns - span.start_ns for span in spans) * 1e-9,
     }
 
 
@@ -58,7 +58,7 @@ def map_metrics(
         "smm.correlation": float(np.corrcoef(maps.ravel(), shares.ravel())[0, 1]),
         "smm.correlation_normal": float(np.corrcoef(maps.ravel(), plain.ravel())[0, 1]),
         "smm.entries_compared": int(np.count_nonzero(large)),
-        "smm.cells_cut": int(np.count_nonzero(~kept)),
+        "smm.excluded_cells": int(np.count_nonzero(~kept)),
         "smm.problems": list(controller.facts["map_problems"]),
     }
 

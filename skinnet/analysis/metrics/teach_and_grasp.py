@@ -23,7 +23,7 @@ class StateInterval(NamedTuple):
 
 def state_intervals(controller: ProcessResult) -> list[StateInterval]:
     """State intervals in order; the last one ends with the run, without an event."""
-    log: list[dict[str, Any]] = controller.facts.get("session", [])
+    log: list[dict[str, Any]] = controller.facts.get("transitions", [])
     if not log:
         return []
     spans = []
@@ -36,14 +36,14 @@ def state_intervals(controller: ProcessResult) -> list[StateInterval]:
         )
         start_ns, argument = entry["t_ns"], entry["argument"]
     end_ns = controller.facts["end_ns"]
-    if log[-1]["to"] != "ended":
-        spans.append(StateInterval(log[-1]["to"], start_ns, end_ns, "", argument, ()))
+    if log[-1]["next_state"] != "ended":
+        spans.append(StateInterval(log[-1]["next_state"], start_ns, end_ns, "", argument, ()))
     return spans
 
 
 def _begin_ns(controller: ProcessResult) -> int:
     """Start of the session's stage [ns]: the last stage that began before its first transition."""
-    first_ns = controller.facts["session"][0]["t_ns"]
+    first_ns = controller.facts["transitions"][0]["t_ns"]
     return max((t_ns for _, t_ns in controller.facts["stages"] if t_ns <= first_ns), default=0)
 
 
@@ -53,12 +53,12 @@ def session_metrics(controller: ProcessResult) -> dict[str, Any]:
     if not spans:
         return {}
     figures: dict[str, Any] = {
-        "session.poses": sorted(controller.facts["poses"]),
-        "session.refused_requests": len(controller.facts["refused_requests"]),
+        "teach_and_grasp.poses": sorted(controller.facts["poses"]),
+        "teach_and_grasp.refused_requests": len(controller.facts["refused_requests"]),
     }
     for label, cells in sorted(controller.facts["areas"].items()):
-        figures[f"session.area_cells.{label}"] = len(cells)
+        figures[f"teach_and_grasp.area_cells.{label}"] = len(cells)
     for span in spans:
-        key = f"session.state_s.{span.state}"
+        key = f"teach_and_grasp.state_s.{span.state}"
         figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
     return figures

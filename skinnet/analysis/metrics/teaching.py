@@ -15,15 +15,15 @@ def teaching_metrics(body: ProcessResult) -> dict[str, Any]:
 def _lesson_metrics(lessons: list[dict[str, Any]]) -> dict[str, Any]:
     if not lessons:
         return {}
-    nearest_m = [lesson["nearest_m"] for lesson in lessons if lesson["nearest_m"] is not None]
+    nearest_m = [lesson["min_height_m"] for lesson in lessons if lesson["min_height_m"] is not None]
     return {
         "lessons.outcomes": [lesson["outcome"] or "not over" for lesson in lessons],
         "lessons.error_mm": [round(1e3 * max(lesson["error_m"]), 1) for lesson in lessons],
         "lessons.touches": [len(lesson["touches"]) for lesson in lessons],
         "lessons.duration_s": [_duration_s(lesson) for lesson in lessons],
         "lessons.contacts": sum(lesson["contact_ns"] is not None for lesson in lessons),
-        "lessons.nearest_mm": round(1e3 * min(nearest_m), 2) if nearest_m else None,
-        "lessons.peak_force_n": max(lesson["peak_n"] for lesson in lessons),
+        "lessons.min_distance_mm": round(1e3 * min(nearest_m), 2) if nearest_m else None,
+        "lessons.peak_force_n": max(lesson["peak_force_n"] for lesson in lessons),
     }
 
 
@@ -37,8 +37,12 @@ def _stroke_metrics(strokes: list[dict[str, Any]]) -> dict[str, Any]:
         return {}
     return {
         "strokes.count": len(strokes),
-        "strokes.cells": [len(stroke["touched"]) for stroke in strokes],
-        "strokes.missed": sum(len(set(stroke["asked"]) - set(stroke["touched"])) for stroke in strokes),
-        "strokes.others": sum(len(set(stroke["touched"]) - set(stroke["asked"])) for stroke in strokes),
-        "strokes.peak_force_n": max(stroke["peak_n"] for stroke in strokes),
+        "strokes.touched_cells": [len(stroke["touched_cells"]) for stroke in strokes],
+        "strokes.missed_cells": sum(
+            len(set(stroke["requested_cells"]) - set(stroke["touched_cells"])) for stroke in strokes
+        ),
+        "strokes.unintended_cells": sum(
+            len(set(stroke["touched_cells"]) - set(stroke["requested_cells"])) for stroke in strokes
+        ),
+        "strokes.peak_force_n": max(stroke["peak_force_n"] for stroke in strokes),
     }

@@ -51,11 +51,11 @@ def reactions(
     """
     stages = [deployment.controller.stages[name] for name, _ in controller.facts["stages"]]
     spans = stage_intervals(deployment, controller, "guide")
-    drives = controller.arrays["drives"]
+    drives = controller.arrays["reaction_log"]
     delay_ns = controller.facts["command_delay_ns"]
     found = []
     unanswered = 0
-    for t_ns, cell, channel, reading in body.facts["reaction_crossings"]:
+    for t_ns, cell, channel, reading in body.facts["threshold_crossings"]:
         if not any(s.start_ns <= t_ns < s.end_ns and _has_threshold(s.spec, channel, reading) for s in spans):
             continue
         mine = drives[(drives["cell"] == cell) & (drives["channel"] == channel)]
@@ -99,7 +99,7 @@ def _latency_metrics(found: list[Reaction], unanswered: int) -> dict[str, Any]:
 
 def _force_metrics(body: ProcessResult) -> dict[str, Any]:
     """Peak force of the touches that follow a path; those under force control set it themselves."""
-    pushed = [touch["peak_n"] for touch in body.facts["touches"] if touch["by_depth"]]
+    pushed = [touch["peak_force_n"] for touch in body.facts["touches"] if touch["depth_controlled"]]
     return {"contact.peak_force_n": max(pushed)} if pushed else {}
 
 
@@ -107,7 +107,10 @@ def _guidance_metrics(
     deployment: Deployment, controller: ProcessResult, body: ProcessResult
 ) -> dict[str, Any]:
     """Commanded and measured joint velocity while a single force cell holds a reading of 0.14 [M14, VI.B]."""
-    t_ns, touch = controller.arrays["touch_t_ns"], controller.arrays["touch"].astype(np.float64)
+    t_ns, touch = (
+        controller.arrays["tactile_input_t_ns"],
+        controller.arrays["tactile_input"].astype(np.float64),
+    )
     if not len(t_ns):
         return {}
     ticks = np.searchsorted(controller.arrays["t_ns"], t_ns)
@@ -166,5 +169,5 @@ def _proximity_metrics(
         "proximity.touches": len(touches),
         "proximity.moved_before_contact_rad.min": min(moved),
         "proximity.contacts": sum(touch["contact_ns"] is not None for touch in touches),
-        "proximity.peak_force_n": max(touch["peak_n"] for touch in touches),
+        "proximity.peak_force_n": max(touch["peak_force_n"] for touch in touches),
     }

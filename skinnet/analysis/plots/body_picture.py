@@ -25,11 +25,11 @@ def draw_body(deployment: Deployment, base: Path, results: dict[str, ProcessResu
     pose: list[float] | None = None
     stand_top_m: float | None = None
     controller, body = results.get("controller"), results.get("body")
-    if controller is not None and body is not None and len(controller.arrays.get("touch_t_ns", ())):
-        touch = controller.arrays["touch"].astype(np.float64).max(axis=2)
+    if controller is not None and body is not None and len(controller.arrays.get("tactile_input_t_ns", ())):
+        touch = controller.arrays["tactile_input"].astype(np.float64).max(axis=2)
         moment = int(np.argmax(touch.sum(axis=1)))
         values = np.minimum(touch[moment] / _FULL_COLOUR, 1.0).tolist()
-        t_ns = int(controller.arrays["touch_t_ns"][moment])
+        t_ns = int(controller.arrays["tactile_input_t_ns"][moment])
         position = _value_at(body, "joint_t_ns", "joint_rad", t_ns)
         pose = _value_at(body, "object_t_ns", "object_pose", t_ns)
         stand_top_m = _value_at(body, "stand_t_ns", "stand_top_m", t_ns)

@@ -64,7 +64,7 @@ def _plot_patch_readings(
     """Plot the largest reading of each patch that exceeds the display threshold."""
     t_s = controller.arrays["patch_t_ns"] * 1e-9
     within = (t_s >= span_s[0]) & (t_s <= span_s[1])
-    felt = controller.arrays["patch_felt"][within]
+    felt = controller.arrays["patch_readings"][within]
     names = [patch.name for patch in deployment.patches]
     for axes, column, label, least in ((rows[0], 1, "pre-contact", 0.02), (rows[1], 0, "force", 0.04)):
         for patch, name in enumerate(names):

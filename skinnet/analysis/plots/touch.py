@@ -89,9 +89,9 @@ def _readings_per_tick(controller: ProcessResult, span_s: tuple[float, float]) -
     """Readings in the span (ticks, S, 4); 0 between the stages that react."""
     t_s = controller.arrays["t_ns"] * 1e-9
     ticks = controller.arrays["t_ns"][(t_s >= span_s[0]) & (t_s <= span_s[1])]
-    felt = controller.arrays["touch"]
+    felt = controller.arrays["tactile_input"]
     touch = np.zeros((len(ticks), *felt.shape[1:]), dtype=np.float32)
-    touch[np.searchsorted(ticks, controller.arrays["touch_t_ns"])] = felt
+    touch[np.searchsorted(ticks, controller.arrays["tactile_input_t_ns"])] = felt
     return touch
 
 

@@ -18,8 +18,8 @@ def deployment_metrics(deployment: Deployment | None) -> dict[str, Any]:
     cells = sum(patch.n_cells for patch in deployment.patches)
     if cells:
         figures |= {"size.patches": len(deployment.patches), "size.cells": cells}
-        if deployment.script is not None and deployment.script.stimulated:
-            figures["size.touched_cells"] = round(deployment.script.stimulated * cells)
+        if deployment.scripted_stimuli is not None and deployment.scripted_stimuli.stimulated_fraction:
+            figures["size.touched_cells"] = round(deployment.scripted_stimuli.stimulated_fraction * cells)
     if deployment.sheets:
         figures["size.sheets"] = len(deployment.sheets)
         figures["size.tactile_points"] = sum(sheet.n_elements for sheet in deployment.sheets)

@@ -91,7 +91,7 @@ def _run(run: RunResults) -> list[tuple[str, str, Html]]:
         sections.append(("papers", "Beside the paper", comparison_table(rows)))
     sections += [
         ("pictures", "Plots", gallery(rest, run.files.damaged_files, "plot", "pictures")),
-        ("figures", "Figures", metric_cards(group_metrics(run.metrics, _group_titles(run.files)))),
+        ("metrics", "Figures", metric_cards(group_metrics(run.metrics, _group_titles(run.files)))),
         ("deployment", "The deployment", deployment_listing(run.files)),
         ("versions", "Versions", overview.environment_table(run.summary.environment, run.summary.version)),
     ]
@@ -128,7 +128,7 @@ def _seeds(seeds: SeedResults) -> list[tuple[str, str, Html]]:
     ]
     sections += [
         ("pictures", "Plots", join(*plots) if plots else gallery((), (), "plot", "pictures")),
-        ("figures", "Figures over all seeds", figures),
+        ("metrics", "Figures over all seeds", figures),
         ("deployment", "The deployment", join(_first_seed(one), deployment_listing(one.files))),
         ("versions", "Versions", overview.environment_table(one.summary.environment, one.summary.version)),
     ]
@@ -178,7 +178,7 @@ def _stress(stress: StressResults) -> list[tuple[str, str, Html]]:
     sections += [
         ("pictures", "Plots", gallery(stress.files.pictures, stress.files.damaged_files, "plot", "pictures")),
         (
-            "figures",
+            "metrics",
             "Figures",
             join(thresholds_table(stress), metric_cards(group_metrics(rest)), point_metrics(stress)),
         ),

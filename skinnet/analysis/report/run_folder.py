@@ -42,11 +42,11 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
     loop_s: float
     rtf: float
-    late_frames: int
+    deadline_misses: int
     processes: tuple[ProcessReport, ...]
-    faults: tuple[ProcessFailure, ...]
+    process_failures: tuple[ProcessFailure, ...]
     counters: dict[str, dict[str, Any]]
-    figures: dict[str, Any]
+    metrics: dict[str, Any]
     environment: dict[str, Any] = {}
     settings: tuple[str, ...] = ()
 
@@ -58,7 +58,7 @@ class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
     stress: dict[str, Any]
     points: tuple[str, ...]
     failed: dict[str, str]
-    figures: dict[str, Any]
+    metrics: dict[str, Any]
     environment: dict[str, Any] = {}
     settings: tuple[str, ...] = ()
 
@@ -158,7 +158,7 @@ def _unfinished_reason(folder: Path) -> str:
 def _read_run(name: str, source: Path, raw: dict[str, Any], files: RunFiles) -> RunResults:
     summary = _convert(raw, Summary, source)
     others = {key: value for key, value in raw.items() if key not in Summary.__struct_fields__}
-    figures = deployment_metrics(files.deployment) | summary.figures
+    figures = deployment_metrics(files.deployment) | summary.metrics
     return RunResults(
         name,
         summary,
@@ -173,7 +173,7 @@ def _read_stress(folder: Path, name: str) -> StressResults:
     source = folder / "stress.json"
     summary = _convert(_read(source), StressSummary, source)
     made = _read_files(folder)
-    figures = deployment_metrics(made.deployment) | summary.figures
+    figures = deployment_metrics(made.deployment) | summary.metrics
     return StressResults(
         name, summary, figures, made, evaluate_claims(summary.deployment, figures, made.deployment_keys)
     )

@@ -13,9 +13,9 @@ __all__ = ["belongs_to_point", "is_threshold", "point_metrics", "points_table", 
 
 _COLUMNS = (
     ("packets_per_s", "packets/s"),
-    ("share.packets", "share"),
+    ("fraction.packets", "share"),
     ("bytes_per_s", "bytes/s"),
-    ("share.bytes", "share"),
+    ("fraction.bytes", "share"),
     ("dropped", "dropped"),
     ("missing", "missing"),
     ("latency_us.p99", "model 99 % [µs]"),

@@ -82,12 +82,12 @@ def run_summary(run: RunResults) -> Html:
         ("pace", summary.pace),
     ]
     if summary.pace == "realtime":
-        items.append(("late frames", format_number(summary.late_frames)))
+        items.append(("late frames", format_number(summary.deadline_misses)))
     items += [("skin", size)] if (size := skin_size(run.metrics)) else []
     items += [("figures of the paper", count)] if (count := kept_count(run.comparisons)) else []
     told: list[tuple[str, Child]] = [("log SHA-256", tag("code", summary.log_sha256))]
     told += [("settings", tag("code", setting)) for setting in summary.settings]
-    left = tag("div", tiles(items), facts(told), _process_failures(summary.faults))
+    left = tag("div", tiles(items), facts(told), _process_failures(summary.process_failures))
     rest = (_processes(summary.processes), _counters(summary.counters), _unknown_keys(run))
     return join(_with_lead_picture(left, run.files), *rest)
 
@@ -110,12 +110,12 @@ def _process_failures(failures: Sequence[ProcessFailure]) -> Html | None:
         tag(
             "li",
             tag("span", fault.process, class_="badge bad"),
-            f" {fault.what}",
+            f" {fault.cause}",
             tag("pre", "\n".join(fault.last_lines), class_="said") if fault.last_lines else None,
         )
         for fault in failures
     )
-    return join(tag("h3", "Lost on the way"), tag("ul", *rows, class_="faults"))
+    return join(tag("h3", "Lost on the way"), tag("ul", *rows, class_="process_failures"))
 
 
 def _processes(processes: Sequence[ProcessReport]) -> Html:

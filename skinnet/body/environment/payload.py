@@ -67,7 +67,7 @@ class Payload:
     def begin_stage(self, name: str, t_ns: int) -> None:
         """Begin stage `name` of the program at `t_ns` [ns]; the release stage schedules the release."""
         if self.released_ns is None and name == self._spec.release_stage:
-            self.released_ns = t_ns + round(self._spec.release_s * NS_PER_S)
+            self.released_ns = t_ns + round(self._spec.release_delay_s * NS_PER_S)
 
     def fix_pose(self) -> None:
         """Fix the payload: reset its pose and velocity to the held pose."""
@@ -79,7 +79,7 @@ class Payload:
         if self.released_ns is None or t_ns <= self.released_ns:
             self.fix_pose()
         else:
-            if t_ns <= self.released_ns + round(self._spec.easing_s * NS_PER_S):
+            if t_ns <= self.released_ns + round(self._spec.release_ramp_s * NS_PER_S):
                 self._data.qvel[self._qvel] *= _RELEASE_DAMPING
             self._track(t_ns)
         if t_ns % self._period_ns == 0:
@@ -94,7 +94,7 @@ class Payload:
                 self._sheet_contact.force_weighted_slip_n_m[self._body] / pressed_n
             )
         fallen_m = self._held_pose[2] - self._data.qpos[self._qpos][2]
-        if self.dropped_ns is None and fallen_m > self._spec.fallen_m:
+        if self.dropped_ns is None and fallen_m > self._spec.drop_threshold_m:
             self.dropped_ns = t_ns
 
     def facts(self) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class Payload:
         return {
             "released_ns": self.released_ns,
             "dropped_ns": self.dropped_ns,
-            "slid_m": self.sliding_distance_m,
+            "sliding_distance_m": self.sliding_distance_m,
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -110,7 +110,7 @@ class Payload:
         return {
             "object_t_ns": np.array(self._t_ns, dtype=np.int64),
             "object_pose": np.array(self._poses, dtype=np.float64).reshape(-1, 7),
-            "object_slid_m": np.array(self._sliding_distances_m, dtype=np.float64),
+            "object_sliding_distance_m": np.array(self._sliding_distances_m, dtype=np.float64),
         }
 
 
@@ -129,14 +129,14 @@ class GripController:
         Raises:
             DeploymentError: a closing joint is not controlled, or there is none.
         """
-        if not spec.closing:
-            raise DeploymentError("payload.closing: name at least one joint that closes the arms")
-        for name in spec.closing:
+        if not spec.closing_joints:
+            raise DeploymentError("payload.closing_joints: name at least one joint that closes the arms")
+        for name in spec.closing_joints:
             if name not in names:
-                raise DeploymentError(f"payload.closing.{name}: body.joints does not name that joint")
+                raise DeploymentError(f"payload.closing_joints.{name}: body.joints does not name that joint")
         self._spec, self._step_s, self._n = spec, step_s, len(names)
-        self._joint = np.array([names.index(name) for name in spec.closing])
-        self._direction = np.array(list(spec.closing.values()))
+        self._joint = np.array([names.index(name) for name in spec.closing_joints])
+        self._direction = np.array(list(spec.closing_joints.values()))
         moved = model.mj.jnt_bodyid[model.joint_id[self._joint]]
         self._subtree_masks = np.array([_subtree_mask(model.mj, int(body)) for body in moved])
         self._elapsed_s = self._settled_s = 0.0
@@ -151,7 +151,7 @@ class GripController:
             DeploymentError: the grip does not settle within 10 s.
         """
         force_n = self._subtree_masks @ body_force_n
-        missing = (self._spec.grip_n - force_n) / self._spec.grip_n
+        missing = (self._spec.grip_force_n - force_n) / self._spec.grip_force_n
         closed = bool(np.all(np.abs(missing) < _GRIP_TOLERANCE))
         self._settled_s = self._settled_s + self._step_s if closed else 0.0
         self._elapsed_s += self._step_s
@@ -160,11 +160,11 @@ class GripController:
         if self._elapsed_s > _TIMEOUT_S:
             felt = ", ".join(f"{n:.1f} N" for n in force_n)
             raise DeploymentError(
-                f"payload: after {_TIMEOUT_S:g} s {', '.join(self._spec.closing)} press with {felt} instead "
-                f"of {self._spec.grip_n:g} N; check payload.position_m, closing and body.home_rad"
+                f"payload: after {_TIMEOUT_S:g} s {', '.join(self._spec.closing_joints)} press with {felt} instead "
+                f"of {self._spec.grip_force_n:g} N; check payload.position_m, closing and body.home_rad"
             )
         speeds = np.zeros(self._n)
-        speeds[self._joint] = self._direction * self._spec.closing_rad_s * np.clip(missing, -1.0, 1.0)
+        speeds[self._joint] = self._direction * self._spec.closing_speed_rad_s * np.clip(missing, -1.0, 1.0)
         return speeds
 
 

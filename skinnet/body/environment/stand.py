@@ -88,7 +88,7 @@ class Stand:
 
     def __init__(self, data: mujoco.MjData, spec: StandSpec) -> None:
         """Initialise the stand at its pose in the model."""
-        self.phase = StandPhase.WAITING if spec.below_m > 0.0 else StandPhase.PRESENTED
+        self.phase = StandPhase.WAITING if spec.rise_m > 0.0 else StandPhase.PRESENTED
         self.history: list[tuple[int, StandPhase]] = [(0, self.phase)]
         self._trajectory = HeightTrajectory(spec.speed_m_s, spec.acceleration_m_s2)
         """Height trajectory above the start pose, at the end of the next step."""
@@ -103,10 +103,10 @@ class Stand:
     def begin_stage(self, name: str, t_ns: int) -> None:
         """Begin stage `name` of the controller's program at `t_ns` [ns]."""
         spec = self._spec
-        if self.phase is StandPhase.WAITING and name == spec.present_stage and self._due_ns is None:
-            self._due_ns = t_ns + spec.present_ns
+        if self.phase is StandPhase.WAITING and name == spec.rise_stage and self._due_ns is None:
+            self._due_ns = t_ns + spec.rise_delay_ns
         if self.phase in (StandPhase.RISING, StandPhase.PRESENTED):
-            self._due_ns = t_ns + spec.lower_ns if name == spec.lower_stage else None
+            self._due_ns = t_ns + spec.lower_delay_ns if name == spec.lower_stage else None
         elif self.phase in (StandPhase.LOWERING, StandPhase.LOWERED) and name != spec.lower_stage:
             self._transition(StandEvent.RETURN, t_ns)
 
@@ -136,8 +136,8 @@ class Stand:
         self.phase = TRANSITIONS[self.phase, event]
         self.history.append((t_ns, self.phase))
         if not waits_for_hold:
-            self._due_ns = t_ns + self._spec.away_ns if self.phase is StandPhase.LOWERED else None
-        up_m = self._spec.below_m
+            self._due_ns = t_ns + self._spec.lowered_ns if self.phase is StandPhase.LOWERED else None
+        up_m = self._spec.rise_m
         self._trajectory.target_m = (
             up_m - self._spec.lower_m if self.phase in (StandPhase.LOWERING, StandPhase.LOWERED) else up_m
         )

@@ -68,7 +68,7 @@ class PlacedObject(NamedTuple):
     @property
     def start_top_m(self) -> float:
         """Plate height (top) at the start of a run [m]."""
-        return self.top_m - self.stand.below_m
+        return self.top_m - self.stand.rise_m
 
 
 def place_object(deployment: Deployment) -> PlacedObject | None:
@@ -79,14 +79,14 @@ def place_object(deployment: Deployment) -> PlacedObject | None:
     name = deployment.object
     thing = None if name == NO_OBJECT else OBJECTS[name]
     x, y, yaw = (_draw(deployment.seed, what) for what in ("x", "y", "yaw"))
-    near_m = stand.near_x_m - (0.0 if thing is None else thing.nearer_m)
+    near_m = stand.object_face_x_m - (0.0 if thing is None else thing.shift_to_robot_m)
     depth_m = (_NOMINAL_SIZE_M if thing is None else thing.size_m)[0]
     return PlacedObject(
         stand=stand,
         name=name,
         object_model=thing,
-        position_m=(near_m + 0.5 * depth_m + stand.offset_m * x, stand.offset_m * y, stand.grasp_z_m),
-        yaw_rad=math.radians(stand.yaw_deg) * yaw,
+        position_m=(near_m + 0.5 * depth_m + stand.max_offset_m * x, stand.max_offset_m * y, stand.grasp_z_m),
+        yaw_rad=math.radians(stand.max_yaw_deg) * yaw,
     )
 
 
@@ -126,10 +126,10 @@ def _draw(seed: int, stream: str) -> float:
 def _add_plate(body: mujoco.MjsBody, placed_object: PlacedObject) -> None:
     """Add plate and column; the stand's origin lies below the object's centre, on the top of the plate."""
     stand, x_m = placed_object.stand, placed_object.position_m[0]
-    near_m, far_m = stand.plate_near_x_m - x_m, 0.5 * placed_object.size_m[0] + _PLATE_OVERHANG_M
+    near_m, far_m = stand.plate_edge_x_m - x_m, 0.5 * placed_object.size_m[0] + _PLATE_OVERHANG_M
     if near_m >= far_m:
         raise DeploymentError(
-            f"stand.plate_near_x_m = {stand.plate_near_x_m:g}: the plate would end before it begins, at "
+            f"stand.plate_edge_x_m = {stand.plate_edge_x_m:g}: the plate would end before it begins, at "
             f"{far_m + x_m:g}; less than that"
         )
     half_m, length_m = 0.5 * _PLATE_THICKNESS_M, 0.5 * (placed_object.top_m - _PLATE_THICKNESS_M)
@@ -164,7 +164,7 @@ def _add_object(
 ) -> None:
     half_m, (x_m, y_m, _) = 0.5 * object_model.size_m[2], placed_object.position_m
     turned = [math.cos(0.5 * placed_object.yaw_rad), 0.0, 0.0, math.sin(0.5 * placed_object.yaw_rad)]
-    if placed_object.stand.stuck:
+    if placed_object.stand.fix_object:
         body = stand.add_body(name=OBJECT, pos=[0.0, 0.0, half_m], quat=turned)
     else:
         body = spec.worldbody.add_body(name=OBJECT, pos=[x_m, y_m, top_m + half_m], quat=turned)
@@ -179,19 +179,19 @@ def _add_solid(
     body: mujoco.MjsBody, name: str, solid: PrimitiveSolid, mass_kg: float, object_model: ObjectModel
 ) -> None:
     half_rad = 0.5 * math.radians(solid.yaw_deg)
-    radius_m, _, height_m = solid.half_m
+    radius_m, _, height_m = solid.half_extents_m
     geom = body.add_geom(
         name=name,
         type=_GEOM_TYPES[solid.shape],
-        size=[radius_m, height_m, 0.0] if solid.shape is Shape.CYLINDER else solid.half_m,
-        pos=solid.at_m,
+        size=[radius_m, height_m, 0.0] if solid.shape is Shape.CYLINDER else solid.half_extents_m,
+        pos=solid.position_m,
         quat=[math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)],
         mass=mass_kg,
         condim=3,
         friction=[object_model.friction, 0.005, 0.0001],
         solref=[_CONTACT_TIME_CONSTANT_S, 1.0],
         priority=1,  # the object's friction and solref take precedence in all its contacts
-        rgba=[*object_model.tint, 1.0],
+        rgba=[*object_model.rgb, 1.0],
         contype=_ALL_CONTACT_BITS,
         conaffinity=_ALL_CONTACT_BITS,
     )

@@ -157,8 +157,8 @@ class PeakForceTrace:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Peak force time series: the largest force [N] in the period that ends at each time."""
         return {
-            "cell_t_ns": np.array(self._t_ns, dtype=np.int64),
-            "cell_peak_n": np.array(self._trace_n, dtype=np.float32),
+            "peak_force_t_ns": np.array(self._t_ns, dtype=np.int64),
+            "peak_force_n": np.array(self._trace_n, dtype=np.float32),
         }
 
 
@@ -186,8 +186,8 @@ def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None 
 
     Inverse of the sensor law (d0 / (d0 + distance))² of `ProximitySpec`.
     """
-    root_at_reach = math.sqrt(spec.reading_at_reach)
-    d0_m = spec.reach_m * root_at_reach / (1.0 - root_at_reach)
+    root_at_reach = math.sqrt(spec.reading_at_range)
+    d0_m = spec.range_m * root_at_reach / (1.0 - root_at_reach)
     thresholds: Floats = d0_m * (1.0 / np.sqrt(np.array(spec.levels if readings is None else readings)) - 1.0)
     return thresholds
 
@@ -204,9 +204,9 @@ class TouchGroundTruth:
         contact_ns: Time of the first force on the finger [ns]; None without contact.
         hold_ns: Begin of the hold phase [ns]; None if not reached.
         end_ns: End, with the finger parked [ns]; None before.
-        peak_n: Largest normal force on the finger [N].
-        aimed_peak_n: Largest normal force on the target: a force cell, or the finger [N].
-        held_n: Mean force on the target in the hold phase [N]; NaN without one.
+        peak_force_n: Largest normal force on the finger [N].
+        target_peak_force_n: Largest normal force on the target: a force cell, or the finger [N].
+        mean_hold_force_n: Mean force on the target in the hold phase [N]; NaN without one.
         impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
     """
 
@@ -217,27 +217,25 @@ class TouchGroundTruth:
     contact_ns: int | None = None
     hold_ns: int | None = None
     end_ns: int | None = None
-    peak_n: float = 0.0
-    aimed_peak_n: float = 0.0
-    held_n: float = math.nan
+    peak_force_n: float = 0.0
+    target_peak_force_n: float = 0.0
+    mean_hold_force_n: float = math.nan
     impulse_n_s: float = 0.0
     _held_steps: int = 0
 
     def facts(self, touches: Sequence[TouchSpec]) -> dict[str, Any]:
         """Public fields as facts, and `by_depth`: True for depth control, False for force control."""
         public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
-        return public | {"by_depth": touches[self.touch].depth_m is not None}
+        return public | {"depth_controlled": touches[self.touch].depth_m is not None}
 
-    def observe(
-        self, t_ns: int, step_s: float, finger_n: float, target_force_n: float, holding: bool
-    ) -> None:
+    def record(self, t_ns: int, step_s: float, finger_n: float, target_force_n: float, holding: bool) -> None:
         """Record one physics step at `t_ns` [ns]: forces on the finger and on the target [N]."""
         if finger_n > 0.0 and self.contact_ns is None:
             self.contact_ns = t_ns
-        self.peak_n = max(self.peak_n, finger_n)
-        self.aimed_peak_n = max(self.aimed_peak_n, target_force_n)
+        self.peak_force_n = max(self.peak_force_n, finger_n)
+        self.target_peak_force_n = max(self.target_peak_force_n, target_force_n)
         self.impulse_n_s += finger_n * step_s
         if holding:
-            mean_n = 0.0 if self._held_steps == 0 else self.held_n
+            mean_n = 0.0 if self._held_steps == 0 else self.mean_hold_force_n
             self._held_steps += 1
-            self.held_n = mean_n + (target_force_n - mean_n) / self._held_steps
+            self.mean_hold_force_n = mean_n + (target_force_n - mean_n) / self._held_steps

@@ -28,24 +28,24 @@ class RigidContact:
 
     Attributes:
         first_ns: Time of the first contact [ns].
-        peak_n: Largest normal force [N].
+        peak_force_n: Largest normal force [N].
         peak_ns: Time of the largest force [ns].
-        total_s: Total duration of contact [s].
-        stages: Duration in each stage of the controller's program [s].
+        duration_s: Total duration of contact [s].
+        duration_by_stage_s: Duration in each stage of the controller's program [s].
     """
 
     first_ns: int
-    peak_n: float = 0.0
+    peak_force_n: float = 0.0
     peak_ns: int = 0
-    total_s: float = 0.0
-    stages: dict[str, float] = field(default_factory=dict)
+    duration_s: float = 0.0
+    duration_by_stage_s: dict[str, float] = field(default_factory=dict)
 
-    def observe(self, t_ns: int, step_s: float, force_n: float, stage: str) -> None:
+    def record(self, t_ns: int, step_s: float, force_n: float, stage: str) -> None:
         """Add a contact of one step from `t_ns` [ns] on, with the normal force `force_n` [N]."""
-        if force_n > self.peak_n:
-            self.peak_n, self.peak_ns = force_n, t_ns
-        self.total_s += step_s
-        self.stages[stage] = self.stages.get(stage, 0.0) + step_s
+        if force_n > self.peak_force_n:
+            self.peak_force_n, self.peak_ns = force_n, t_ns
+        self.duration_s += step_s
+        self.duration_by_stage_s[stage] = self.duration_by_stage_s.get(stage, 0.0) + step_s
 
 
 class _ContactPair(NamedTuple):
@@ -97,7 +97,7 @@ class GraspGroundTruth:
         mj = data.model
         there = placed_object.object_model is not None
         self._body = int(mj.body(OBJECT).id) if there else -1
-        self._dof = int(mj.joint(OBJECT).dofadr[0]) if there and not placed_object.stand.stuck else -1
+        self._dof = int(mj.joint(OBJECT).dofadr[0]) if there and not placed_object.stand.fix_object else -1
         self._geom_body = mj.geom_bodyid.tolist()
         stand_body = int(mj.body(STAND).id)
         self._watched_bodies = [stand_body, self._body] if there else [stand_body]
@@ -124,7 +124,7 @@ class GraspGroundTruth:
         if touched:
             raise DeploymentError(
                 f"stand: object or stand touch {', '.join(sorted(set(touched)))} at the start; present them "
-                "from farther below (stand.below_m) or farther away (stand.near_x_m), or change body.home_rad"
+                "from farther below (stand.rise_m) or farther away (stand.object_face_x_m), or change body.home_rad"
             )
 
     def begin_stage(self, name: str) -> None:
@@ -146,7 +146,7 @@ class GraspGroundTruth:
         presented = self._placed_object
         stand = {
             "phases": [[t_ns, phase.value] for t_ns, phase in self._stand.history],
-            "met": {name: vars(met) for name, met in self.stand_contacts.items()},
+            "rigid_contacts": {name: vars(met) for name, met in self.stand_contacts.items()},
         }
         if presented.object_model is None:
             return {"stand": stand, "object": None}
@@ -155,16 +155,16 @@ class GraspGroundTruth:
             "size_m": presented.object_model.size_m,
             "mass_kg": presented.object_model.mass_kg,
             "stiffness_pa_per_m": presented.object_model.stiffness_pa_per_m,
-            "placed_m": presented.position_m,
+            "initial_position_m": presented.position_m,
             "yaw_rad": presented.yaw_rad,
-            "stuck": presented.stand.stuck,
-            "left_stand_ns": self.lift_off_ns,
+            "stuck": presented.stand.fix_object,
+            "lift_off_ns": self.lift_off_ns,
             "dropped_ns": self.dropped_ns,
             "carried_s": self.carried_s,
-            "carried_away_s": self.carried_without_stand_s,
-            "sunk_m": self.descent_m,
+            "carried_without_stand_s": self.carried_without_stand_s,
+            "max_descent_m": self.descent_m,
             "peak_speed_m_s": self.peak_speed_m_s,
-            "met": {name: vars(met) for name, met in self.object_contacts.items()},
+            "rigid_contacts": {name: vars(met) for name, met in self.object_contacts.items()},
         }
         return {"stand": stand, "object": thing}
 
@@ -184,9 +184,9 @@ class GraspGroundTruth:
         return arrays | {
             "object_t_ns": arrays["stand_t_ns"],
             "object_pose": np.array(self._poses, dtype=np.float32).reshape(-1, 7),
-            "object_patch_n": np.array(self._patch_n, dtype=np.float32).reshape(-1, n_patches),
+            "object_patch_force_n": np.array(self._patch_n, dtype=np.float32).reshape(-1, n_patches),
             "object_speed_m_s": np.array(self._speeds_m_s, dtype=np.float32),
-            "object_on_stand_n": np.array(self._stand_force_n, dtype=np.float32),
+            "object_stand_force_n": np.array(self._stand_force_n, dtype=np.float32),
         }
 
     def _contact_pair(self, geoms: list[int]) -> _ContactPair | None:
@@ -216,7 +216,7 @@ class GraspGroundTruth:
                 continue
             met = self.object_contacts if pair.body_id == self._body else self.stand_contacts
             name = self._names[pair.geom_id]
-            met.setdefault(name, RigidContact(t_ns)).observe(t_ns, step_s, force_n, self._stage)
+            met.setdefault(name, RigidContact(t_ns)).record(t_ns, step_s, force_n, self._stage)
         return standing_n
 
     def _record_object(self, t_ns: int, stand_force_n: float) -> None:

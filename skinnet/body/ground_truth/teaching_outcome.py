@@ -13,13 +13,13 @@ class LessonTouch:
         cell: Row of the cell.
         begin_ns: Time at which the finger appeared above the cell [ns].
         end_ns: Time at which it began to withdraw [ns]; None before.
-        moved_rad: Joint motion meanwhile, Euclidean norm [rad].
+        joint_motion_rad: Joint motion meanwhile, Euclidean norm [rad].
     """
 
     cell: int
     begin_ns: int
     end_ns: int | None = None
-    moved_rad: float = 0.0
+    joint_motion_rad: float = 0.0
 
 
 @dataclass
@@ -35,10 +35,10 @@ class LessonGroundTruth:
         begin_error_m: Initial distance of each goal's point from its target [m].
         error_m: Final, or last observed, distance of each point from its target [m].
         touches: Touched cells, in order.
-        nearest_m: Smallest height of the finger above the face of a touched cell [m], negative within the
+        min_height_m: Smallest height of the finger above the face of a touched cell [m], negative within the
             foam; None if there was no touch.
         contact_ns: Time of the first force on the finger [ns]; None without contact.
-        peak_n: Largest normal force on the finger [N].
+        peak_force_n: Largest normal force on the finger [N].
     """
 
     lesson: int
@@ -49,16 +49,16 @@ class LessonGroundTruth:
     begin_error_m: list[float] = field(default_factory=list)
     error_m: list[float] = field(default_factory=list)
     touches: list[LessonTouch] = field(default_factory=list)
-    nearest_m: float | None = None
+    min_height_m: float | None = None
     contact_ns: int | None = None
-    peak_n: float = 0.0
+    peak_force_n: float = 0.0
 
-    def observe(self, t_ns: int, height_m: float, finger_n: float) -> None:
+    def record(self, t_ns: int, height_m: float, finger_n: float) -> None:
         """Record one physics step at `t_ns` [ns]: height above the cell [m], force on the finger [N]."""
-        self.nearest_m = height_m if self.nearest_m is None else min(self.nearest_m, height_m)
+        self.min_height_m = height_m if self.min_height_m is None else min(self.min_height_m, height_m)
         if finger_n > 0.0 and self.contact_ns is None:
             self.contact_ns = t_ns
-        self.peak_n = max(self.peak_n, finger_n)
+        self.peak_force_n = max(self.peak_force_n, finger_n)
 
 
 @dataclass
@@ -70,15 +70,15 @@ class StrokeGroundTruth:
         stage: Stage of the program in which it took place.
         begin_ns: Time at which the finger appeared [ns].
         end_ns: End, with the finger parked [ns]; None before.
-        asked: Rows of the cells of the script, in stroke order.
-        touched: Rows of the cells with a normal force above the threshold, ascending.
-        peak_n: Largest normal force on the finger [N].
+        requested_cells: Rows of the cells of the script, in stroke order.
+        touched_cells: Rows of the cells with a normal force above the threshold, ascending.
+        peak_force_n: Largest normal force on the finger [N].
     """
 
     stroke: int
     stage: str
     begin_ns: int
     end_ns: int | None = None
-    asked: list[int] = field(default_factory=list)
-    touched: list[int] = field(default_factory=list)
-    peak_n: float = 0.0
+    requested_cells: list[int] = field(default_factory=list)
+    touched_cells: list[int] = field(default_factory=list)
+    peak_force_n: float = 0.0

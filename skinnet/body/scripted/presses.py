@@ -27,7 +27,7 @@ PRESS_DTYPE = np.dtype(
         ("cell", "<i4"),
         ("begin_ns", "<i8"),
         ("contact_ns", "<i8"),
-        ("loose_ns", "<i8"),
+        ("contact_end_ns", "<i8"),
         ("end_ns", "<i8"),
         ("force_n", "<f8"),
     ]
@@ -57,7 +57,7 @@ class PressSchedule(NamedTuple):
         force_n: (m, 2) minimum and maximum force [N].
         modulation_depth: (m,) relative amplitude of the sinusoidal force modulation.
         modulation_rad_s: (m,) angular frequency of the modulation [rad/s].
-        unevenness: (m,) largest fraction of the force that a force cell may lack.
+        force_spread: (m,) largest fraction of the force that a force cell may lack.
         temperature_c: (m,) temperature of the pressing object [°C].
     """
 
@@ -86,23 +86,23 @@ def build_press_schedule(script: ScriptedStimuliSpec, seed: int, sizes: Mapping[
     names = [(patch, cell) for patch, n in sizes.items() for cell in range(n)]
     row_of = {name: row for row, name in enumerate(names)}
     keys = np.array([stream_key(seed, *name, StreamName.SCRIPTED_STIMULI) for name in names], dtype=np.uint64)
-    chosen = np.sort(np.argsort(keys, kind="stable")[: round(script.stimulated * len(names))])
+    chosen = np.sort(np.argsort(keys, kind="stable")[: round(script.stimulated_fraction * len(names))])
     parts = [_stimulation(script, chosen, keys[chosen])]
-    for index, touch in enumerate(script.touches):
-        cells = script.touched(index, sizes)
+    for index, touch in enumerate(script.presses):
+        cells = script.pressed_cells(index, sizes)
         rows = np.array([row_of[cell] for cell in cells], dtype=np.int64)
         own = np.array(
             [stream_key(seed, *cell, StreamName.SCRIPTED_STIMULI, index) for cell in cells], dtype=np.uint64
         )
-        every_ns = _NON_PERIODIC_NS if touch.every_s is None else ns_of_s(touch.every_s)
+        every_ns = _NON_PERIODIC_NS if touch.period_s is None else ns_of_s(touch.period_s)
         first_ns = np.full(len(rows), ns_of_s(touch.start_s))
         parts.append(_presses(touch, (touch.force_n, touch.force_n), rows, own, first_ns, every_ns))
     return PressSchedule._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
 def _stimulation(script: ScriptedStimuliSpec, cell: Indices, key: NDArray[np.uint64]) -> PressSchedule:
-    spec = script.stimulation
-    stagger_ns = spec.period_ns if spec.stagger_s is None else ns_of_s(spec.stagger_s)
+    spec = script.random_presses
+    stagger_ns = spec.period_ns if spec.onset_spread_s is None else ns_of_s(spec.onset_spread_s)
     late_ns = [int(uniform(k, np.uint64(0)) * stagger_ns) for k in key]
     first_ns = ns_of_s(spec.start_s) + np.array(late_ns, dtype=np.int64)
     period_ns = spec.period_ns if spec.repeat else _NON_PERIODIC_NS
@@ -133,7 +133,7 @@ def _presses(
         force_n=np.tile(np.array(force_n), (len(cell), 1)),
         modulation_depth=alike(force_profile.modulation),
         modulation_rad_s=alike(2.0 * math.pi * force_profile.modulation_hz),
-        unevenness=alike(force_profile.unevenness),
+        unevenness=alike(force_profile.force_spread),
         temperature_c=alike(force_profile.temperature_c),
     )
 
@@ -225,8 +225,8 @@ def presses_before(presses: PressSchedule, end_ns: int) -> NDArray[Any]:
     found["begin_ns"] = presses.first_ns[row] + number * presses.period_ns[row]
     found["contact_ns"] = found["begin_ns"] + presses.approach_ns[row]
     touching_ns = presses.rise_ns + presses.hold_ns + presses.release_ns
-    found["loose_ns"] = found["contact_ns"] + touching_ns[row]
-    found["end_ns"] = found["loose_ns"] + presses.approach_ns[row]
+    found["contact_end_ns"] = found["contact_ns"] + touching_ns[row]
+    found["end_ns"] = found["contact_end_ns"] + presses.approach_ns[row]
     found["force_n"] = _all_held_n(presses, row, number)
     return found[np.lexsort((found["cell"], found["begin_ns"]))]
 

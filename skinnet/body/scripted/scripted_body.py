@@ -54,7 +54,7 @@ class ScriptedBody:
             ModelError: the model does not compile or lacks something.
             DeploymentError: the deployment contradicts itself or the model.
         """
-        assert deployment.script is not None
+        assert deployment.scripted_stimuli is not None
         spec, teacher = deployment.body, deployment.teacher
         self.t_ns = 0
         self.refused_commands = 0
@@ -64,9 +64,9 @@ class ScriptedBody:
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(patches)}
         sizes = {patch.name: patch.n_cells for patch in patches}
-        self.press_schedule = build_press_schedule(deployment.script, deployment.seed, sizes)
+        self.press_schedule = build_press_schedule(deployment.scripted_stimuli, deployment.seed, sizes)
         self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
-        self.force_trace = PeakForceTrace(spec.stimulus_ns)
+        self.force_trace = PeakForceTrace(spec.stimulus_period_ns)
         self.data = mujoco.MjData(self.model.mj)
         self.data.qpos[:] = self.model.home_qpos
         self._motion = motion_views(self.model.mj, self.data)
@@ -78,7 +78,7 @@ class ScriptedBody:
         self._position_rad: Floats = self.data.qpos[self.model.qpos_address]
         self._command_rad_s = self._velocity_rad_s = np.zeros(self.n_dofs)
         self._commanded_ns, self._commanded_rad = 0, self._position_rad
-        self._stimulus_period_ns = spec.stimulus_ns
+        self._stimulus_period_ns = spec.stimulus_period_ns
         self._previous_velocity_rad_s = np.zeros(self.n_dofs)
         self._moving = True
         self._stimulus = np.zeros((len(self.surface.body_id), len(STIMULUS_NAMES)))
@@ -134,9 +134,9 @@ class ScriptedBody:
             "touches": [],
             "lessons": [],
             "strokes": [],
-            "reaction_crossings": self.crossings.facts(),
+            "threshold_crossings": self.crossings.facts(),
             "refused_commands": self.refused_commands,
-            "peak_cell_n": self.force_trace.by_stage_n,
+            "peak_force_by_stage_n": self.force_trace.by_stage_n,
         }
         return GroundTruth(
             facts, {"presses": presses_before(self.press_schedule, self.t_ns)} | self.force_trace.arrays()

@@ -43,7 +43,7 @@ class PositionGoals:
             for i, goal in enumerate(specs)
         ]
         self._point_m = np.array([goal.point_m for goal in specs], dtype=np.float64)
-        self._target_m = np.array([goal.at_m for goal in specs], dtype=np.float64)
+        self._target_m = np.array([goal.position_m for goal in specs], dtype=np.float64)
         self._root_weight = np.sqrt([goal.weight for goal in specs])
 
     def error_m(self) -> Floats:

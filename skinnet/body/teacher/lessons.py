@@ -80,8 +80,8 @@ class Lesson:
         self.ground_truth = ground_truth
         self._finger, self._spec, self._goals, self._evasion = finger, spec, goals, evasion
         self._targets = {spot.row: spot for spot in targets}
-        self._near_m = spec.near_m
-        self._end_ns = ground_truth.begin_ns + ns_of_s(spec.patience_s)
+        self._near_m = spec.tip_height_m
+        self._end_ns = ground_truth.begin_ns + ns_of_s(spec.timeout_s)
         self._outcome = ""
         self._touch: LessonTouch | None = None
         self._plan = np.zeros(0, dtype=np.int64)
@@ -109,14 +109,14 @@ class Lesson:
             return
         line = self._finger.approach_line(self._targets[touch.cell])
         height_m = self._finger.height_m(line)
-        self.ground_truth.observe(t_ns, height_m, self._finger.force_n())
+        self.ground_truth.record(t_ns, height_m, self._finger.force_n())
         if t_ns >= self._next_observation_ns:
             self._observe(touch, line, height_m, t_ns)
         if self.phase is FingerPhase.WITHDRAW and height_m >= self._height_m - _POSITION_TOLERANCE_M:
             self._finger.park()
             self._touch, self._pause_ns = None, t_ns + _RETREAT_PAUSE_NS
             return
-        self._finger.pursue(line, self._height_m, step_ns / NS_PER_S, self._spec.speed_m_s)
+        self._finger.pursue(line, self._height_m, step_ns / NS_PER_S, self._spec.max_speed_m_s)
 
     def _next_touch(self, t_ns: int) -> LessonTouch | None:
         """Start a touch of the cell with the longest planned motion; None if the lesson is over."""
@@ -169,28 +169,28 @@ class Lesson:
             self._height_m = self._free_height_m
             return
         moved_rad = self._evasion.position_rad() - self._start_rad
-        touch.moved_rad = float(np.linalg.norm(moved_rad))
+        touch.joint_motion_rad = float(np.linalg.norm(moved_rad))
         seen = self._evasion.observe(touch.cell, moved_rad)
         left_rad = self._remaining_rad(touch.cell)
         near = abs(height_m - self._height_m) < _POSITION_TOLERANCE_M
         if near:
             self.phase = FingerPhase.HOLD
-        if not near or touch.moved_rad >= self._progress[1] + _STALL_MOTION_RAD:
-            self._progress = (t_ns, touch.moved_rad)
+        if not near or touch.joint_motion_rad >= self._progress[1] + _STALL_MOTION_RAD:
+            self._progress = (t_ns, touch.joint_motion_rad)
         stalled = t_ns >= self._progress[0] + _STALL_TIME_NS
         if stalled and not seen:
             self._evasion.mark_unresponsive(touch.cell)
         if (
             stalled
             or left_rad < _MIN_REMAINING_RAD
-            or touch.moved_rad > _REPLANNING_RAD
+            or touch.joint_motion_rad > _REPLANNING_RAD
             or t_ns >= self._end_ns
             or self._free_height_m < self._near_m + _CLEARANCE_M
         ):
             self._withdraw(t_ns)
         else:
             self._height_m = self._near_m
-            if self._spec.gap_m is not None:
+            if self._spec.clearance_m is not None:
                 self._height_m = min(self._near_m * max(1.0, _SLOWDOWN_RAD / left_rad), self._free_height_m)
 
     def _remaining_rad(self, row: int) -> float:

@@ -92,8 +92,8 @@ class Stroke:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         step_s, spec, truth = step_ns / NS_PER_S, self._spec, self.ground_truth
         np.maximum(self._peak_n, self._foundation.contact.force_n.sum(axis=1), out=self._peak_n)
-        truth.touched = np.flatnonzero(self._peak_n >= _MIN_TOUCH_N).tolist()
-        truth.peak_n = max(truth.peak_n, self._finger.force_n())
+        truth.touched_cells = np.flatnonzero(self._peak_n >= _MIN_TOUCH_N).tolist()
+        truth.peak_force_n = max(truth.peak_force_n, self._finger.force_n())
         if self.phase is FingerPhase.APPROACH:
             self._height_m = max(self._height_m - spec.speed_m_s * step_s, -spec.depth_m)
             if self._height_m <= -spec.depth_m:

@@ -177,6 +177,6 @@ class Teacher:
     def _stroke(self, index: int, t_ns: int) -> FingerTask:
         spec, sweeps = self._spec.strokes[index], self._sweeps[index]
         asked = [spot.row for sweep in sweeps for spot in sweep.targets]
-        truth = StrokeGroundTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, asked=asked)
+        truth = StrokeGroundTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, requested_cells=asked)
         self.strokes.append(truth)
         return Stroke(self._finger, self._foundation, spec, sweeps, truth)

@@ -54,7 +54,7 @@ class Touch:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         spec, finger, step_s = self._spec, self._finger, step_ns / NS_PER_S
         felt_n = self._target_force_n()
-        self.ground_truth.observe(t_ns, step_s, finger.force_n(), felt_n, self.phase is FingerPhase.HOLD)
+        self.ground_truth.record(t_ns, step_s, finger.force_n(), felt_n, self.phase is FingerPhase.HOLD)
         if self.phase is FingerPhase.WITHDRAW:
             self._height_m += spec.speed_m_s * step_s
             if self._height_m >= spec.approach_m:

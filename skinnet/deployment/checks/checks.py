@@ -33,34 +33,34 @@ def check(deployment: Deployment) -> None:
     _check_nursing(deployment)
     _check_stand(deployment)
     check_faults(deployment)
-    if deployment.script is not None:
-        deployment.script.check({patch.name: patch.n_cells for patch in deployment.patches})
+    if deployment.scripted_stimuli is not None:
+        deployment.scripted_stimuli.check({patch.name: patch.n_cells for patch in deployment.patches})
 
 
 def _check_periods(deployment: Deployment) -> None:
     body, control = deployment.body, deployment.controller
     for key, value_ns in (
-        ("body.stimulus_ms", body.stimulus_ns),
-        ("body.joints_ms", body.joints_ns),
+        ("body.stimulus_period_ms", body.stimulus_period_ns),
+        ("body.joint_state_period_ms", body.joint_state_period_ns),
         ("controller.period_ms", control.period_ns),
         ("controller.command_delay_ms", control.command_delay_ns),
     ):
-        if body.physics_ns == 0 or value_ns % body.physics_ns or value_ns == 0:
+        if body.timestep_ns == 0 or value_ns % body.timestep_ns or value_ns == 0:
             raise DeploymentError(
                 f"{key} = {value_ns / 1e6:g}: must be a whole multiple of "
-                f"body.physics_ms = {body.physics_ms:g}"
+                f"body.timestep_ms = {body.timestep_ms:g}"
             )
-    if deployment.cells.period_ns != body.stimulus_ns:
+    if deployment.cells.period_ns != body.stimulus_period_ns:
         raise DeploymentError(
             f"cells.period_ms = {deployment.cells.period_ms:g}: cells sample once per stimulus frame; "
-            f"set it and body.stimulus_ms = {body.stimulus_ms:g} alike"
+            f"set it and body.stimulus_period_ms = {body.stimulus_period_ms:g} alike"
         )
-    if body.joints_ns != control.period_ns:
+    if body.joint_state_period_ns != control.period_ns:
         raise DeploymentError(
             f"controller.period_ms = {control.period_ms:g}: the controller ticks with the joint feedback; "
-            f"set it and body.joints_ms = {body.joints_ms:g} alike"
+            f"set it and body.joint_state_period_ms = {body.joint_state_period_ms:g} alike"
         )
-    lag_ns = body.stimulus_ns - math.gcd(body.stimulus_ns, control.period_ns)
+    lag_ns = body.stimulus_period_ns - math.gcd(body.stimulus_period_ns, control.period_ns)
     if control.command_delay_ns < lag_ns:
         raise DeploymentError(
             f"controller.command_delay_ms = {control.command_delay_ns / 1e6:g}: body and controller would "
@@ -80,12 +80,12 @@ def _check_network(deployment: Deployment) -> None:
 def _check_patches(deployment: Deployment) -> None:
     if not (deployment.patches or deployment.sheets):
         raise DeploymentError("patches, sheets: there is no skin; give at least one of them")
-    if deployment.sheets and deployment.script is not None:
+    if deployment.sheets and deployment.scripted_stimuli is not None:
         raise DeploymentError("script: presses cells only; leave it, or leave the sheets")
-    if deployment.sheets and deployment.boards.period_ns != deployment.body.stimulus_ns:
+    if deployment.sheets and deployment.boards.period_ns != deployment.body.stimulus_period_ns:
         raise DeploymentError(
             f"boards.period_ms = {deployment.boards.period_ms:g}: boards scan once per stimulus frame; set "
-            f"it and body.stimulus_ms = {deployment.body.stimulus_ms:g} alike"
+            f"it and body.stimulus_period_ms = {deployment.body.stimulus_period_ms:g} alike"
         )
     names = Counter(patch.name for patch in deployment.patches)
     for name, count in names.items():
@@ -94,12 +94,12 @@ def _check_patches(deployment: Deployment) -> None:
 
 
 def _check_processes(deployment: Deployment) -> None:
-    hosts = deployment.hosts
+    hosts = deployment.cell_processes
     if isinstance(hosts, int) and hosts < 1:
         raise DeploymentError(f'hosts = {hosts}: at least 1, or "per_patch", or a table of patches by host')
     names = [patch.name for patch in deployment.patches]
     placed: dict[str, str] = {}
-    for host, patches in deployment.host_patches().items():
+    for host, patches in deployment.patches_by_process().items():
         if host in _RESERVED_NAMES:
             raise DeploymentError(f"hosts.{host}: that name has a meaning of its own; choose another")
         if not patches:
@@ -113,14 +113,14 @@ def _check_processes(deployment: Deployment) -> None:
     left = [name for name in names if name not in placed]
     if left:
         raise DeploymentError(f"hosts: no host runs {', '.join(left)}")
-    known = {"body", "cells", "controller", "recorder", *deployment.hosts_of_skin()}
-    for name in deployment.run.may_be_lost:
+    known = {"body", "cells", "controller", "recorder", *deployment.skin_processes()}
+    for name in deployment.run.tolerated_losses:
         if name not in known:
             raise DeploymentError(
-                f"run.may_be_lost: unknown process {name!r}; there are {', '.join(sorted(known))}"
+                f"run.tolerated_losses: unknown process {name!r}; there are {', '.join(sorted(known))}"
             )
         if name == "body":
-            raise DeploymentError("run.may_be_lost: nothing is left to simulate without the body")
+            raise DeploymentError("run.tolerated_losses: nothing is left to simulate without the body")
 
 
 def _check_sensors(cells: CellSpec) -> None:
@@ -144,9 +144,9 @@ def _check_sensors(cells: CellSpec) -> None:
         raise DeploymentError(
             f"cells.temperature.min_c = {warmth.min_c:g}: must be below max_c = {warmth.max_c:g}"
         )
-    if not 0.0 < cells.proximity.reading_at_reach < 1.0:
+    if not 0.0 < cells.proximity.reading_at_range < 1.0:
         raise DeploymentError(
-            f"cells.proximity.reading_at_reach = {cells.proximity.reading_at_reach:g}: between 0 and 1"
+            f"cells.proximity.reading_at_range = {cells.proximity.reading_at_range:g}: between 0 and 1"
         )
 
 
@@ -156,9 +156,9 @@ def _check_program(deployment: Deployment) -> None:
         raise DeploymentError(
             "controller.program, nursing: give a program of stages or [nursing], one of them"
         )
-    if deployment.nursing is not None and control.outside_velocity:
+    if deployment.nursing is not None and control.external_velocity:
         raise DeploymentError(
-            "controller.outside_velocity = true: nursing takes no velocities from outside; leave it"
+            "controller.external_velocity = true: nursing takes no velocities from outside; leave it"
         )
     if deployment.nursing is not None and not deployment.sheets:
         raise DeploymentError("nursing: needs tactile sheets; give surfaces and sheets")
@@ -176,7 +176,7 @@ def _check_program(deployment: Deployment) -> None:
         mapped |= stage.kind == "map"
         if stage.kind == "guide" and not mapped:
             raise DeploymentError(f"{key}: guidance needs a sensory-motor map; put a map stage before it")
-        if stage.kind in ("guide", "listen") and stage.duration_s is None:
+        if stage.kind in ("guide", "passive") and stage.duration_s is None:
             raise DeploymentError(f"{key}.duration_s: a {stage.kind} stage needs its duration")
         if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
             known = ", ".join(["home", *control.poses_rad])
@@ -201,11 +201,13 @@ def _check_nursing(deployment: Deployment) -> None:
             raise DeploymentError(
                 f"nursing.weights.{name}: no such surface or body; there are {', '.join(known)}"
             )
-    for contact in nursing.assumed:
+    for contact in nursing.assumed_contacts:
         if contact.surface not in surfaces:
             there = ", ".join(sorted(surfaces))
-            raise DeploymentError(f"nursing.assumed: unknown surface {contact.surface!r}; there are {there}")
-    released_s = 0.0 if payload is None else payload.release_s + payload.easing_s
+            raise DeploymentError(
+                f"nursing.assumed_contacts: unknown surface {contact.surface!r}; there are {there}"
+            )
+    released_s = 0.0 if payload is None else payload.release_delay_s + payload.release_ramp_s
     if payload is not None and payload.release_stage == "hold" and nursing.hold_s <= released_s:
         raise DeploymentError(
             f"nursing.hold_s = {nursing.hold_s:g}: the payload is let go {released_s:g} s after it began;"
@@ -219,14 +221,14 @@ def _check_stand(deployment: Deployment) -> None:
         if deployment.object != NO_OBJECT:
             raise DeploymentError(f'object = "{deployment.object}": nothing presents it; give [stand]')
         return
-    for key, other in (("script", deployment.script), ("payload", deployment.payload)):
+    for key, other in (("script", deployment.scripted_stimuli), ("payload", deployment.payload)):
         if other is not None:
             raise DeploymentError(f"stand, {key}: do not go together; leave one of them")
-    if stand.below_m > 0.0 and stand.present_stage is None:
+    if stand.rise_m > 0.0 and stand.rise_stage is None:
         raise DeploymentError(
-            f"stand.below_m = {stand.below_m:g}: it would stay there; name the stage in which it rises "
-            "(stand.present_stage)"
+            f"stand.rise_m = {stand.rise_m:g}: it would stay there; name the stage in which it rises "
+            "(stand.rise_stage)"
         )
-    for key, name in (("present_stage", stand.present_stage), ("lower_stage", stand.lower_stage)):
+    for key, name in (("present_stage", stand.rise_stage), ("lower_stage", stand.lower_stage)):
         if name is not None:
             check_stage_name(f"stand.{key}", name, deployment.controller)

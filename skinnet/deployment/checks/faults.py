@@ -19,7 +19,7 @@ def check_faults(deployment: Deployment) -> None:
     for index, rule in enumerate(deployment.faults):
         key = f"faults[{index}]"
         _check_times(key, rule, deployment.run.max_s)
-        if isinstance(rule, Drift) and rule.per_s == 0.0:
+        if isinstance(rule, Drift) and rule.rate_per_s == 0.0:
             raise DeploymentError(f"{key}.per_s = 0: nothing would drift; above or below zero")
         if isinstance(rule, StuckAt) and rule.value is not None:
             low, high = _reading_range(deployment.cells, rule.channel)

@@ -17,7 +17,7 @@ def check_stage_name(key: str, name: str, controller: ControllerSpec) -> None:
     """
     known = list(controller.stages)
     for stage, spec in controller.stages.items():
-        if spec.kind == "session":
+        if spec.kind == "teach_and_grasp":
             known += [f"{stage}.{state}" for state in get_args(StateName)]
     if name not in known:
         raise DeploymentError(f"{key} = {name!r}: unknown stage; there are {', '.join(known) or 'none'}")

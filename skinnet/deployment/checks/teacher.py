@@ -24,7 +24,7 @@ def check_teacher(deployment: Deployment) -> None:
         parse_cell_range(f"{key}.cell", touch.cell, sizes)
     for index, lesson in enumerate(teacher.lessons):
         key = f"teacher.lessons[{index}]"
-        if (lesson.gap_m is None) == (lesson.depth_m is None):
+        if (lesson.clearance_m is None) == (lesson.depth_m is None):
             raise DeploymentError(
                 f"{key}: give either gap_m, for proximity guidance, or depth_m, for force guidance"
             )

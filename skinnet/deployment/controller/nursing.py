@@ -62,7 +62,7 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Controlled joints: arms and waist; with the cart all deviations vanish, contrary to [R11]."""
     waypoints: Annotated[tuple[WaypointSpec, ...], Meta(min_length=1)]
-    assumed: tuple[AssumedContactSpec, ...] = ()
+    assumed_contacts: tuple[AssumedContactSpec, ...] = ()
     """Contacts used instead of sensed ones; requires `feedback = "none"`."""
     solver: Literal["closed_form", "qp"] = "closed_form"
     feedback: Literal["none", "position", "rotation", "position_rotation"] = "position_rotation"
@@ -70,15 +70,15 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     """Contact weights by sheet or by its body; default weights for all others."""
     joint_weight: Positive = 1e-4
     """Weight w_q of every joint [R11, VI.A]."""
-    object_m: Vector3 | None = None
+    object_centre_m: Vector3 | None = None
     """Initial inherent centre of the object, world frame; mean of the contacts unless given."""
     position_feedback: ImpedanceSpec = ImpedanceSpec(inertia=545.0, damping=1090.0, stiffness=2725.0)
     """Impedance of the position feedback: Table II [R11]."""
     rotation_feedback: ImpedanceSpec = ImpedanceSpec(inertia=0.0043, damping=0.143, stiffness=0.108)
     """Impedance of the rotation feedback: Table II [R11]."""
-    speed_rad_s: Positive = 0.5
+    max_joint_speed_rad_s: Positive = 0.5
     """Speed limit of every joint *(assumed)*."""
-    acceleration_rad_s2: Positive | None = None
+    max_joint_acceleration_rad_s2: Positive | None = None
     """Acceleration limit of every joint; none unless given."""
     joint_offset_sigma_deg: NonNegative = 0.0
     """Standard deviation of the joint offsets in the controller's model, drawn by the seed."""
@@ -91,46 +91,52 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     hold_s: NonNegative = 1.0
     record_s: NonNegative = 0.2
     settle_s: NonNegative = 3.0
-    contact_n: Positive = 1.0
+    contact_threshold_n: Positive = 1.0
     """Force threshold of a contact *(assumed)*."""
-    follow_m: NonNegative = 0.043
+    association_distance_m: NonNegative = 0.043
     """Association distance: largest jump of a contact along its sheet, or to a new region id; two elements
     *(assumed)*."""
-    lost_ms: Positive = 100.0
+    contact_timeout_ms: Positive = 100.0
     """Time below the force threshold after which a contact is lost *(assumed)*."""
-    silent_ms: Positive = 40.0
+    skin_timeout_ms: Positive = 40.0
     """Timeout of the skin input: ten board periods *(assumed)*."""
-    comfort_kpa: Positive = 60.0
+    max_pressure_kpa: Positive = 60.0
     """Pressure limit of an element; below the 90 kPa of the sensors *(assumed)*."""
-    reach_m: Positive = 0.1
+    position_tolerance_m: Positive = 0.1
     """Position deviation beyond which a contact is out of reach *(assumed)*."""
-    reach_rad: Positive = 0.7
+    rotation_tolerance_rad: Positive = 0.7
     """Rotation deviation beyond which a contact is out of reach *(assumed)*."""
-    mobility: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.25
+    min_mobility: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.25
     """Minimum fraction of a shift in any direction that the contacts can follow *(assumed)*."""
     mobility_lever_m: Positive = 0.05
     """Joint lever below which a direction counts as lost in a singular posture *(assumed)*."""
 
     def __post_init__(self) -> None:
         _require_positive(
-            self, "joint_weight", "speed_rad_s", "contact_n", "lost_ms", "silent_ms", "comfort_kpa"
+            self,
+            "joint_weight",
+            "max_joint_speed_rad_s",
+            "contact_threshold_n",
+            "contact_timeout_ms",
+            "skin_timeout_ms",
+            "max_pressure_kpa",
         )
-        _require_positive(self, "reach_m", "reach_rad", "mobility_lever_m")
-        if self.acceleration_rad_s2 is not None:
-            _require_positive(self, "acceleration_rad_s2")
-        if self.assumed and self.feedback != "none":
+        _require_positive(self, "position_tolerance_m", "rotation_tolerance_rad", "mobility_lever_m")
+        if self.max_joint_acceleration_rad_s2 is not None:
+            _require_positive(self, "max_joint_acceleration_rad_s2")
+        if self.assumed_contacts and self.feedback != "none":
             raise ValueError(f'feedback = "{self.feedback}": assumed contacts feel nothing; set it to none')
         times_s = [0.0, *(point.t_s for point in self.waypoints)]
         if sorted(set(times_s)) != times_s:
             raise ValueError(f"waypoints at {times_s[1:]} s: each must be later than the one before")
 
     @property
-    def feels_position(self) -> bool:
+    def has_position_feedback(self) -> bool:
         """True with position feedback."""
         return self.feedback in ("position", "position_rotation")
 
     @property
-    def feels_rotation(self) -> bool:
+    def has_rotation_feedback(self) -> bool:
         """True with rotation feedback."""
         return self.feedback in ("rotation", "position_rotation")
 
@@ -150,11 +156,11 @@ class NursingSpec(Table, frozen=True, kw_only=True):
         return ns_of_s(self.settle_s)
 
     @property
-    def lost_ns(self) -> int:
+    def contact_timeout_ns(self) -> int:
         """Timeout of a weak contact [ns]."""
-        return ns_of_ms(self.lost_ms)
+        return ns_of_ms(self.contact_timeout_ms)
 
     @property
-    def silent_ns(self) -> int:
+    def skin_timeout_ns(self) -> int:
         """Timeout of the skin input [ns]."""
-        return ns_of_ms(self.silent_ms)
+        return ns_of_ms(self.skin_timeout_ms)

@@ -42,31 +42,31 @@ class StateParametersSpec(Table, frozen=True, kw_only=True):
     """Parameters of one state; defaults are those of Table II [M14]."""
 
     speed_rad_s: Positive | None = None
-    accuracy_rad: Positive | None = None
-    patience_s: Positive | None = None
+    tolerance_rad: Positive | None = None
+    timeout_s: Positive | None = None
     areas: dict[AreaName, AreaReactionSpec] = field(default_factory=dict)
 
 
 class OperatorRequestSpec(Table, frozen=True, kw_only=True):
     """Request of the scripted operator, who sends one after the other.
 
-    It is sent once the session has been in `state` for `after_s`, counted from the previous request if that
-    was later, without any contact for `quiet_s`.
+    It is sent once the session has been in `state` for `delay_s`, counted from the previous request if that
+    was later, without any contact for `contact_free_s`.
     """
 
     state: StateName
     request: Literal["guide", "attend", "remember", "go", "grasp", "release", "cancel", "end"]
     argument: str = ""
-    after_s: NonNegative = 0.5
-    quiet_s: NonNegative = 0.0
+    delay_s: NonNegative = 0.5
+    contact_free_s: NonNegative = 0.0
 
 
 class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
     """Teaching and grasping [M14]; levels are those of Table I, counted from 1."""
 
-    operator: tuple[OperatorRequestSpec, ...] = ()
+    operator_requests: tuple[OperatorRequestSpec, ...] = ()
     """Scripted requests; without any, external clients send requests until one of them ends the session."""
-    patience_s: Positive = 10.0
+    operator_timeout_s: Positive = 10.0
     """Timeout of the scripted operator, while the robot is at rest; then the session ends."""
     pre_contact: bool = True
     """Use proximity and force to grasp; if false, force only."""
@@ -78,32 +78,32 @@ class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
     """Force level at which an object is held: medium."""
     pain_level: LevelNumber = 4
     """Force level of pain, at which the grasp is cancelled."""
-    lost_ms: Positive = 300.0
+    contact_timeout_ms: Positive = 300.0
     """Time without contact after which an arm has lost the object *(assumed)*."""
-    stall_ms: Positive = 1500.0
+    stall_timeout_ms: Positive = 1500.0
     """Time without progress towards the pose after which the robot is stalled *(assumed)*."""
-    set_down_s: Positive = 4.0
+    set_down_delay_s: Positive = 4.0
     """Time for which the robot holds an object to be taken before it lets go *(assumed)*."""
-    least_skin: Fraction = 0.5
+    min_skin_fraction: Fraction = 0.5
     """Fraction of an area's cells below which the area is lost *(assumed)*."""
     states: dict[StateName, StateParametersSpec] = field(default_factory=dict)
 
     @property
-    def lost_ns(self) -> int:
+    def contact_timeout_ns(self) -> int:
         """Timeout of an arm without contact [ns]."""
-        return ns_of_ms(self.lost_ms)
+        return ns_of_ms(self.contact_timeout_ms)
 
     @property
-    def stall_ns(self) -> int:
+    def stall_timeout_ns(self) -> int:
         """Timeout of a robot without progress [ns]."""
-        return ns_of_ms(self.stall_ms)
+        return ns_of_ms(self.stall_timeout_ms)
 
     @property
-    def set_down_ns(self) -> int:
+    def set_down_delay_ns(self) -> int:
         """Duration of the wait before it lets go [ns]."""
-        return ns_of_s(self.set_down_s)
+        return ns_of_s(self.set_down_delay_s)
 
     @property
-    def patience_ns(self) -> int:
+    def operator_timeout_ns(self) -> int:
         """Timeout of the scripted operator [ns]."""
-        return ns_of_s(self.patience_s)
+        return ns_of_s(self.operator_timeout_s)

@@ -32,7 +32,7 @@ _BASE_PROTRUSION_M = 0.002
 
 
 class Shape(Enum):
-    """Shape of a solid, which defines its `half_m`."""
+    """Shape of a solid, which defines its `half_extents_m`."""
 
     BOX = "box"
     """Box: half of each edge."""
@@ -47,21 +47,21 @@ class PrimitiveSolid(NamedTuple):
 
     Attributes:
         shape: Box, cylinder or ellipsoid.
-        half_m: Half extents along x, y and z, before rotation [m].
-        at_m: Position of the centre, object frame [m].
+        half_extents_m: Half extents along x, y and z, before rotation [m].
+        position_m: Position of the centre, object frame [m].
         yaw_deg: Rotation about the vertical axis.
     """
 
     shape: Shape
-    half_m: Vector3
-    at_m: Vector3 = (0.0, 0.0, 0.0)
+    half_extents_m: Vector3
+    position_m: Vector3 = (0.0, 0.0, 0.0)
     yaw_deg: float = 0.0
 
     @property
     def volume_m3(self) -> float:
         """Volume [m³]."""
         factor = {Shape.BOX: 8.0, Shape.CYLINDER: 2.0 * math.pi, Shape.ELLIPSOID: 4.0 / 3.0 * math.pi}
-        return factor[self.shape] * math.prod(self.half_m)
+        return factor[self.shape] * math.prod(self.half_extents_m)
 
 
 class ObjectModel(NamedTuple):
@@ -75,9 +75,9 @@ class ObjectModel(NamedTuple):
         friction: Friction of the surface on the stand and on bare links; on skin, that of the foam applies.
         base: Massless support; None if the first solid is a box that serves as one.
         hollow: True if the mass is in the walls.
-        nearer_m: Shift towards the robot from `stand.near_x_m`: round objects belong between the forearms,
+        shift_to_robot_m: Shift towards the robot from `stand.object_face_x_m`: round objects belong between the forearms,
             narrow ones beyond the elbows [m].
-        tint: RGB colour, each 0 to 1.
+        rgb: RGB colour, each 0 to 1.
     """
 
     size_m: Vector3
@@ -85,10 +85,10 @@ class ObjectModel(NamedTuple):
     mass_kg: float
     stiffness_pa_per_m: float
     friction: float
-    tint: tuple[float, float, float]
+    rgb: tuple[float, float, float]
     base: PrimitiveSolid | None = None
     hollow: bool = False
-    nearer_m: float = 0.0
+    shift_to_robot_m: float = 0.0
 
 
 def _box(size_m: Vector3) -> tuple[PrimitiveSolid, ...]:
@@ -125,8 +125,8 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             mass_kg=0.8,
             stiffness_pa_per_m=2.5e6,
             friction=0.3,
-            nearer_m=0.04,
-            tint=(0.30, 0.42, 0.55),
+            shift_to_robot_m=0.04,
+            rgb=(0.30, 0.42, 0.55),
         ),
         "sponge_rock": ObjectModel(
             size_m=(0.280, 0.340, 0.260),
@@ -143,8 +143,8 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             mass_kg=0.25,
             stiffness_pa_per_m=0.5e6,
             friction=0.7,
-            nearer_m=0.02,
-            tint=(0.55, 0.53, 0.50),
+            shift_to_robot_m=0.02,
+            rgb=(0.55, 0.53, 0.50),
         ),
         "moving_box": ObjectModel(
             size_m=(0.300, 0.400, 0.330),
@@ -153,7 +153,7 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             stiffness_pa_per_m=2.0e6,
             friction=0.4,
             hollow=True,
-            tint=(0.76, 0.60, 0.40),
+            rgb=(0.76, 0.60, 0.40),
         ),
         "lid": ObjectModel(
             size_m=(0.240, 0.330, 0.100),
@@ -161,9 +161,9 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             mass_kg=0.15,
             stiffness_pa_per_m=4.0e6,
             friction=0.4,
-            nearer_m=-0.04,
+            shift_to_robot_m=-0.04,
             hollow=True,
-            tint=(0.86, 0.84, 0.78),
+            rgb=(0.86, 0.84, 0.78),
         ),
         "delivery_box": ObjectModel(
             size_m=(0.260, 0.360, 0.280),
@@ -171,7 +171,7 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             mass_kg=1.1,
             stiffness_pa_per_m=15.0e6,
             friction=0.4,
-            tint=(0.70, 0.52, 0.32),
+            rgb=(0.70, 0.52, 0.32),
         ),
         "thin_post": ObjectModel(
             size_m=(0.060, 0.060, 0.300),
@@ -179,7 +179,7 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             mass_kg=0.6,
             stiffness_pa_per_m=1.0e8,
             friction=0.4,
-            tint=(0.62, 0.45, 0.28),
+            rgb=(0.62, 0.45, 0.28),
         ),
         "wide_crate": ObjectModel(
             size_m=(0.250, 0.800, 0.300),
@@ -188,7 +188,7 @@ OBJECTS: Mapping[ObjectName, ObjectModel] = MappingProxyType(
             stiffness_pa_per_m=1.0e8,
             friction=0.4,
             hollow=True,
-            tint=(0.62, 0.45, 0.28),
+            rgb=(0.62, 0.45, 0.28),
         ),
     }
 )

@@ -12,9 +12,9 @@ __all__ = ["PayloadSpec"]
 class PayloadSpec(Table, frozen=True, kw_only=True):
     """Cylinder of 140 mm with an elastic sheet of 10 mm, held between the arms [R11, VI.B].
 
-    Before the run, the simulator fixes the cylinder and the arms close on it: each joint of `closing` turns
-    in its direction until the sheets beyond it press with `grip_n`. The simulator begins to release the
-    cylinder `release_s` after the start of the controller's stage `release_stage`.
+    Before the run, the simulator fixes the cylinder and the arms close on it: each joint of `closing_joints` turns
+    in its direction until the sheets beyond it press with `grip_force_n`. The simulator begins to release the
+    cylinder `release_delay_s` after the start of the controller's stage `release_stage`.
     """
 
     position_m: Vector3
@@ -31,20 +31,20 @@ class PayloadSpec(Table, frozen=True, kw_only=True):
     """Thickness of the elastic sheet [R11]."""
     sheet_stiffness_pa_per_m: Positive = 4.0e6
     """Stiffness of the sheet, in series with the robot's foam: rubber of 40 kPa, 10 mm *(assumed)*."""
-    closing: dict[str, Annotated[float, Meta(ge=-1.0, le=1.0)]]
-    """Joints that close the arms before the run, each with its signed fraction of `closing_rad_s`."""
-    closing_rad_s: Positive = 0.05
+    closing_joints: dict[str, Annotated[float, Meta(ge=-1.0, le=1.0)]]
+    """Joints that close the arms before the run, each with its signed fraction of `closing_speed_rad_s`."""
+    closing_speed_rad_s: Positive = 0.05
     """Speed of a closing joint before contact *(assumed)*."""
-    grip_n: Positive = 60.0
+    grip_force_n: Positive = 60.0
     """Initial grip force on the sheets of each arm: held in the feasibility study."""
     release_stage: Name = "hold"
-    release_s: NonNegative = 0.1
-    easing_s: NonNegative = 0.4
+    release_delay_s: NonNegative = 0.1
+    release_ramp_s: NonNegative = 0.4
     """Duration of the release ramp, which avoids an impact on the foam *(assumed)*."""
-    fallen_m: Positive = 0.15
+    drop_threshold_m: Positive = 0.15
     """Fall of the centre below the point of release that counts as a drop *(assumed)*."""
 
     @property
-    def radius_m(self) -> float:
+    def outer_radius_m(self) -> float:
         """Outer radius, with the elastic sheet [m]."""
         return 0.5 * self.diameter_m + self.sheet_thickness_m

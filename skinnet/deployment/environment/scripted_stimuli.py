@@ -20,7 +20,7 @@ class ForceProfile(Table, frozen=True, kw_only=True):
     A warm object approaches from `approach_m` in `approach_s`; its force rises for `rise_s`, holds for
     `hold_s` and falls in `release_s`; then it withdraws as it came. The force is modulated by the fraction
     `modulation` at `modulation_hz`. One of the three force cells receives all of it, the others less by up to
-    the fraction `unevenness`.
+    the fraction `force_spread`.
     """
 
     approach_m: Positive = 0.08
@@ -30,7 +30,7 @@ class ForceProfile(Table, frozen=True, kw_only=True):
     release_s: Positive = 0.15
     modulation: Fraction = 0.1
     modulation_hz: NonNegative = 2.0
-    unevenness: Fraction = 0.5
+    force_spread: Fraction = 0.5
     temperature_c: float = 33.0
 
     @property
@@ -40,18 +40,18 @@ class ForceProfile(Table, frozen=True, kw_only=True):
 
 
 class RandomPressSpec(ForceProfile, frozen=True, kw_only=True):
-    """Random presses on the fraction `script.stimulated` of the cells *(assumed)*.
+    """Random presses on the fraction `script.stimulated_fraction` of the cells *(assumed)*.
 
     The force of each press on its most loaded force cell is drawn from `force_n`. Presses repeat after
     `pause_s`; with `repeat = false` each cell is pressed once, as in a hug. First presses are spread over
-    `stagger_s` from `start_s` on, or over a whole period without `stagger_s`, so that they do not coincide.
+    `onset_spread_s` from `start_s` on, or over a whole period without `onset_spread_s`, so that they do not coincide.
     """
 
     force_n: tuple[Positive, Positive] = (0.8, 3.0)
     start_s: NonNegative = 0.5
     pause_s: NonNegative = 1.0
     repeat: bool = True
-    stagger_s: NonNegative | None = None
+    onset_spread_s: NonNegative | None = None
 
     @property
     def period_ns(self) -> int:
@@ -60,14 +60,14 @@ class RandomPressSpec(ForceProfile, frozen=True, kw_only=True):
 
 
 class ScriptedPressSpec(ForceProfile, frozen=True, kw_only=True):
-    """Press on several cells at once, at `start_s` and then with period `every_s`, or once without it."""
+    """Press on several cells at once, at `start_s` and then with period `period_s`, or once without it."""
 
     cells: Annotated[tuple[CellPattern, ...], Meta(min_length=1)]
     start_s: NonNegative
     force_n: Positive
-    every_s: Positive | None = None
+    period_s: Positive | None = None
     modulation: Fraction = 0.0
-    unevenness: Fraction = 0.0
+    force_spread: Fraction = 0.0
 
 
 class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
@@ -77,10 +77,10 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
     not press have no contact. The teacher's finger is inactive.
     """
 
-    stimulated: Fraction = 0.0
-    """Fraction of the cells that are pressed as in `script.stimulation`; drawn by the seed and cell name."""
-    stimulation: RandomPressSpec = field(default_factory=RandomPressSpec)
-    touches: tuple[ScriptedPressSpec, ...] = ()
+    stimulated_fraction: Fraction = 0.0
+    """Fraction of the cells that are pressed as in `script.random_presses`; drawn by the seed and cell name."""
+    random_presses: RandomPressSpec = field(default_factory=RandomPressSpec)
+    presses: tuple[ScriptedPressSpec, ...] = ()
 
     def check(self, cells_per_patch: Mapping[str, int]) -> None:
         """Check the script against patches of `cells_per_patch` cells.
@@ -88,24 +88,24 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
         Raises:
             DeploymentError: forces, periods or cell patterns are inconsistent.
         """
-        low_n, high_n = self.stimulation.force_n
+        low_n, high_n = self.random_presses.force_n
         if low_n > high_n:
             raise DeploymentError(
-                f"script.stimulation.force_n = [{low_n:g}, {high_n:g}]: the smallest force comes first"
+                f"scripted_stimuli.random_presses.force_n = [{low_n:g}, {high_n:g}]: the smallest force comes first"
             )
-        for index, touch in enumerate(self.touches):
-            self.touched(index, cells_per_patch)
-            if touch.every_s is not None and ns_of_s(touch.every_s) < touch.duration_ns:
+        for index, touch in enumerate(self.presses):
+            self.pressed_cells(index, cells_per_patch)
+            if touch.period_s is not None and ns_of_s(touch.period_s) < touch.duration_ns:
                 raise DeploymentError(
-                    f"script.touches[{index}].every_s = {touch.every_s:g}: a press takes "
+                    f"scripted_stimuli.presses[{index}].every_s = {touch.period_s:g}: a press takes "
                     f"{touch.duration_ns * 1e-9:g} s from approach to withdrawal; at least that"
                 )
 
-    def touched(self, index: int, cells_per_patch: Mapping[str, int]) -> list[tuple[str, int]]:
+    def pressed_cells(self, index: int, cells_per_patch: Mapping[str, int]) -> list[tuple[str, int]]:
         """List the cells pressed by touch `index`, each once, in the order of the patches.
 
         Args:
-            index: Index in `touches`.
+            index: Index in `presses`.
             cells_per_patch: Number of cells of every patch.
 
         Raises:
@@ -113,7 +113,7 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
         """
         found = {
             cell
-            for pattern in self.touches[index].cells
+            for pattern in self.presses[index].cells
             for cell in _match_cells(pattern, cells_per_patch, index)
         }
         return [
@@ -126,7 +126,7 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
 
 def _match_cells(pattern: str, cells_per_patch: Mapping[str, int], index: int) -> list[tuple[str, int]]:
     patch, _, cell = pattern.partition("/")
-    key = f"script.touches[{index}].cells: {pattern!r}"
+    key = f"scripted_stimuli.presses[{index}].cells: {pattern!r}"
     if patch != "*" and patch not in cells_per_patch:
         raise DeploymentError(f"{key}: unknown patch; there are {', '.join(cells_per_patch)}")
     patches = list(cells_per_patch) if patch == "*" else [patch]

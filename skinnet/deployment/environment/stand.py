@@ -12,51 +12,51 @@ __all__ = ["StandSpec"]
 class StandSpec(Table, frozen=True, kw_only=True):
     """Lift that presents an object to the robot on a plate, and lowers it again *(assumed)*.
 
-    The plate starts `below_m` below its upper position and rises `present_s` after the first start of the
-    stage `present_stage`. It lowers by `lower_m`, `lower_s` after the start of `lower_stage`, stays down for
-    `away_s`, or less if that stage ends, and returns to its upper position for the rest of the run.
+    The plate starts `rise_m` below its upper position and rises `rise_delay_s` after the first start of the
+    stage `rise_stage`. It lowers by `lower_m`, `lower_delay_s` after the start of `lower_stage`, stays down for
+    `lowered_s`, or less if that stage ends, and returns to its upper position for the rest of the run.
     """
 
     grasp_z_m: Positive = 1.07
     """Height of the object's centre in the upper position: that of the HRP-2-like robot's forearms in a
     hug."""
-    near_x_m: float = 0.24
+    object_face_x_m: float = 0.24
     """Position of a box's nearest face, without the disturbance (x, world frame); round objects are placed
     nearer to the robot."""
-    offset_m: NonNegative = 0.0
+    max_offset_m: NonNegative = 0.0
     """Disturbance: largest offset of the object in x and in y, drawn by the seed."""
-    yaw_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
+    max_yaw_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
     """Disturbance: largest rotation of the object about z, drawn by the seed."""
-    stuck: bool = False
+    fix_object: bool = False
     """Fix the object to the plate."""
-    below_m: NonNegative = 0.0
-    present_stage: StageName | None = None
-    """Stage that makes the plate rise; required with `below_m`."""
-    present_s: NonNegative = 0.0
+    rise_m: NonNegative = 0.0
+    rise_stage: StageName | None = None
+    """Stage that makes the plate rise; required with `rise_m`."""
+    rise_delay_s: NonNegative = 0.0
     lower_stage: StageName | None = None
     """Stage that makes the plate lower; without one it stays up."""
-    lower_s: NonNegative = 1.0
+    lower_delay_s: NonNegative = 1.0
     lower_m: Positive = 0.25
-    away_s: NonNegative = 6.0
+    lowered_s: NonNegative = 6.0
     speed_m_s: Positive = 0.10
     acceleration_m_s2: Positive = 0.5
     """Acceleration of the plate, low enough that objects do not slip."""
-    plate_near_x_m: float = 0.17
+    plate_edge_x_m: float = 0.17
     """Near edge of the plate (x, world frame), clear of the chest when the object is pulled to it."""
     plate_width_m: Positive = 0.20
     """Width of the plate, narrow enough for the forearms to pass by its sides."""
 
     @property
-    def present_ns(self) -> int:
-        """Delay from the start of `present_stage` until the plate rises [ns]."""
-        return ns_of_s(self.present_s)
+    def rise_delay_ns(self) -> int:
+        """Delay from the start of `rise_stage` until the plate rises [ns]."""
+        return ns_of_s(self.rise_delay_s)
 
     @property
-    def lower_ns(self) -> int:
+    def lower_delay_ns(self) -> int:
         """Delay from the start of `lower_stage` until the plate lowers [ns]."""
-        return ns_of_s(self.lower_s)
+        return ns_of_s(self.lower_delay_s)
 
     @property
-    def away_ns(self) -> int:
+    def lowered_ns(self) -> int:
         """Duration of the lower position [ns]."""
-        return ns_of_s(self.away_s)
+        return ns_of_s(self.lowered_s)

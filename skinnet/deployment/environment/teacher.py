@@ -25,7 +25,7 @@ CellRange = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$"
 class TouchSpec(Table, frozen=True, kw_only=True):
     """Touch of the teacher's finger on a cell, along the cell's normal.
 
-    The finger starts `approach_m` above the face of the foam and approaches at `speed_m_s`. For `hold_s` it
+    The finger starts `approach_m` above the face of the foam and approaches at `max_speed_m_s`. For `hold_s` it
     either holds a depth in the foam, at the position of the cell when the touch began (`depth_m`), or follows
     the cell at a constant force (`force_n`). Then it withdraws along the same path. With a negative `depth_m`
     it stops before contact.
@@ -33,7 +33,7 @@ class TouchSpec(Table, frozen=True, kw_only=True):
 
     cell: CellName
     stage: StageName
-    """Stage, or one of its states as in "session.hold"."""
+    """Stage, or one of its states as in "teach_and_grasp.hold"."""
     start_s: NonNegative
     force_cell: Annotated[int, Meta(ge=0, le=2)] | None = None
     """Force cell to aim at, instead of the centre of the cell."""
@@ -50,7 +50,7 @@ class GoalSpec(Table, frozen=True, kw_only=True):
     body: str
     point_m: Vector3 = (0.0, 0.0, 0.0)
     """Point, in the frame of the body."""
-    at_m: Vector3
+    position_m: Vector3
     """Goal position, world frame."""
     weight: Positive = 1.0
 
@@ -60,34 +60,34 @@ class LessonSpec(Table, frozen=True, kw_only=True):
 
     The finger approaches one cell after the other, chosen such that the cell's evasion moves the points
     towards their goals, and follows the cell as it evades. The lesson ends when all points are within
-    `tolerance_m`, when no cell improves them, or after `patience_s`. Each start of `stage` gives the next
+    `tolerance_m`, when no cell improves them, or after `timeout_s`. Each start of `stage` gives the next
     lesson of that stage. Defaults are *(assumed)*.
     """
 
     stage: StageName
-    """Stage, or one of its states as in "session.guide_proximity"."""
+    """Stage, or one of its states as in "teach_and_grasp.guide_proximity"."""
     start_s: NonNegative = 0.5
     goals: Annotated[tuple[GoalSpec, ...], Meta(min_length=1)]
     tolerance_m: Positive = 0.015
     """Goal tolerance of every point."""
-    gap_m: Positive | None = None
+    clearance_m: Positive | None = None
     """Clearance between finger and foam, for proximity guidance."""
     depth_m: Positive | None = None
     """Depth of the finger in the foam over a force cell, for force guidance."""
     approach_m: Positive = 0.05
     """Initial height of the finger above the face of the foam, reduced by obstacles."""
-    speed_m_s: Positive = 0.1
+    max_speed_m_s: Positive = 0.1
     """Speed limit of the finger."""
     cells: tuple[CellRange, ...] = ()
     """Cells that may be used: "patch", "patch/3" or "patch/3-7"; all unless given."""
-    patience_s: Positive = 120.0
+    timeout_s: Positive = 120.0
     """Timeout of the lesson."""
 
     @property
-    def near_m(self) -> float:
+    def tip_height_m(self) -> float:
         """Height of the finger above the face of the foam during guidance, negative with contact [m]."""
-        if self.gap_m is not None:
-            return self.gap_m
+        if self.clearance_m is not None:
+            return self.clearance_m
         assert self.depth_m is not None
         return -self.depth_m
 
@@ -101,7 +101,7 @@ class StrokeSpec(Table, frozen=True, kw_only=True):
     """
 
     stage: StageName
-    """Stage, or one of its states as in "session.attend"."""
+    """Stage, or one of its states as in "teach_and_grasp.attend"."""
     start_s: NonNegative = 0.5
     cells: Annotated[tuple[CellRange, ...], Meta(min_length=1)]
     """Cells to stroke, in the order of the list: "patch", "patch/3" or "patch/3-7"."""

@@ -79,7 +79,7 @@ class BitErrors(LinkRule, frozen=True, kw_only=True, tag="bit_errors"):
     Links are named as for `link_cut`.
     """
 
-    rate: Fraction
+    bit_error_rate: Fraction
     """Bit error probability, for each bit on the wire."""
 
 
@@ -120,7 +120,7 @@ class CellDead(CellRule, frozen=True, kw_only=True, tag="cell_dead"):
     """
 
 
-class StuckAt(CellRule, frozen=True, kw_only=True, tag="stuck"):
+class StuckAt(CellRule, frozen=True, kw_only=True, tag="stuck_at"):
     """Stuck-at fault of a reading. Cells are named as for `cell_dead`."""
 
     channel: SensorChannel | Literal["all"]
@@ -132,23 +132,23 @@ class Drift(CellRule, frozen=True, kw_only=True, tag="drift"):
     """Drift of a reading within the sensor's range. Cells are named as for `cell_dead`."""
 
     channel: SensorChannel
-    per_s: float
+    rate_per_s: float
     """Drift rate, in units of the reading per second."""
 
 
-class BabblingIdiot(CellRule, frozen=True, kw_only=True, tag="babble"):
+class BabblingIdiot(CellRule, frozen=True, kw_only=True, tag="babbling_idiot"):
     """Babbling idiot (Kopetz): a cell sends spurious events as a Poisson process.
 
     Cells are named as for `cell_dead`.
     """
 
-    packets_per_s: _PacketRate
+    rate_hz: _PacketRate
 
 
-class SlowProcess(_Rule, frozen=True, kw_only=True, tag="slow_host"):
+class SlowProcess(_Rule, frozen=True, kw_only=True, tag="slow_process"):
     """Slow process: a cell process, by name, needs more wall-clock time for the same results."""
 
-    extra_ms: Positive
+    added_delay_ms: Positive
     """Additional wall-clock time of each period."""
 
 

@@ -8,25 +8,25 @@ from skinnet.deployment.types import Fraction, NonNegative, Positive, Table
 
 __all__ = ["EncodingName", "PublishedRateSpec", "StressSpec"]
 
-EncodingName = Literal["clock", "delta", "levels"]
+EncodingName = Literal["periodic", "send_on_delta", "level_crossing"]
 _Count = Annotated[int, Meta(ge=1)]
 
 
 class PublishedRateSpec(Table, frozen=True, kw_only=True):
     """Published fraction of the clock-driven rate, for comparison with the measured one."""
 
-    share: Fraction
-    of: Literal["bytes", "packets", "rate"] = "rate"
+    fraction: Fraction
+    quantity: Literal["bytes", "packets", "rate"] = "rate"
     """Quantity of the fraction; "rate" where the source gives no packet length: it is then compared with
     both."""
     stimulated: bool
-    at_most: bool = False
+    is_upper_bound: bool = False
     """Upper bound instead of a value."""
     source: str
 
-    def is_of(self, quantity: str) -> bool:
+    def applies_to(self, quantity: str) -> bool:
         """Check if the published fraction applies to `quantity`, "bytes" or "packets"."""
-        return self.of in (quantity, "rate")
+        return self.quantity in (quantity, "rate")
 
 
 class StressSpec(Table, frozen=True, kw_only=True):
@@ -36,14 +36,18 @@ class StressSpec(Table, frozen=True, kw_only=True):
     """Numbers of cells, reached by whole patches from the first; all unless given."""
     gateways: tuple[_Count, ...] = ()
     """Numbers of gateways per patch, placed by search; those of the deployment unless given."""
-    stimulated: tuple[Fraction, ...] = ()
+    stimulated_fractions: tuple[Fraction, ...] = ()
     """Fractions of stimulated cells, which need a script; zero and the fraction of the script unless
     given."""
-    encodings: Annotated[tuple[EncodingName, ...], Meta(min_length=1)] = ("clock", "delta", "levels")
-    delta_sigmas: tuple[Positive, ...] = ()
+    encodings: Annotated[tuple[EncodingName, ...], Meta(min_length=1)] = (
+        "periodic",
+        "send_on_delta",
+        "level_crossing",
+    )
+    delta_noise_ratios: tuple[Positive, ...] = ()
     """Send-on-delta thresholds as multiples of each sensor's noise, quantisation included: further runs with
     all cells and each fraction of stimulated ones."""
-    settle_s: NonNegative = 1.0
+    warm_up_s: NonNegative = 1.0
     """Warm-up before the measurement (simulated time), in which cells send their first readings."""
     duration_s: Positive = 4.0
     """Duration of the measurement (simulated time)."""

@@ -43,20 +43,20 @@ class SurfaceSpec(Table, frozen=True, kw_only=True):
 class SheetSpec(Table, frozen=True, kw_only=True):
     """Tactile sheet with its board: 8 × 8 elements at a pitch of 21.5 mm [R11], or fewer.
 
-    `middle_xi_m` are the tactile coordinates of the centre of the grid. `mask` has one string per row, from
+    `centre_xi_m` are the tactile coordinates of the centre of the grid. `mask` has one string per row, from
     the top, with `#` for an element and `.` for one that is cut away, as seen from outside with `up` upwards;
-    without it the grid is full. With `joins_gaps`, elements on both sides of a gap of one cut row or column
+    without it the grid is full. With `connect_across_gaps`, elements on both sides of a gap of one cut row or column
     are neighbours, as if the teeth of the comb touched.
     """
 
     name: Name
     surface: Name
-    middle_xi_m: tuple[float, float] = (0.0, 0.0)
+    centre_xi_m: tuple[float, float] = (0.0, 0.0)
     columns: Annotated[int, Meta(ge=1, le=MAX_SIDE)] = MAX_SIDE
     rows: Annotated[int, Meta(ge=1, le=MAX_SIDE)] = MAX_SIDE
     pitch_m: Positive = 0.0215
     mask: tuple[str, ...] = ()
-    joins_gaps: bool = True
+    connect_across_gaps: bool = True
 
     @property
     def n_elements(self) -> int:
@@ -74,7 +74,7 @@ class PressureSpec(Table, frozen=True, kw_only=True):
     bits: Annotated[int, Meta(ge=1, le=24)] = 8
     noise_kpa: NonNegative = 0.1
     """Standard deviation of a reading *(assumed)*."""
-    element_us: Positive = 50.0
+    element_read_us: Positive = 50.0
     """Read time of one element *(assumed: 64 in 3.2 ms leave time to compute and send within 4 ms)*."""
 
     @property
@@ -86,9 +86,9 @@ class PressureSpec(Table, frozen=True, kw_only=True):
 class RegionSpec(Table, frozen=True, kw_only=True):
     """Contact regions: activation thresholds of elements, and tracking between scans *(assumed)*."""
 
-    on_kpa: Positive = 1.0
-    off_kpa: Positive = 0.6
-    follow_m: NonNegative = 0.032
+    activation_kpa: Positive = 1.0
+    deactivation_kpa: Positive = 0.6
+    association_distance_m: NonNegative = 0.032
     """Association distance between two scans without a common element; a row plus a column is 0.0304 m."""
 
 
@@ -96,9 +96,9 @@ class BoardSpec(Table, frozen=True, kw_only=True):
     """Board of a tactile sheet, with a scan period of 4 ms [R11]."""
 
     period_ms: Positive = 4.0
-    compute_us: NonNegative = 200.0
+    processing_delay_us: NonNegative = 200.0
     """Processing delay from the last reading of a scan to the sending of its message *(assumed)*."""
-    pattern_every: Annotated[int, Meta(ge=0)] = 0
+    pattern_interval_scans: Annotated[int, Meta(ge=0)] = 0
     """Interval of raw patterns, in scans; 0: only on request."""
     pressure: PressureSpec = field(default_factory=PressureSpec)
     regions: RegionSpec = field(default_factory=RegionSpec)
@@ -120,14 +120,14 @@ class BoardNetworkSpec(Table, frozen=True, kw_only=True):
     kind: Literal["bus", "star", "chain"] = "bus"
     bits_per_s: Annotated[int, Meta(gt=0)] = 1_000_000
     bits_per_byte: Annotated[int, Meta(gt=0, le=64)] = 14
-    delay_us: NonNegative = 0.0
+    propagation_delay_us: NonNegative = 0.0
     """Propagation delay of each link."""
     jitter_us: NonNegative = 0.0
     loss: Fraction = 0.0
     """Probability that a link loses a message."""
     queue_messages: Annotated[int, Meta(ge=-1)] = 32
     """Capacity of the queue of each link; −1 for no bound."""
-    head_bytes: Annotated[int, Meta(gt=0)] = 8
+    header_bytes: Annotated[int, Meta(gt=0)] = 8
     """Header of any message: board, kind, scan number, count."""
     region_bytes: Annotated[int, Meta(gt=0)] = 12
     """Size of a region: id, lineage id, force, ξ1, ξ2 of two bytes each, peak and elements of one."""

@@ -82,7 +82,7 @@ def fault_schedule(deployment: Deployment, placed: Sequence[PatchLayout]) -> tup
         for index, rule in enumerate(deployment.faults)
         for one in select_targets(inventory, rule, index, deployment.seed)
         for t_ns, until_ns in _failure_times_ns(
-            rule, stream_key(deployment.seed, StreamName.FAULT, index, one.name), deployment.max_ns
+            rule, stream_key(deployment.seed, StreamName.FAULT, index, one.name), deployment.max_duration_ns
         )
         for place in one.locations
     ]

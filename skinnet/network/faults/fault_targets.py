@@ -82,7 +82,7 @@ class FaultInventory:
     """Inventory of all fault targets of a deployment."""
 
     def __init__(self, deployment: Deployment, placed: Sequence[PatchLayout]) -> None:
-        self.cell_processes = tuple(deployment.host_patches())
+        self.cell_processes = tuple(deployment.patches_by_process())
         self.n_cells = {patch.name: patch.n_cells for patch in placed}
         self.n_gateways = {patch.name: len(patch.interfaces) for patch in placed}
         self.wires: list[tuple[FaultLocation, FaultLocation]] = []

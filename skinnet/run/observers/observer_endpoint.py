@@ -80,9 +80,9 @@ class ObserverEndpoint:
     def counters(self) -> dict[str, int]:
         """Nonzero counts of messages copied to observers and received from external clients."""
         counts = {
-            "copied": self.copied_messages,
-            "configs": self.external_configs,
-            "velocities": self.external_velocities,
+            "copied_messages": self.copied_messages,
+            "external_configs": self.external_configs,
+            "external_velocities": self.external_velocities,
         }
         counts |= self._request_server.counters
         return {name: count for name, count in counts.items() if count}
@@ -115,9 +115,9 @@ class ObserverEndpoint:
         loop.declare_subscriber(keys.of("answer"), self._on_answer)
         loop.declare_liveliness_subscriber(keys.liveliness(Role.CONTROLLER, "*"), self._on_controller)
         self._public.serve_values(keys.of("topology", "*"), self._latest_topologies.copy)
-        loop.declare_subscriber(keys.of("machine"), self._on_state_machine)
+        loop.declare_subscriber(keys.of("state_machine"), self._on_state_machine)
         self._public.declare_matching_listener(keys.of("processes"), self._on_load_subscribed)
-        for name in ("state", "machine"):
+        for name in ("state", "state_machine"):
             self._public.serve_values(keys.of(name), self._latest_values.copy)
 
     def _expression(self, row: Channel) -> str:

@@ -23,7 +23,7 @@ def plan_report(plan: Plan) -> dict[str, Any]:
             "voltage_v": plan.limits.voltage_v if plan.deployment.power is not None else None,
         },
         "problems": diagnose(plan),
-        "figures": _metrics(plan),
+        "metrics": _metrics(plan),
         "patches": [_patch(plan, index) for index in range(len(plan.skin.patches))],
         "gateways": [_gateway(plan, index) for index in range(len(plan.skin.gateways))],
         "fewest": [_fewest(plan, index) for index in range(len(plan.groups))],
@@ -38,12 +38,12 @@ def _finite(value: float, scale: float = 1.0) -> float | None:
 def _load(plan: Plan) -> dict[str, Any]:
     traffic, spec = plan.traffic, plan.deployment.plan
     load: dict[str, Any] = {"encoding": traffic.encoding, "why": traffic.reason}
-    if traffic.encoding != "clock":
+    if traffic.encoding != "periodic":
         load |= {
-            "stimulated": spec.stimulated,
-            "events_hz": spec.events_hz,
-            "idle_events_hz": spec.idle_events_hz,
-            "streams_when_touched": spec.streams_when_touched,
+            "stimulated": spec.stimulated_fraction,
+            "events_hz": spec.event_rate_hz,
+            "idle_events_hz": spec.idle_event_rate_hz,
+            "streams_when_touched": spec.stream_when_touched,
         }
     return load
 
@@ -58,17 +58,17 @@ def _metrics(plan: Plan) -> dict[str, Any]:
         "plan.fewest_gateways": None if impossible else sum(len(s.gateways) for s in plan.searches),
         "plan.packets_per_s": plan.traffic.packets_per_s * skin.n_cells,
         "plan.dropped_per_s": float(budget.dropped_per_s.sum()),
-        "plan.utilisation": float(budget.utilisation.max()),
+        "plan.max_utilisation": float(budget.utilisation.max()),
         "plan.depth": int(budget.forest.depth.max()),
-        "plan.latency_ms.worst": _finite(budget.worst_latency_ns.max(), 1e-6),
-        "plan.latency_ms.expected": _finite(budget.mean_latency_ns.mean(), 1e-6),
+        "plan.max_latency_ms.worst": _finite(budget.worst_latency_ns.max(), 1e-6),
+        "plan.max_latency_ms.expected": _finite(budget.mean_latency_ns.mean(), 1e-6),
         "plan.backlog_packets": _finite(budget.worst_backlog_packets.max()),
         "plan.unreached_cells": int((budget.forest.parent == UNREACHED).sum()),
     }
     if budget.power is not None and plan.deployment.power is not None:
         figures |= {
-            "plan.lowest_v": float(budget.power.voltage_v.min()),
-            "plan.browned_out": int(budget.power.browned_out.sum()),
+            "plan.min_voltage_v": float(budget.power.voltage_v.min()),
+            "plan.browned_out_cells": int(budget.power.browned_out.sum()),
             "plan.power_w": plan.deployment.power.supply_v * float(budget.power.feed_current_a.sum()),
         }
     return figures

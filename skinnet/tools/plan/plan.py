@@ -88,11 +88,11 @@ def make_plan(deployment: Deployment) -> Plan:
 
 def _limits(deployment: Deployment) -> Limits:
     plan, power = deployment.plan, deployment.power
-    lowest_v = 0.0 if power is None else power.minimum_v
+    lowest_v = 0.0 if power is None else power.brown_out_v
     return Limits(
-        math.inf if plan.latency_ms is None else plan.latency_ms * 1e6,
-        plan.utilisation,
-        lowest_v if plan.voltage_v is None else plan.voltage_v,
+        math.inf if plan.max_latency_ms is None else plan.max_latency_ms * 1e6,
+        plan.max_utilisation,
+        lowest_v if plan.min_voltage_v is None else plan.min_voltage_v,
     )
 
 

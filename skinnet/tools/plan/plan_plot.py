@@ -89,7 +89,7 @@ def _draw_voltage(figure: Figure, axes: Axes, plan: Plan, flattening: FlattenedS
     assert power is not None
     assert spec is not None
     colours = _VOLTAGE.with_extremes(under="#111111")
-    norm = Normalize(spec.minimum_v, spec.supply_v)
+    norm = Normalize(spec.brown_out_v, spec.supply_v)
     _prepare_axes(axes, flattening)
     _draw_wires(axes, plan, flattening, inch)
     _draw_cells(axes, flattening, power.voltage_v, colours, norm, inch)
@@ -112,7 +112,7 @@ def _draw_voltage(figure: Figure, axes: Axes, plan: Plan, flattening: FlattenedS
         norm,
         "voltage at the cell [V]",
         "%.1f",
-        under=bool((power.voltage_v < spec.minimum_v).any()),
+        under=bool((power.voltage_v < spec.brown_out_v).any()),
     )
     worst = int(power.voltage_v.argmin())
     axes.set_title(

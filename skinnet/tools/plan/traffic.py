@@ -9,7 +9,7 @@ from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES
 
 __all__ = ["PacketSource", "Traffic", "traffic_of", "transmission_ns"]
 
-_BURST_EVENTS = {"clock": 0, "levels": N_FORCE_CHANNELS + 1, "delta": len(READING_NAMES)}
+_BURST_EVENTS = {"periodic": 0, "level_crossing": N_FORCE_CHANNELS + 1, "send_on_delta": len(READING_NAMES)}
 """Burst size [events] of one cell at one sample: all its channels; levels has force and proximity only."""
 _STREAMING_STAGE_KINDS = ("structure", "map")
 _MAX_BUSY_NS = 10**12
@@ -164,26 +164,26 @@ def traffic_of(deployment: Deployment) -> Traffic:
             for n in deployment.controller.program
         )
         encoding, why = deployment.cells.encoding.kind, "as cells.encoding.kind says"
-        if explores and encoding != "clock":
-            encoding, why = "clock", "all cells stream while the program explores"
+        if explores and encoding != "periodic":
+            encoding, why = "periodic", "all cells stream while the program explores"
     period_ns = deployment.cells.period_ns
     reading = PacketSource(transmission_ns(network, network.stream_bytes), 1, 1e9 / period_ns, periodic=True)
     n_cells = sum(patch.n_cells for patch in deployment.patches)
-    if encoding == "clock":
+    if encoding == "periodic":
         return Traffic(encoding, why, period_ns, n_cells, 1.0, (reading,), ())
     event_ns = transmission_ns(network, network.event_bytes)
     touched: tuple[PacketSource, ...] = (
-        PacketSource(event_ns, _BURST_EVENTS[encoding], plan.events_hz, periodic=False),
+        PacketSource(event_ns, _BURST_EVENTS[encoding], plan.event_rate_hz, periodic=False),
     )
-    if plan.streams_when_touched:
+    if plan.stream_when_touched:
         touched += (reading,)
-    idle = (PacketSource(event_ns, 1, plan.idle_events_hz, periodic=False),)
+    idle = (PacketSource(event_ns, 1, plan.idle_event_rate_hz, periodic=False),)
     return Traffic(
         encoding,
         why,
         period_ns,
-        math.ceil(plan.stimulated * n_cells),
-        plan.stimulated,
+        math.ceil(plan.stimulated_fraction * n_cells),
+        plan.stimulated_fraction,
         tuple(source for source in touched if source.packets_per_s),
         tuple(source for source in idle if source.packets_per_s),
     )

@@ -22,7 +22,7 @@ __all__ = ["MeasurementWindow", "measure_point", "usage_within"]
 
 _DATA = ("event", "reading")
 _NOT_DROPPED = ("offered", "delivered", "in_flight")
-_MALFORMED = ("malformed", "malformed_envelopes")
+_MALFORMED = ("malformed_messages", "malformed_batches")
 _QUANTILES = (("p50", 0.50), ("p99", 0.99), ("p999", 0.999))
 
 
@@ -65,7 +65,7 @@ def measure_point(deployment: Deployment, spec: StressSpec, folder: Path, names:
 def _window(controller: ProcessResult, spec: StressSpec) -> MeasurementWindow:
     begin_ns = dict(controller.facts["stages"]).get(LISTEN)
     end_ns = int(controller.facts["end_ns"])
-    start_ns = None if begin_ns is None else begin_ns + round(spec.settle_s * 1e9)
+    start_ns = None if begin_ns is None else begin_ns + round(spec.warm_up_s * 1e9)
     if start_ns is None or start_ns >= end_ns:
         raise SkinnetError("the skin's network did not form in time, so there was nothing to measure")
     return MeasurementWindow(start_ns, end_ns)
@@ -79,7 +79,7 @@ def _rates(deployment: Deployment, controller: ProcessResult, window: Measuremen
     within = (t_ns > window.start_ns) & (t_ns <= window.end_ns)
     span_s = (t_ns[within][-1] - t_ns[within][0]) * 1e-9
     # the first tick of the window took packets from before it
-    events, readings = controller.arrays["taken"][within][1:].sum(axis=0) / span_s
+    events, readings = controller.arrays["input_counts"][within][1:].sum(axis=0) / span_s
     network = deployment.network
     n_bytes = events * network.event_bytes + readings * network.stream_bytes
     return {
@@ -87,8 +87,8 @@ def _rates(deployment: Deployment, controller: ProcessResult, window: Measuremen
         "clock_packets_per_s": clock_per_s,
         "packets_per_s": float(events + readings),
         "bytes_per_s": float(n_bytes),
-        "share.packets": float((events + readings) / clock_per_s),
-        "share.bytes": float(n_bytes / (clock_per_s * network.stream_bytes)),
+        "fraction.packets": float((events + readings) / clock_per_s),
+        "fraction.bytes": float(n_bytes / (clock_per_s * network.stream_bytes)),
     }
 
 
@@ -110,7 +110,7 @@ def _packets(cell_processes: list[ProcessResult], controller: ProcessResult) -> 
         "received": controller.facts["received_packets"],
         "missing": controller.facts["missing_packets"],
         "rejected": controller.facts["rejected"],
-        "malformed": sum(controller.facts["counters"].get(name, 0) for name in _MALFORMED),
+        "malformed_messages": sum(controller.facts["counters"].get(name, 0) for name in _MALFORMED),
     }
     return figures | {f"dropped.{cause}": count for cause, count in sorted(total.items()) if count}
 

@@ -25,7 +25,7 @@ from skinnet.tools.stress.sweep_metrics import (
 __all__ = ["draw_plots"]
 
 _DPI = 130
-_COLOURS = {"clock": "#6b7280", "delta": "#2f6fab", "levels": "#3f8f5f"}
+_COLOURS = {"periodic": "#6b7280", "send_on_delta": "#2f6fab", "level_crossing": "#3f8f5f"}
 _PALE = 0.45
 _PUBLISHED = "#b3261e"
 _MIN_FRACTION = 1e-4
@@ -38,7 +38,7 @@ _Plot = Callable[[Deployment, StressSpec, list[PointResult]], Figure | None]
 def draw_plots(deployment: Deployment, spec: StressSpec, results: list[PointResult], out: Path) -> None:
     """Draw every plot that the successful points allow into `out`."""
     out.mkdir(parents=True, exist_ok=True)
-    done = [result for result in results if result.failed is None]
+    done = [result for result in results if result.failure is None]
     for name, plot in _PLOTS:
         figure = plot(deployment, spec, done) if done else None
         if figure is not None:
@@ -91,12 +91,12 @@ def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[PointRes
     figure = _point_figure(own)
     axes = _point_axes(figure, own)
     for row, result in enumerate(own):
-        rate, share = result.figures["packets_per_s"], result.figures["share.packets"]
+        rate, share = result.metrics["packets_per_s"], result.metrics["fraction.packets"]
         axes.barh(row, rate, color=_COLOURS[result.point.encoding], alpha=_alpha(result.point))
-        text = f" {rate:,.0f}/s" + ("" if result.point.encoding == "clock" else f" = {_percent(share)}")
+        text = f" {rate:,.0f}/s" + ("" if result.point.encoding == "periodic" else f" = {_percent(share)}")
         axes.annotate(text, (max(rate, 1.0), row), va="center", fontsize=8)
     axes.set_xscale("log")
-    axes.set_xlim(1.0, 8.0 * max(result.figures["clock_packets_per_s"] for result in own))
+    axes.set_xlim(1.0, 8.0 * max(result.metrics["clock_packets_per_s"] for result in own))
     axes.set_xlabel("packets per second into the controller")
     axes.set_title(f"{deployment.name}: rates, and their share of clock-driven", fontsize=11)
     return figure
@@ -110,9 +110,9 @@ def _plot_latency(deployment: Deployment, spec: StressSpec, results: list[PointR
     kinds = (("latency_us", "#2f6fab", -0.16), ("machine_us", "#c9a227", 0.16))
     for row, result in enumerate(own):
         for name, colour, shift in kinds:
-            if f"{name}.p50" not in result.figures:
+            if f"{name}.p50" not in result.metrics:
                 continue
-            low, mid, high = (max(1.0, result.figures[f"{name}.{p}"]) for p in ("p50", "p99", "p999"))
+            low, mid, high = (max(1.0, result.metrics[f"{name}.{p}"]) for p in ("p50", "p99", "p999"))
             axes.plot([low, high], [row + shift] * 2, color=colour, linewidth=2.0, alpha=0.5)
             for value, marker in ((low, "o"), (mid, "D"), (high, "|")):
                 axes.plot(value, row + shift, marker, color=colour, markersize=5)
@@ -140,7 +140,7 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[PointResul
         {
             name[4:]
             for result in own
-            for name in result.figures
+            for name in result.metrics
             if name.startswith("cpu.") and name != "cpu.all"
         },
         key=lambda name: (name != "controller", name != "body", name),
@@ -151,10 +151,10 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[PointResul
     for row, result in enumerate(own):
         left = 0.0
         for name in names:
-            width = result.figures.get(f"cpu.{name}", 0.0)
+            width = result.metrics.get(f"cpu.{name}", 0.0)
             axes.barh(row, width, left=left, color=colours[name])
             left += width
-        text = f" controller {result.figures['cpu.controller']:.2f}, {result.figures['rtf']:.2f} × real time"
+        text = f" controller {result.metrics['cpu.controller']:.2f}, {result.metrics['rtf']:.2f} × real time"
         axes.annotate(text, (left, row), va="center", fontsize=8)
     axes.margins(x=0.35)
     axes.set_xlim(left=0.0)
@@ -169,7 +169,7 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[PointResul
 
 def _plot_event_driven(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Figure | None:
     """Event-driven rates as fractions of the clock-driven rate, with the published values."""
-    events = [result for result in full_size_points(results) if result.point.encoding != "clock"]
+    events = [result for result in full_size_points(results) if result.point.encoding != "periodic"]
     sigma = nearest_delta(results, spec)
     events += [] if sigma is None else points_at_delta(results, sigma)
     events.sort(key=lambda r: (r.point.delta_sigma or 0.0, r.point.encoding, r.point.stimulated or 0.0))
@@ -186,14 +186,14 @@ def _plot_event_driven(deployment: Deployment, spec: StressSpec, results: list[P
         axes.grid(axis="y", alpha=0.3)
         axes.set_axisbelow(True)
         for column, result in enumerate(events):
-            share = result.figures[f"share.{of}"]
+            share = result.metrics[f"fraction.{of}"]
             axes.bar(column, share, color=_COLOURS[result.point.encoding], alpha=_alpha(result.point))
             axes.annotate(_percent(share), (column, share), ha="center", va="bottom", fontsize=9)
         _mark_published(axes, spec, of, "left")
         axes.set_xticks(range(len(events)), labels, fontsize=8)
         axes.set_title(f"{of} per second", fontsize=10)
-    most = max(max(r.figures["share.bytes"], r.figures["share.packets"]) for r in events)
-    both[0].set_ylim(0.0, 1.2 * max([most, *(published.share for published in spec.published)]))
+    most = max(max(r.metrics["fraction.bytes"], r.metrics["fraction.packets"]) for r in events)
+    both[0].set_ylim(0.0, 1.2 * max([most, *(published.fraction for published in spec.published)]))
     both[0].yaxis.set_major_formatter(PercentFormatter(1.0))
     both[0].set_ylabel("share of clock-driven")
     cells = events[0].point.cells
@@ -205,15 +205,15 @@ def _plot_event_driven(deployment: Deployment, spec: StressSpec, results: list[P
 
 def _mark_published(axes: Axes, spec: StressSpec, rate_kind: str, side: Literal["left", "right"]) -> None:
     for published in spec.published:
-        if not published.is_of(rate_kind):
+        if not published.applies_to(rate_kind):
             continue
-        axes.axhline(published.share, color=_PUBLISHED, linewidth=1.0, linestyle="--")
+        axes.axhline(published.fraction, color=_PUBLISHED, linewidth=1.0, linestyle="--")
         touched = "touched" if published.stimulated else "untouched"
-        most = "≤ " if published.at_most else ""
-        text = f"[{published.source}] {touched}: {most}{100 * published.share:g} %"
+        most = "≤ " if published.is_upper_bound else ""
+        text = f"[{published.source}] {touched}: {most}{100 * published.fraction:g} %"
         axes.annotate(
             text,
-            (0.01 if side == "left" else 0.99, published.share),
+            (0.01 if side == "left" else 0.99, published.fraction),
             xycoords=("axes fraction", "data"),
             ha=side,
             va="bottom",
@@ -239,13 +239,13 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Poi
                 (r for r in swept if (r.point.stimulated or 0.0) == stimulated),
                 key=lambda r: r.point.delta_sigma or 0.0,
             )
-            line = [r for r in line if r.figures[f"share.{of}"] >= _MIN_FRACTION]
+            line = [r for r in line if r.metrics[f"fraction.{of}"] >= _MIN_FRACTION]
             axes.plot(
                 [r.point.delta_sigma for r in line],
-                [r.figures[f"share.{of}"] for r in line],
+                [r.metrics[f"fraction.{of}"] for r in line],
                 marker="o",
                 markersize=4,
-                color=_COLOURS["delta"],
+                color=_COLOURS["send_on_delta"],
                 alpha=1.0 if stimulated else _PALE,
                 label=f"{100 * stimulated:g} % of the cells touched",
             )
@@ -255,7 +255,7 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Poi
         axes.set_xlabel("delta of every sensor [multiples of its noise σ]")
         axes.set_title(f"{of} per second", fontsize=10)
     both[0].set_ylabel("share of clock-driven")
-    most = max(result.figures["share.packets"] for result in swept)
+    most = max(result.metrics["fraction.packets"] for result in swept)
     both[0].set_ylim(_MIN_FRACTION, 1.5 * max(1.0, most))
     handles, labels = both[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)

@@ -66,9 +66,9 @@ def sweep_points(deployment: Deployment, spec: StressSpec) -> list[Point]:
     for cells in spec.cells:
         if cells > total:
             raise DeploymentError(f"stress.cells: {cells}; {deployment.name} has {total} cells, at most that")
-    if deployment.script is None and any(spec.stimulated):
+    if deployment.scripted_stimuli is None and any(spec.stimulated_fractions):
         raise DeploymentError(
-            "stress.stimulated: shares of stimulated cells need a [script]; add one, or leave them out"
+            "stress.stimulated_fractions: shares of stimulated cells need a [script]; add one, or leave them out"
         )
     gateways = spec.gateways or (None,)
     stimulated = _stimulated(deployment, spec)
@@ -78,16 +78,18 @@ def sweep_points(deployment: Deployment, spec: StressSpec) -> list[Point]:
         for cells, ports, share, encoding in product(counts, gateways, stimulated, spec.encodings)
     ]
     points += [
-        Point(max(counts), "delta", gateways[0], share, sigma)
-        for share, sigma in product(stimulated, spec.delta_sigmas)
+        Point(max(counts), "send_on_delta", gateways[0], share, sigma)
+        for share, sigma in product(stimulated, spec.delta_noise_ratios)
     ]
     return list(dict.fromkeys(points))
 
 
 def _stimulated(deployment: Deployment, spec: StressSpec) -> tuple[float | None, ...]:
-    if deployment.script is None:
+    if deployment.scripted_stimuli is None:
         return (None,)
-    return spec.stimulated or tuple(dict.fromkeys((0.0, deployment.script.stimulated)))
+    return spec.stimulated_fractions or tuple(
+        dict.fromkeys((0.0, deployment.scripted_stimuli.stimulated_fraction))
+    )
 
 
 def _first_patches(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpec, ...]:
@@ -112,15 +114,15 @@ def derive_deployment(deployment: Deployment, point: Point, spec: StressSpec) ->
     """
     cells = _with_encoding(deployment.cells, point)
     patches = _first_patches(deployment.patches, point.cells)
-    script = deployment.script
+    script = deployment.scripted_stimuli
     if script is not None and point.stimulated is not None:
-        script = replace(script, stimulated=point.stimulated)
+        script = replace(script, stimulated_fraction=point.stimulated)
     derived = replace(
         _restrict_to_patches(deployment, {patch.name for patch in patches}),
         run=_run_spec(deployment.run, spec),
         cells=cells,
         patches=tuple(_with_gateways(patch, cells, deployment, point.gateways) for patch in patches),
-        script=script,
+        scripted_stimuli=script,
         controller=_listening(deployment.controller, spec),
     )
     try:
@@ -139,34 +141,34 @@ def _restrict_to_patches(deployment: Deployment, names: set[str]) -> Deployment:
         return patch in names or patch not in all_names
 
     all_names = {patch.name for patch in deployment.patches}
-    hosts = deployment.hosts
+    hosts = deployment.cell_processes
     if isinstance(hosts, dict):
         kept = {host: tuple(name for name in group if name in names) for host, group in hosts.items()}
         hosts = {host: group for host, group in kept.items() if group}
-    power, script = deployment.power, deployment.script
+    power, script = deployment.power, deployment.scripted_stimuli
     if power is not None:
         power = replace(power, feeds=tuple(feed for feed in power.feeds if there(feed)))
     if script is not None:
-        touches = (replace(t, cells=tuple(filter(there, t.cells))) for t in script.touches)
-        script = replace(script, touches=tuple(touch for touch in touches if touch.cells))
+        touches = (replace(t, cells=tuple(filter(there, t.cells))) for t in script.presses)
+        script = replace(script, presses=tuple(touch for touch in touches if touch.cells))
     return replace(
         deployment,
-        hosts=hosts,
+        cell_processes=hosts,
         bridges=tuple(b for b in deployment.bridges if there(b.a) and there(b.b)),
         power=power,
         faults=tuple(rule for rule in deployment.faults if there(rule.target)),
-        script=script,
+        scripted_stimuli=script,
         teacher=replace(deployment.teacher, touches=(), lessons=(), strokes=()),
     )
 
 
 def _run_spec(run: RunSpec, spec: StressSpec) -> RunSpec:
-    max_s = _FORMATION_S + spec.settle_s + spec.duration_s
-    return replace(run, max_s=max_s, pace="lockstep", deadline_s=_DEADLINE_S, may_be_lost=())
+    max_s = _FORMATION_S + spec.warm_up_s + spec.duration_s
+    return replace(run, max_s=max_s, pace="lockstep", deadline_s=_DEADLINE_S, tolerated_losses=())
 
 
 def _listening(control: ControllerSpec, spec: StressSpec) -> ControllerSpec:
-    stage = StageSpec(kind="listen", duration_s=spec.settle_s + spec.duration_s)
+    stage = StageSpec(kind="passive", duration_s=spec.warm_up_s + spec.duration_s)
     return replace(control, program=(LISTEN,), stages={LISTEN: stage})
 
 

@@ -31,8 +31,8 @@ class PointResult:
     """Result of a point: its metrics, or the reason of its failure."""
 
     point: Point
-    figures: dict[str, Any] = field(default_factory=dict)
-    failed: str | None = None
+    metrics: dict[str, Any] = field(default_factory=dict)
+    failure: str | None = None
 
 
 def run_sweep(
@@ -69,7 +69,7 @@ def run_sweep(
             progress(f"{head}: kept, {_result_line(result)}")
         else:
             result = _run_point(file, what, spec, point, folder)
-            if result.failed is None:
+            if result.failure is None:
                 write_json(folder / _RESULT, {"mark": mark} | asdict(result))
             progress(f"{head}: {_result_line(result)}")
         results.append(result)
@@ -87,7 +87,7 @@ def _load_finished(folder: Path, mark: str, point: Point) -> PointResult | None:
         saved = msgspec.json.decode((folder / _RESULT).read_bytes())
     except (FileNotFoundError, msgspec.DecodeError):
         return None
-    return PointResult(point, saved["figures"]) if saved.get("mark") == mark else None
+    return PointResult(point, saved["metrics"]) if saved.get("mark") == mark else None
 
 
 def _run_point(
@@ -102,7 +102,7 @@ def _run_point(
         names = [process.name for process in process_list(deployment)]
         return PointResult(point, measure_point(deployment, spec, folder, names) | busy)
     except SkinnetError as error:
-        return PointResult(point, failed=_one_line(error))
+        return PointResult(point, failure=_one_line(error))
 
 
 def _one_line(error: SkinnetError) -> str:
@@ -112,10 +112,10 @@ def _one_line(error: SkinnetError) -> str:
 
 
 def _result_line(result: PointResult) -> str:
-    if result.failed is not None:
-        return f"failed: {result.failed}"
-    figures = result.figures
+    if result.failure is not None:
+        return f"failed: {result.failure}"
+    figures = result.metrics
     return (
-        f"{figures['packets_per_s']:.0f} packets/s, {100 * figures['share.packets']:.1f} % of clock-driven, "
+        f"{figures['packets_per_s']:.0f} packets/s, {100 * figures['fraction.packets']:.1f} % of clock-driven, "
         f"controller {figures['cpu.controller']:.2f} CPU-s/s, {figures['rtf']:.2f} × real time"
     )

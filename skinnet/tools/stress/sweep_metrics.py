@@ -31,8 +31,8 @@ _RATE_KINDS = ("packets", "bytes")
 _HEADLINE = (
     "packets_per_s",
     "bytes_per_s",
-    "share.packets",
-    "share.bytes",
+    "fraction.packets",
+    "fraction.bytes",
     "dropped",
     "missing",
     "conserved",
@@ -50,7 +50,7 @@ def is_stimulated(point: Point) -> bool:
 
 def full_size_points(results: list[PointResult]) -> list[PointResult]:
     """Successful points with all cells, the first gateway count and the deployment's own thresholds."""
-    done = [r for r in results if r.failed is None and r.point.delta_sigma is None]
+    done = [r for r in results if r.failure is None and r.point.delta_sigma is None]
     if not done:
         return []
     cells = max(r.point.cells for r in done)
@@ -85,15 +85,15 @@ def delta_at_published(
     fraction.
     """
     line = sorted(
-        (result.point.delta_sigma, result.figures[f"share.{rate_kind}"])
+        (result.point.delta_sigma, result.metrics[f"fraction.{rate_kind}"])
         for result in results
-        if result.failed is None
+        if result.failure is None
         and result.point.delta_sigma is not None
         and is_stimulated(result.point) == published.stimulated
     )
     for (low, above), (high, below) in pairwise(line):
-        if above >= published.share >= below > 0.0 and above > below:
-            way = math.log(above / published.share) / math.log(above / below)
+        if above >= published.fraction >= below > 0.0 and above > below:
+            way = math.log(above / published.fraction) / math.log(above / below)
             return low + way * (high - low)
     return None
 
@@ -103,21 +103,23 @@ def nearest_delta(results: list[PointResult], spec: StressSpec) -> float | None:
 
     Bounds do not count. Distance is the sum of |log ratio|; None without a sweep or published values.
     """
-    published = [one for one in spec.published if not one.at_most]
+    published = [one for one in spec.published if not one.is_upper_bound]
     distance: dict[float, float] = {}
-    for sigma in {r.point.delta_sigma for r in results if r.failed is None and r.point.delta_sigma}:
-        shares = {is_stimulated(r.point): r.figures["share.packets"] for r in points_at_delta(results, sigma)}
+    for sigma in {r.point.delta_sigma for r in results if r.failure is None and r.point.delta_sigma}:
+        shares = {
+            is_stimulated(r.point): r.metrics["fraction.packets"] for r in points_at_delta(results, sigma)
+        }
         found = [shares.get(one.stimulated, 0.0) for one in published]
         if found and min(found) > 0.0:
             distance[sigma] = sum(
-                abs(math.log(share / one.share)) for share, one in zip(found, published, strict=True)
+                abs(math.log(share / one.fraction)) for share, one in zip(found, published, strict=True)
             )
     return min(distance, key=lambda sigma: (distance[sigma], sigma), default=None)
 
 
 def points_at_delta(results: list[PointResult], sigma: float) -> list[PointResult]:
     """Points of the threshold sweep with deltas of `sigma` times the noise."""
-    return [r for r in results if r.failed is None and r.point.delta_sigma == sigma]
+    return [r for r in results if r.failure is None and r.point.delta_sigma == sigma]
 
 
 def sweep_metrics(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> dict[str, Any]:
@@ -128,18 +130,21 @@ def sweep_metrics(deployment: Deployment, spec: StressSpec, results: list[PointR
     """
     figures: dict[str, Any] = {
         "points": len(results),
-        "failed": sum(result.failed is not None for result in results),
+        "failed": sum(result.failure is not None for result in results),
     }
     for result in sorted(full_size_points(results), key=lambda r: r.point.stimulated or 0.0):
         label = "stimulated" if is_stimulated(result.point) else "unstimulated"
         for name in _HEADLINE:
-            figures[f"{result.point.encoding}.{label}.{name}"] = result.figures[name]
+            figures[f"{result.point.encoding}.{label}.{name}"] = result.metrics[name]
     for published in spec.published:
         label = "stimulated" if published.stimulated else "unstimulated"
         name = f"published.{published.source}.{label}"
-        figures[f"{name}.share"] = published.share
+        figures[f"{name}.fraction"] = published.fraction
         for what in _RATE_KINDS:
-            if published.is_of(what) and (sigmas := delta_at_published(results, published, what)) is not None:
+            if (
+                published.applies_to(what)
+                and (sigmas := delta_at_published(results, published, what)) is not None
+            ):
                 figures[f"{name}.delta_sigmas.{what}"] = sigmas
     sigma = nearest_delta(results, spec)
     if sigma is not None:
@@ -147,11 +152,11 @@ def sweep_metrics(deployment: Deployment, spec: StressSpec, results: list[PointR
         for result in points_at_delta(results, sigma):
             label = "stimulated" if is_stimulated(result.point) else "unstimulated"
             figures |= {
-                f"nearest.{label}.share.{what}": result.figures[f"share.{what}"] for what in _RATE_KINDS
+                f"nearest.{label}.fraction.{what}": result.metrics[f"fraction.{what}"] for what in _RATE_KINDS
             }
     figures |= thresholds(deployment)
     for result in results:
-        figures |= {f"{result.point.name}.{name}": value for name, value in result.figures.items()}
+        figures |= {f"{result.point.name}.{name}": value for name, value in result.metrics.items()}
     return figures
 
 
@@ -166,10 +171,10 @@ def print_table(
     for name in _COLUMNS:
         table.add_column(name, justify="right", no_wrap=True, min_width=max(map(len, name.split("\n"))))
     for result in results:
-        if result.failed is not None:
+        if result.failure is not None:
             table.add_row(result.point.name, "failed")
         else:
-            table.add_row(result.point.name, *_cells(result.figures))
+            table.add_row(result.point.name, *_cells(result.metrics))
     console.print(table)
     for line in _notes(deployment, spec, results):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -177,9 +182,9 @@ def print_table(
 
 _COLUMNS = (
     "packets\n/s",
-    "share",
+    "fraction",
     "kB/s",
-    "share",
+    "fraction",
     "Zenoh\nkB/s",
     "drop-\nped",
     "mis-\nsing",
@@ -194,9 +199,9 @@ _COLUMNS = (
 
 def _cells(f: dict[str, Any]) -> Iterator[str]:
     yield f"{f['packets_per_s']:.0f}"
-    yield _percent(f["share.packets"])
+    yield _percent(f["fraction.packets"])
     yield f"{f['bytes_per_s'] * 1e-3:.0f}"
-    yield _percent(f["share.bytes"])
+    yield _percent(f["fraction.bytes"])
     yield f"{f['zenoh_bytes_per_s'] * 1e-3:.0f}"
     yield str(f["dropped"])
     yield str(f["missing"])
@@ -213,9 +218,11 @@ def _percent(fraction: float) -> str:
 
 def _notes(deployment: Deployment, spec: StressSpec, results: list[PointResult]) -> Iterator[str]:
     for result in results:
-        if result.failed is not None:
-            yield f"{result.point.name} failed: {result.failed}"
-    others = max((result.figures["others_cores"] for result in results if result.failed is None), default=0.0)
+        if result.failure is not None:
+            yield f"{result.point.name} failed: {result.failure}"
+    others = max(
+        (result.metrics["others_cores"] for result in results if result.failure is None), default=0.0
+    )
     if others > _DISTURBING_CORES:
         yield (
             f"Other programs kept up to {others:.1f} cores of this machine busy: CPU times and speeds "
@@ -230,16 +237,16 @@ def _notes(deployment: Deployment, spec: StressSpec, results: list[PointResult])
     yield f"Deltas of send-on-delta, σ of noise and quantisation: {given}."
     for published in spec.published:
         label = "stimulated" if published.stimulated else "unstimulated"
-        share = f"{'at most ' if published.at_most else ''}{_percent(published.share)}"
+        share = f"{'at most ' if published.is_upper_bound else ''}{_percent(published.fraction)}"
         here = "; ".join(
-            _measured_text(results, published, what) for what in _RATE_KINDS if published.is_of(what)
+            _measured_text(results, published, what) for what in _RATE_KINDS if published.applies_to(what)
         )
         yield f"[{published.source}] {label}, {share} of clock-driven. Here: {here}."
     sigma = nearest_delta(results, spec)
     if sigma is not None:
         shares = "; ".join(
             f"{'stimulated' if is_stimulated(r.point) else 'unstimulated'} "
-            + ", ".join(f"{_percent(r.figures[f'share.{what}'])} of the {what}" for what in _RATE_KINDS)
+            + ", ".join(f"{_percent(r.metrics[f'fraction.{what}'])} of the {what}" for what in _RATE_KINDS)
             for r in points_at_delta(results, sigma)
         )
         yield f"Nearest to the published shares of those swept, deltas of {sigma:g} σ: {shares}."
@@ -250,10 +257,10 @@ def _measured_text(results: list[PointResult], published: PublishedRateSpec, rat
     found = [
         result
         for result in full_size_points(results)
-        if result.point.encoding != "clock" and is_stimulated(result.point) == published.stimulated
+        if result.point.encoding != "periodic" and is_stimulated(result.point) == published.stimulated
     ]
     found.sort(key=lambda result: (result.point.encoding, result.point.stimulated or 0.0))
-    values = ", ".join(f"{r.point.encoding} {_percent(r.figures[f'share.{rate_kind}'])}" for r in found)
+    values = ", ".join(f"{r.point.encoding} {_percent(r.metrics[f'fraction.{rate_kind}'])}" for r in found)
     sigmas = delta_at_published(results, published, rate_kind)
     given_by = "" if sigmas is None else f"; deltas of {sigmas:.1f} σ give the published share"
     return f"{rate_kind} {values or 'not measured'}{given_by}"

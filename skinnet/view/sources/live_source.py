@@ -16,7 +16,7 @@ __all__ = ["SUBSCRIBED_CHANNELS", "LiveSource"]
 
 SUBSCRIBED_CHANNELS = (
     "joints",
-    "world",
+    "free_bodies",
     "events",
     "bundle",
     "stream",
@@ -25,11 +25,11 @@ SUBSCRIBED_CHANNELS = (
     "state",
     "answer",
     "links",
-    "machine",
+    "state_machine",
     "processes",
 )
 """Channels that the page shows and subscribes to."""
-_QUERIED_CHANNELS = ("topology", "state", "machine")
+_QUERIED_CHANNELS = ("topology", "state", "state_machine")
 """Channels whose newest messages the endpoint answers to queries, for late observers."""
 _QUEUE_CAPACITY = 50_000
 """Queue capacity in messages: four seconds of the largest robot."""
@@ -127,7 +127,9 @@ class LiveSource:
             answer = decode(replies[0].payload, Answer)
         except ProtocolError as error:
             return str(error)
-        return f"accepted: {answer.state}" if answer.accepted else f"refused in {answer.state}: {answer.why}"
+        return (
+            f"accepted: {answer.state}" if answer.accepted else f"refused in {answer.state}: {answer.reason}"
+        )
 
     def close(self) -> None:
         """Close the session."""

@@ -16,7 +16,7 @@ __all__ = ["RecordingSource"]
 
 _READ_CHANNELS = {
     "joints",
-    "world",
+    "free_bodies",
     "command",
     "events",
     "bundle",
@@ -25,7 +25,7 @@ _READ_CHANNELS = {
     "topology",
     "state",
     "answer",
-    "machine",
+    "state_machine",
     "counters",
 }
 """Channels that the page shows."""

@@ -80,6 +80,8 @@ class ControllerView:
     @property
     def transitions(self) -> tuple[tuple[str, str, str], ...]:
         """Transitions (state, event, next state): those described by the controller, or those observed."""
-        if self.description is not None and self.description.moves:
-            return tuple((move[0], move[1], move[2]) for move in self.description.moves if len(move) == 3)
+        if self.description is not None and self.description.transitions:
+            return tuple(
+                (move[0], move[1], move[2]) for move in self.description.transitions if len(move) == 3
+            )
         return tuple(dict.fromkeys((move.source, move.reason, move.target) for move in self.history))

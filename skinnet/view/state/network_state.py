@@ -79,7 +79,7 @@ class NetworkState:
         self.depth[cells] = topology.depth
         self.master_port[cells] = np.where(found, topology.master_port, -1)
         self._known[cells] = np.array(topology.neighbours).reshape(len(cells), -1)[:, :N_PORTS] >= 0
-        for cell, port, _ in topology.bridged:
+        for cell, port, _ in topology.bridged_neighbours:
             self._known[cells[cell], port] = True
         ports = self.master_port[cells].tolist()
         self.parent[cells] = [
@@ -97,8 +97,8 @@ class NetworkState:
         rows = unpack(load.rows, LINK_ROW)
         if rows["cell"].max(initial=0) >= len(cells) or rows["port"].max(initial=0) >= N_PORTS:
             raise ProtocolError(f"links of {load.patch} that it does not have")
-        if any(not 0 <= cell < len(cells) for cell in load.dark):
-            raise ProtocolError(f"{load.patch} has no cell {max(load.dark)}")
+        if any(not 0 <= cell < len(cells) for cell in load.unpowered_cells):
+            raise ProtocolError(f"{load.patch} has no cell {max(load.unpowered_cells)}")
         cell, port = cells[rows["cell"]], rows["port"].astype(np.int64)
         inwards = (rows["state"] & LINK_INTO_CELL).astype(bool)
         direction = inwards.astype(np.int64)
@@ -116,7 +116,7 @@ class NetworkState:
         self.max_queue_length[cell[out], port[out]] = rows["queue_high_water"][out]
         self.link_down[cell[out], port[out]] = (rows["state"][out] & LINK_UP) == 0
         self.unpowered[cells] = False
-        self.unpowered[cells[load.dark]] = True
+        self.unpowered[cells[load.unpowered_cells]] = True
         self.measured_ns = max(self.measured_ns, load.t_ns)
         return max(int(self.dropped[cells].sum()) - before, 0) if known else 0
 

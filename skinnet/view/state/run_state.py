@@ -107,7 +107,7 @@ class RunState:
         self.last_error = ""
         self.last_answer: Answer | None = None
         self._process_of_patch = {
-            patch: host for host, patches in deployment.host_patches().items() for patch in patches
+            patch: host for host, patches in deployment.patches_by_process().items() for patch in patches
         }
         self._sequence_gaps: dict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self._pending_packets = array("q"), array("q")
@@ -195,8 +195,8 @@ class RunState:
         if self.network.measured_ns >= 0:
             return
         lost = sum(n for name, n in counters.counts.items() if name.rpartition(".")[2] in _LOSS_OUTCOMES)
-        before = self._lost.get(counters.host)
-        self._lost[counters.host] = lost
+        before = self._lost.get(counters.process)
+        self._lost[counters.process] = lost
         if before is not None:
             self.traffic.add_dropped(counters.t_ns, max(lost - before, 0))
 
@@ -217,7 +217,7 @@ class RunState:
         start = self._layout.first_taxel[events.patch]
         rows = [start + cell for cell in events.cell]
         kinds = [
-            8 * modality + (level if kind == EventKind.LEVEL else _NO_LEVEL)
+            8 * modality + (level if kind == EventKind.LEVEL_CROSSING else _NO_LEVEL)
             for modality, kind, level in zip(events.modality, events.kind, events.level, strict=True)
         ]
         self.events.add(events.t_delivered_ns, rows, kinds)
@@ -273,7 +273,7 @@ def _state_names(deployment: Deployment) -> Iterator[str]:
     if control.program:
         yield "forming"
     for stage in control.program:
-        if control.stages[stage].kind == "session":
+        if control.stages[stage].kind == "teach_and_grasp":
             yield from (f"{stage}.{state}" for state in get_args(StateName))
         else:
             yield stage

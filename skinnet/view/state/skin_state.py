@@ -91,7 +91,7 @@ class SkinState:
         frames, rows = unpack(regions.frames, SCAN_FRAME_ROW), unpack(regions.rows, REGION_ROW)
         patterns = unpack(regions.patterns, PATTERN_ROW)
         boards = len(self._regions)
-        if int(frames["rows"].sum()) != len(rows):
+        if int(frames["n_regions"].sum()) != len(rows):
             raise ProtocolError("regions that do not add up to their frames")
         if max(frames["board"].max(initial=0), patterns["board"].max(initial=0)) >= max(boards, 1):
             raise ProtocolError(f"a board beyond the {boards} that there are")
@@ -103,7 +103,7 @@ class SkinState:
             self._newest_frame_ns = t_sampled_ns
             told.append((t_sampled_ns, t_delivered_ns, board, max(peaks_kpa[start:end], default=0.0)))
         for pattern in patterns:
-            pressure = pattern["pressure_kpa"][: pattern["elements"]]
+            pressure = pattern["pressure_kpa"][: pattern["n_elements"]]
             self._patterns[pattern["board"]] = int(pattern["t_sampled_ns"]), pressure
         return told
 
@@ -143,10 +143,10 @@ class SkinState:
                 continue
             pressure = np.zeros(sheet.n_elements)
             for region in self._regions[board]:
-                if not region["elements"]:
+                if not region["n_elements"]:
                     continue
                 away_m = np.linalg.norm(sheet.xi_m - [region["xi1_m"], region["xi2_m"]], axis=1)
-                inside = np.argsort(away_m, kind="stable")[: region["elements"]]
+                inside = np.argsort(away_m, kind="stable")[: region["n_elements"]]
                 pressure[inside] = 1e-3 * region["force_n"] / max(float(region["area_m2"]), 1e-9)
                 pressure[inside[0]] = region["peak_kpa"]
             of_sheets.append(pressure)
