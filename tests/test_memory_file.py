@@ -123,7 +123,10 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
             with pytest.raises(MemoryFileError, match="in use by another process"):
                 attempt()
         first.store_parameters({"still": 1.0})
-        code = f"from skinnet.memory.sqlite_store import *; from pathlib import Path; read_memory(Path({str(path)!r}))"
+        code = (
+            "from skinnet.memory.sqlite_store import *; from pathlib import Path; "
+            f"read_memory(Path({str(path)!r}))"
+        )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert "MemoryFileError" in done.stderr
         assert "in use by another process" in done.stderr

@@ -293,7 +293,7 @@ def test_a_stop_stands_still_at_once(event: Event, solver: str) -> None:
     arms.ticks(200)
     np.testing.assert_allclose(arms.q, where, atol=1e-6)
     assert 0.0 < arms.program.manipulation.displacement_m[0] < 0.03
-    assert arms.gap_m() == pytest.approx(gap_m, abs=1e-6)
+    assert arms.gap_m() == pytest.approx(clearance_m, abs=1e-6)
 
 
 def test_a_stop_goes_on_holding_the_force() -> None:
@@ -342,7 +342,7 @@ def test_a_moment_without_contact_is_no_loss_and_feedback_closes_the_gap() -> No
     arms.touches = touches[:1]
     clearance_m = arms.gap_m()
     arms.ticks(9)
-    assert arms.gap_m() < gap_m
+    assert arms.gap_m() < clearance_m
     arms.touches = touches
     assert arms.until(State.REPORT).stopped_by is None
 

@@ -196,13 +196,13 @@ def test_a_run_that_is_interrupted_ends_its_record(tmp_path: Path) -> None:
 @pytest.mark.processes
 @pytest.mark.parametrize("tolerated_losses", [False, True])
 def test_a_recorder_that_is_killed(tmp_path: Path, tolerated_losses: bool) -> None:
-    allowed = ('run.tolerated_losses=["recorder"]',) if may_be_lost else ()
+    allowed = ('run.tolerated_losses=["recorder"]',) if tolerated_losses else ()
     settings = ("run.pace=realtime", "run.max_s=4.0", *allowed)
     with launched(ARM, tmp_path, "--record", settings=settings) as process:
         wait_for(process, "structure")
         child(process, "recorder").kill()
         out, errors = process.communicate(timeout=120)
-    assert process.returncode == (0 if may_be_lost else 1)
+    assert process.returncode == (0 if tolerated_losses else 1)
     if tolerated_losses:
         assert "recorder was killed by signal 9; the run goes on without it" in out
     else:

@@ -203,7 +203,7 @@ def test_touches_repeat_and_add_up():
 )
 def test_patterns_name_each_cell_once(patterns, expected):
     script = ScriptedStimuliSpec(presses=(ScriptedPressSpec(cells=patterns, start_s=0.0, force_n=1.0),))
-    assert scripted_stimuli.pressed_cells(0, SIZES) == expected
+    assert script.pressed_cells(0, SIZES) == expected
 
 
 @pytest.mark.parametrize(
@@ -232,4 +232,4 @@ def test_patterns_name_each_cell_once(patterns, expected):
 )
 def test_a_script_that_does_not_hold_is_refused(script, words):
     with pytest.raises(DeploymentError, match=words):
-        scripted_stimuli.check(SIZES)
+        script.check(SIZES)

@@ -500,8 +500,8 @@ def robot(stimulus_period_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
     deployment = small(
         cell_processes="per_patch",
         run={"max_s": 0.2},
-        body={"stimulus_period_ms": stimulus_ms, "joint_state_period_ms": control_ms},
-        cells={"period_ms": stimulus_ms},
+        body={"stimulus_period_ms": stimulus_period_ms, "joint_state_period_ms": control_ms},
+        cells={"period_ms": stimulus_period_ms},
         controller={"period_ms": control_ms, "command_delay_ms": delay_ms},
     )
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}

@@ -52,7 +52,8 @@ def _log_old_formats(layers: tuple[Layer, ...]) -> None:
     for layer in layers:
         if layer.n_renamed:
             log.warning(
-                "%s: %d names of an earlier format, read by their new names; skinnet migrate rewrites the file",
+                "%s: %d names of an earlier format, read by their new names; skinnet migrate "
+                "rewrites the file",
                 layer.path,
                 layer.n_renamed,
             )

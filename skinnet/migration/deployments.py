@@ -35,7 +35,8 @@ def require_known(raw: Mapping[str, Any], source: str) -> int:
         raise FormatError(f"{source}: {FORMAT_KEY} = {version!r}: give {FORMAT}")
     if version > FORMAT:
         raise FormatError(
-            f"{source}: {FORMAT_KEY} = {version}: this program reads up to {FORMAT}; update it to read this file"
+            f"{source}: {FORMAT_KEY} = {version}: this program reads up to {FORMAT}; "
+            "update it to read this file"
         )
     return version
 

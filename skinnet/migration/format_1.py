@@ -1,6 +1,7 @@
 """Vocabulary of format 1: names of keys, values, messages and metrics, and what they are called now.
 
-Data only. Paths of deployment keys are those of format 1: `[]` is an entry of a list, `*` any name in a table.
+Data only. Paths of deployment keys are those of format 1: `[]` is an entry of a list, `*` any name in a
+table.
 """
 
 from collections.abc import Mapping

@@ -45,9 +45,11 @@ def translate_message(payload: bytes) -> bytes:
         message = _decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"no message: {error}") from error
-    if not isinstance(message, dict) or not isinstance(message.get("type"), str):
-        raise ValueError("no message: it has no type")
-    kind = message["type"]
+    match message:
+        case {"type": str(kind)}:
+            pass
+        case _:
+            raise ValueError("no message: it has no type")
     fields = MESSAGE_FIELDS.get(kind, {})
     translated = {fields.get(name, name): value for name, value in message.items()}
     translated["type"] = MESSAGE_TYPES.get(kind, kind)

@@ -96,7 +96,7 @@ def publish_recording(
         recording: Recording to play.
         options: Range and rate.
         listen: Endpoint to listen on.
-        base_folder: Folder that relative paths in the deployment start from, as reported to observers.
+        base: Folder that relative paths in the deployment start from, as reported to observers.
         wait_for_subscriber: Start when the first observer has subscribed.
         log: Called with each line for the user.
 

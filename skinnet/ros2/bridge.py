@@ -95,7 +95,8 @@ def bridge(options: BridgeOptions, log: Log) -> dict[str, int]:
         deployment, told_base = query_deployment(watch, options.endpoint)
         if options.accept_velocities and not deployment.controller.external_velocity:
             raise SkinnetError(
-                "--control: the run takes no velocities; start it with --set controller.external_velocity=true"
+                "--control: the run takes no velocities; start it with "
+                "--set controller.external_velocity=true"
             )
         mirror = RosMessageBuilder(deployment, LinkKinematics(deployment, options.base or told_base))
         ros = _open_ros_session(options)

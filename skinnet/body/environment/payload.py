@@ -160,8 +160,9 @@ class GripController:
         if self._elapsed_s > _TIMEOUT_S:
             felt = ", ".join(f"{n:.1f} N" for n in force_n)
             raise DeploymentError(
-                f"payload: after {_TIMEOUT_S:g} s {', '.join(self._spec.closing_joints)} press with {felt} instead "
-                f"of {self._spec.grip_force_n:g} N; check payload.position_m, closing and body.home_rad"
+                f"payload: after {_TIMEOUT_S:g} s {', '.join(self._spec.closing_joints)} press with {felt} "
+                f"instead of {self._spec.grip_force_n:g} N; check payload.position_m, closing_joints and "
+                "body.home_rad"
             )
         speeds = np.zeros(self._n)
         speeds[self._joint] = self._direction * self._spec.closing_speed_rad_s * np.clip(missing, -1.0, 1.0)

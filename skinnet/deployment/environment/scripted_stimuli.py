@@ -40,11 +40,11 @@ class ForceProfile(Table, frozen=True, kw_only=True):
 
 
 class RandomPressSpec(ForceProfile, frozen=True, kw_only=True):
-    """Random presses on the fraction `script.stimulated_fraction` of the cells *(assumed)*.
+    """Random presses on the fraction `scripted_stimuli.stimulated_fraction` of the cells *(assumed)*.
 
     The force of each press on its most loaded force cell is drawn from `force_n`. Presses repeat after
     `pause_s`; with `repeat = false` each cell is pressed once, as in a hug. First presses are spread over
-    `onset_spread_s` from `start_s` on, or over a whole period without `onset_spread_s`, so that they do not coincide.
+    `onset_spread_s` from `start_s` on, or over a whole period without it, so that they do not coincide.
     """
 
     force_n: tuple[Positive, Positive] = (0.8, 3.0)
@@ -78,7 +78,7 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
     """
 
     stimulated_fraction: Fraction = 0.0
-    """Fraction of the cells that are pressed as in `script.random_presses`; drawn by the seed and cell name."""
+    """Fraction of the cells that are pressed as in `random_presses`; drawn by the seed and cell name."""
     random_presses: RandomPressSpec = field(default_factory=RandomPressSpec)
     presses: tuple[ScriptedPressSpec, ...] = ()
 
@@ -91,18 +91,19 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
         low_n, high_n = self.random_presses.force_n
         if low_n > high_n:
             raise DeploymentError(
-                f"scripted_stimuli.random_presses.force_n = [{low_n:g}, {high_n:g}]: the smallest force comes first"
+                f"scripted_stimuli.random_presses.force_n = [{low_n:g}, {high_n:g}]: "
+                "the smallest force comes first"
             )
-        for index, touch in enumerate(self.presses):
+        for index, press in enumerate(self.presses):
             self.pressed_cells(index, cells_per_patch)
-            if touch.period_s is not None and ns_of_s(touch.period_s) < touch.duration_ns:
+            if press.period_s is not None and ns_of_s(press.period_s) < press.duration_ns:
                 raise DeploymentError(
-                    f"scripted_stimuli.presses[{index}].every_s = {touch.period_s:g}: a press takes "
-                    f"{touch.duration_ns * 1e-9:g} s from approach to withdrawal; at least that"
+                    f"scripted_stimuli.presses[{index}].period_s = {press.period_s:g}: a press takes "
+                    f"{press.duration_ns * 1e-9:g} s from approach to withdrawal; at least that"
                 )
 
     def pressed_cells(self, index: int, cells_per_patch: Mapping[str, int]) -> list[tuple[str, int]]:
-        """List the cells pressed by touch `index`, each once, in the order of the patches.
+        """List the cells pressed by press `index`, each once, in the order of the patches.
 
         Args:
             index: Index in `presses`.

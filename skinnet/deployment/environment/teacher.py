@@ -25,7 +25,7 @@ CellRange = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$"
 class TouchSpec(Table, frozen=True, kw_only=True):
     """Touch of the teacher's finger on a cell, along the cell's normal.
 
-    The finger starts `approach_m` above the face of the foam and approaches at `max_speed_m_s`. For `hold_s` it
+    The finger starts `approach_m` above the face of the foam and approaches at `speed_m_s`. For `hold_s` it
     either holds a depth in the foam, at the position of the cell when the touch began (`depth_m`), or follows
     the cell at a constant force (`force_n`). Then it withdraws along the same path. With a negative `depth_m`
     it stops before contact.

@@ -45,8 +45,8 @@ class SheetSpec(Table, frozen=True, kw_only=True):
 
     `centre_xi_m` are the tactile coordinates of the centre of the grid. `mask` has one string per row, from
     the top, with `#` for an element and `.` for one that is cut away, as seen from outside with `up` upwards;
-    without it the grid is full. With `connect_across_gaps`, elements on both sides of a gap of one cut row or column
-    are neighbours, as if the teeth of the comb touched.
+    without it the grid is full. With `connect_across_gaps`, elements on both sides of a gap of one cut row or
+    column are neighbours, as if the teeth of the comb touched.
     """
 
     name: Name

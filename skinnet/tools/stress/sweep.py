@@ -114,8 +114,9 @@ def _one_line(error: SkinnetError) -> str:
 def _result_line(result: PointResult) -> str:
     if result.failure is not None:
         return f"failed: {result.failure}"
-    figures = result.metrics
+    metrics = result.metrics
     return (
-        f"{figures['packets_per_s']:.0f} packets/s, {100 * figures['fraction.packets']:.1f} % of clock-driven, "
-        f"controller {figures['cpu.controller']:.2f} CPU-s/s, {figures['rtf']:.2f} × real time"
+        f"{metrics['packets_per_s']:.0f} packets/s, "
+        f"{100 * metrics['fraction.packets']:.1f} % of clock-driven, "
+        f"controller {metrics['cpu.controller']:.2f} CPU-s/s, {metrics['rtf']:.2f} × real time"
     )
