@@ -147,12 +147,12 @@ class CellProcess:
             case "config":
                 self._accept_config(fields, decode(payload, Config))
             case _:
-                raise ProtocolError(f"a cell host does not read {channel}")
+                raise ProtocolError(f"a cell process does not read {channel}")
 
     def _accept_stimulus(self, stimulus: Stimulus) -> None:
         values = unpack(stimulus.values, "<f4", _N_COLUMNS)
         if len(values) != self._wiring.n_cells:
-            raise ProtocolError(f"stimulus of {len(values)} cells; this host has {self._wiring.n_cells}")
+            raise ProtocolError(f"stimulus of {len(values)} cells; this process has {self._wiring.n_cells}")
         self._stimuli[stimulus.t_ns] = values
         self._body.end_period(stimulus.watermark_ns, stimulus.n_configs)
         if stimulus.end_ns is not None:

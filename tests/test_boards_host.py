@@ -170,7 +170,10 @@ def test_the_controller_knows_one_sheet_for_each_surface() -> None:
             {"nursing": {"weights": {"foot": {}}}},
             "weights.foot: no such surface or body; there are arm, left",
         ),
-        ({"nursing": {"assumed": ({"surface": "foot"},), "feedback": "none"}}, "unknown surface 'foot'"),
+        (
+            {"nursing": {"assumed_contacts": ({"surface": "foot"},), "feedback": "none"}},
+            "unknown surface 'foot'",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(tables: dict[str, Any], said: str) -> None:

@@ -104,7 +104,7 @@ def test_of_everything_that_breaks_the_summary_tells(broken: dict[str, Any]) -> 
 @pytest.mark.parametrize(
     ("in_process", "settings"),
     [(True, ("cell_processes=1",)), (False, ()), (False, ("cell_processes=per_patch",))],
-    ids=["one host", "processes", "one host per patch"],
+    ids=["one process", "processes", "one process per patch"],
 )
 def test_with_all_faults_a_bridge_and_power_the_log_is_the_same(
     broken: dict[str, Any], tmp_path: Path, in_process: bool, settings: tuple[str, ...]

@@ -46,7 +46,7 @@ def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
 def operator(*steps: tuple[str, str, float]) -> str:
     """Opens the arms, is patted, then sends each request when its state has lasted so long [s]."""
     first = '{state="idle", request="go", argument="open"}'
-    more = (f'{{state="{state}", request="{what}", after_s={after_s}}}' for state, what, after_s in steps)
+    more = (f'{{state="{state}", request="{what}", delay_s={delay_s}}}' for state, what, delay_s in steps)
     return f"controller.teach_and_grasp.operator_requests=[{', '.join([first, *more])}]"
 
 

@@ -120,7 +120,7 @@ node.start(None)
 for number, message in enumerate(own.messages()):
     node.accept(message.channel, message.fields, message.payload)
     while (needs := node.needs()) is not None and all(
-        node.upstreams[name].covered_ns >= t_ns for name, t_ns in needs.items()
+        node.upstreams[name].watermark_ns >= t_ns for name, t_ns in needs.items()
     ):
         node.step(None)
     if number == int(sys.argv[3]):
@@ -224,7 +224,7 @@ def test_a_full_disk_ends_the_run_or_only_the_record(tmp_path: Path, arguments: 
     spared = (*SHORT_ARM, 'run.tolerated_losses=["recorder"]')
     summary = run(ARM, tmp_path, "--record", *arguments, settings=spared)
     assert summary["outcome"] == "completed_with_losses"
-    assert [fault["process"] for fault in summary["faults"]] == ["recorder"]
+    assert [fault["process"] for fault in summary["process_failures"]] == ["recorder"]
     alone = run(ARM, tmp_path / "alone", "--in-process", settings=spared)
     assert summary["log_sha256"] == alone["log_sha256"]
 

@@ -222,7 +222,7 @@ def test_the_cart_can_take_part() -> None:
 @pytest.mark.parametrize(
     ("override", "error", "says"),
     [
-        ("payload.closing_joints={knee = 1.0}", DeploymentError, r"payload\.closing\.knee"),
+        ("payload.closing_joints={knee = 1.0}", DeploymentError, r"payload\.closing_joints\.knee"),
         ("payload.closing_joints={}", DeploymentError, "name at least one joint"),
         ("payload.position_m=[0.0, -1.5, 0.86]", DeploymentError, "instead of 60 N"),
         ("payload.axis=[0.0, 0.0, 0.0]", DeploymentError, r"payload\.axis"),

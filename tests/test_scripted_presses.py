@@ -225,7 +225,7 @@ def test_patterns_name_each_cell_once(patterns, expected):
             ScriptedStimuliSpec(
                 presses=(ScriptedPressSpec(cells=("arm/1",), start_s=0, force_n=1, period_s=1.8),)
             ),
-            r"touches\[0\].period_s = 1.8: .* 1.9 s",
+            r"presses\[0\].period_s = 1.8: .* 1.9 s",
         ),
         (ScriptedStimuliSpec(random_presses=RandomPressSpec(force_n=(2.0, 1.0))), r"force_n = \[2, 1\]"),
     ],

@@ -429,7 +429,7 @@ def test_table_two_and_what_a_deployment_changes() -> None:
     assert not any(any(gains) for gains in table[State.IDLE].reactions.values())
     changed = {"load": {"speed_rad_s": 0.02, "areas": {"contact": {"force_gain": 0.5}}}}
     own = merge_state_parameters(
-        small(controller={"session": {"states": changed}}).controller.teach_and_grasp
+        small(controller={"teach_and_grasp": {"states": changed}}).controller.teach_and_grasp
     )
     assert own[State.LOAD].speed_rad_s == 0.02
     assert own[State.LOAD].reactions[Area.CONTACT].force_gain == 0.5
@@ -440,13 +440,13 @@ def test_table_two_and_what_a_deployment_changes() -> None:
 def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
     robot = Robot(
         operator=(
-            {"state": "idle", "request": "guide", "argument": "force", "after_s": 0.1},
+            {"state": "idle", "request": "guide", "argument": "force", "delay_s": 0.1},
             {
                 "state": "guide_force",
                 "request": "guide",
                 "argument": "off",
                 "contact_free_s": 0.2,
-                "after_s": 0.1,
+                "delay_s": 0.1,
             },
             {"state": "idle", "request": "end"},
         )

@@ -288,7 +288,7 @@ def test_numbers_stay_under_small_motion(seed: int) -> None:
 
 
 def test_thresholds_in_the_wrong_order_are_refused() -> None:
-    with pytest.raises(DeploymentError, match="may not be above on_kpa"):
+    with pytest.raises(DeploymentError, match="may not be above activation_kpa"):
         tracker(activation_kpa=1.0, deactivation_kpa=1.1)
 
 

@@ -87,7 +87,7 @@ class BoardProcess:
             self._accept_pattern_request(decode(payload, Config))
             return
         if channel != "pressures":
-            raise ProtocolError(f"a host of boards does not read {channel}")
+            raise ProtocolError(f"the board process does not read {channel}")
         pressures = decode(payload, Pressures)
         values = unpack(pressures.values, "<f4")
         if len(values) != self._n_elements:
@@ -101,7 +101,7 @@ class BoardProcess:
         if config.patch != BOARD_PROCESS or not 0 <= config.cell < self._n_boards:
             raise ProtocolError(f"config of board {config.cell}: there are boards 0 to {self._n_boards - 1}")
         if config.pattern_interval_scans is None or config.pattern_interval_scans < 0:
-            raise ProtocolError(f"config of board {config.cell}: give pattern_every, 0 or more frames")
+            raise ProtocolError(f"config of board {config.cell}: give pattern_interval_scans, 0 or more")
         self.counters["external_configs"] += 1
         self._pattern_requests.append((config.cell, config.pattern_interval_scans))
 

@@ -57,7 +57,8 @@ class RegionTracker:
         """
         if spec.deactivation_kpa > spec.activation_kpa:
             raise DeploymentError(
-                f"regions.off_kpa = {spec.deactivation_kpa}: may not be above on_kpa = {spec.activation_kpa}"
+                f"regions.deactivation_kpa = {spec.deactivation_kpa}: may not be above "
+                f"activation_kpa = {spec.activation_kpa}"
             )
         boards = len(sheets)
         self._graph = _element_graph(sheets)

@@ -29,7 +29,7 @@ Examples:
 
   skinnet plan deployments/hrp2_touch.toml
 
-  skinnet plan deployments/h1_1260.toml --encoding clock --latency-ms 2 --json -
+  skinnet plan deployments/h1_1260.toml --encoding periodic --latency-ms 2 --json -
 
   skinnet plan deployments/hrp2_touch.toml --set power.link_ohm=0.2 --voltage 3.1
 """
@@ -54,13 +54,13 @@ def plan(
 ) -> None:
     """Plan a deployment: link loads, latencies, cell voltages, and the fewest sufficient gateways."""
     given = {
-        "latency_ms": latency_ms,
-        "utilisation": utilisation,
-        "voltage_v": voltage,
+        "max_latency_ms": latency_ms,
+        "max_utilisation": utilisation,
+        "min_voltage_v": voltage,
         "encoding": encoding,
-        "stimulated": stimulated,
-        "events_hz": events_hz,
-        "idle_events_hz": idle_events_hz,
+        "stimulated_fraction": stimulated,
+        "event_rate_hz": events_hz,
+        "idle_event_rate_hz": idle_events_hz,
     }
     options = tuple(f"plan.{key}={value}" for key, value in given.items() if value is not None)
     deployment = load(file, (*(settings or ()), *options))

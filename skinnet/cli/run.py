@@ -37,7 +37,7 @@ Examples:
 
   skinnet run deployments/hrp2_touch.toml --seeds 1-20 --set 'controller.program=["structure"]' --json -
 
-  skinnet run deployments/hrp2_touch.toml --set hosts=per_patch --out runs/seven_hosts
+  skinnet run deployments/hrp2_touch.toml --set cell_processes=per_patch --out runs/seven_hosts
 
   skinnet run deployments/hrp2_touch.toml --record --set run.max_s=20
 

@@ -29,6 +29,8 @@ from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 __all__ = ["stress"]
 
 _QUICK_SETTINGS = {"duration_s": 1.0, "warm_up_s": 0.5, "delta_noise_ratios": ()}
+_OPTIONS = {"delta_noise_ratios": "--sigmas", "stimulated_fractions": "--stimulated"}
+"""Option of a key of `StressSpec`, where it is not called as the key."""
 T = TypeVar("T")
 
 
@@ -72,7 +74,7 @@ def stress(
     for name, text, kind in (
         ("cells", cells, int),
         ("encodings", encodings, str),
-        ("stimulated", stimulated, float),
+        ("stimulated_fractions", stimulated, float),
         ("gateways", gateways, int),
         ("delta_noise_ratios", sigmas, float),
     ):
@@ -117,7 +119,7 @@ def _parse_list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]
     try:
         return tuple(kind(word.strip()) for word in text.split(","))
     except ValueError:
-        option = "--sigmas" if name == "delta_noise_ratios" else f"--{name}"
+        option = _OPTIONS.get(name, f"--{name}")
         raise DeploymentError(f"{option} {text}: write numbers with commas between them") from None
 
 

@@ -165,7 +165,7 @@ class ForceSpec(Table, frozen=True, kw_only=True):
     calibration_n: tuple[float, ...] = (0.0, 0.6, 1.0, 4.822)
     calibration_reading: tuple[float, ...] = (0.0, 0.05, 0.14, 1.0)
     noise: NonNegative = 0.004
-    """Standard deviation of a reading: idle noise 0.003–0.005 (field report in FACTS.md)."""
+    """Standard deviation of a reading: idle noise 0.003–0.005 (field report, docs/assumptions.md)."""
     lsb: Positive = 0.0009765625
     levels: LevelThresholds = (0.04, 0.10, 0.30, 0.45)
     """Low, medium, high and pain force: Table I [M14]."""
@@ -211,7 +211,7 @@ class TemperatureSpec(Table, frozen=True, kw_only=True):
 
 
 class EncodingSpec(Table, frozen=True, kw_only=True):
-    """Event encoding of the readings: `levels`, `delta` (send-on-delta) or `clock` (every period)."""
+    """Event encoding of the readings: `level_crossing`, `send_on_delta` or `periodic`."""
 
     kind: Literal["level_crossing", "send_on_delta", "periodic"] = "level_crossing"
 
@@ -330,7 +330,7 @@ class StructureExplorationSpec(Table, frozen=True, kw_only=True):
 
 
 class MapExplorationSpec(Table, frozen=True, kw_only=True):
-    """Sensory-motor map exploration by velocity sines of 0.3 rad/s (frequency: FACTS.md)."""
+    """Sensory-motor map exploration by velocity sines of 0.3 rad/s (frequency: docs/assumptions.md)."""
 
     amplitude_rad_s: Positive = 0.3
     frequency_hz: Positive = 4.0

@@ -124,7 +124,7 @@ def _relocate(layer: Layer, folder: Path) -> dict[str, Any]:
 
 
 def _depth(document: Any, steps: list[str]) -> int:
-    """How many steps of a key a document has."""
+    """Count the leading steps of a key that a document has."""
     node = document
     for depth, step in enumerate(steps):
         if step.startswith("[") and step.endswith("]"):

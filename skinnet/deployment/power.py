@@ -23,4 +23,6 @@ class PowerSpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.brown_out_v >= self.supply_v:
-            raise ValueError(f"minimum_v = {self.brown_out_v:g}: must be below supply_v = {self.supply_v:g}")
+            raise ValueError(
+                f"brown_out_v = {self.brown_out_v:g}: must be below supply_v = {self.supply_v:g}"
+            )

@@ -173,13 +173,13 @@ class Keys:
 
     def route_group(self, key: str) -> str:
         """Return the route group of a key or expression: its receivers, whose messages share a batch."""
-        lane = self._route_groups.get(key)
-        if lane is None:
+        group = self._route_groups.get(key)
+        if group is None:
             row = self.parse(key)[0]
-            lane = "-".join(role.value for role in row.receivers) or OBSERVERS
+            group = "-".join(role.value for role in row.receivers) or OBSERVERS
             if len(self._route_groups) < _MAX_CACHED_KEYS:
-                self._route_groups[key] = lane
-        return lane
+                self._route_groups[key] = group
+        return group
 
     def liveliness(self, role: Role | str, name: str) -> str:
         """Build the key of a liveliness token; "*" stands for any."""

@@ -27,7 +27,7 @@ __all__ = [
 N_FORCE_CELLS = 3
 """Force cells (taxels) per cell: the three rhombi of the hexagon."""
 _SAMPLES_PER_SIDE = 3
-"""Sample points per side of a force cell: force ripple of 3.5 %, with one point 29 % (FACTS.md)."""
+"""Sample points per side of a force cell: force ripple of 3.5 %, with one point 29 %, docs/assumptions.md."""
 N_SAMPLES_PER_CELL = N_FORCE_CELLS * _SAMPLES_PER_SIDE**2
 
 Floats = NDArray[np.float64]

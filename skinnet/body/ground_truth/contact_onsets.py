@@ -224,7 +224,7 @@ class TouchGroundTruth:
     _held_steps: int = 0
 
     def facts(self, touches: Sequence[TouchSpec]) -> dict[str, Any]:
-        """Public fields as facts, and `by_depth`: True for depth control, False for force control."""
+        """Public fields as facts, and `depth_controlled`: True for depth control, False for force control."""
         public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
         return public | {"depth_controlled": touches[self.touch].depth_m is not None}
 

@@ -81,7 +81,7 @@ def _check_patches(deployment: Deployment) -> None:
     if not (deployment.patches or deployment.sheets):
         raise DeploymentError("patches, sheets: there is no skin; give at least one of them")
     if deployment.sheets and deployment.scripted_stimuli is not None:
-        raise DeploymentError("script: presses cells only; leave it, or leave the sheets")
+        raise DeploymentError("scripted_stimuli: presses cells only; leave it, or leave the sheets")
     if deployment.sheets and deployment.boards.period_ns != deployment.body.stimulus_period_ns:
         raise DeploymentError(
             f"boards.period_ms = {deployment.boards.period_ms:g}: boards scan once per stimulus frame; set "
@@ -94,25 +94,33 @@ def _check_patches(deployment: Deployment) -> None:
 
 
 def _check_processes(deployment: Deployment) -> None:
-    hosts = deployment.cell_processes
-    if isinstance(hosts, int) and hosts < 1:
-        raise DeploymentError(f'hosts = {hosts}: at least 1, or "per_patch", or a table of patches by host')
+    processes = deployment.cell_processes
+    if isinstance(processes, int) and processes < 1:
+        raise DeploymentError(
+            f'cell_processes = {processes}: at least 1, or "per_patch", or a table of patches by process'
+        )
     names = [patch.name for patch in deployment.patches]
     placed: dict[str, str] = {}
-    for host, patches in deployment.patches_by_process().items():
-        if host in _RESERVED_NAMES:
-            raise DeploymentError(f"hosts.{host}: that name has a meaning of its own; choose another")
+    for process, patches in deployment.patches_by_process().items():
+        if process in _RESERVED_NAMES:
+            raise DeploymentError(
+                f"cell_processes.{process}: that name has a meaning of its own; choose another"
+            )
         if not patches:
-            raise DeploymentError(f"hosts.{host}: has no patches; leave it out")
+            raise DeploymentError(f"cell_processes.{process}: has no patches; leave it out")
         for patch in patches:
             if patch not in names:
-                raise DeploymentError(f"hosts.{host}: unknown patch {patch!r}; there are {', '.join(names)}")
+                raise DeploymentError(
+                    f"cell_processes.{process}: unknown patch {patch!r}; there are {', '.join(names)}"
+                )
             if patch in placed:
-                raise DeploymentError(f"hosts.{host}: patch {patch} already runs on {placed[patch]}")
-            placed[patch] = host
+                raise DeploymentError(
+                    f"cell_processes.{process}: patch {patch} already runs on {placed[patch]}"
+                )
+            placed[patch] = process
     left = [name for name in names if name not in placed]
     if left:
-        raise DeploymentError(f"hosts: no host runs {', '.join(left)}")
+        raise DeploymentError(f"cell_processes: no process runs {', '.join(left)}")
     known = {"body", "cells", "controller", "recorder", *deployment.skin_processes()}
     for name in deployment.run.tolerated_losses:
         if name not in known:
@@ -221,7 +229,10 @@ def _check_stand(deployment: Deployment) -> None:
         if deployment.object != NO_OBJECT:
             raise DeploymentError(f'object = "{deployment.object}": nothing presents it; give [stand]')
         return
-    for key, other in (("script", deployment.scripted_stimuli), ("payload", deployment.payload)):
+    for key, other in (
+        ("scripted_stimuli", deployment.scripted_stimuli),
+        ("payload", deployment.payload),
+    ):
         if other is not None:
             raise DeploymentError(f"stand, {key}: do not go together; leave one of them")
     if stand.rise_m > 0.0 and stand.rise_stage is None:
@@ -229,6 +240,6 @@ def _check_stand(deployment: Deployment) -> None:
             f"stand.rise_m = {stand.rise_m:g}: it would stay there; name the stage in which it rises "
             "(stand.rise_stage)"
         )
-    for key, name in (("present_stage", stand.rise_stage), ("lower_stage", stand.lower_stage)):
+    for key, name in (("rise_stage", stand.rise_stage), ("lower_stage", stand.lower_stage)):
         if name is not None:
             check_stage_name(f"stand.{key}", name, deployment.controller)

@@ -26,7 +26,7 @@ def check_teacher(deployment: Deployment) -> None:
         key = f"teacher.lessons[{index}]"
         if (lesson.clearance_m is None) == (lesson.depth_m is None):
             raise DeploymentError(
-                f"{key}: give either gap_m, for proximity guidance, or depth_m, for force guidance"
+                f"{key}: give either clearance_m, for proximity guidance, or depth_m, for force guidance"
             )
         check_stage_name(f"{key}.stage", lesson.stage, deployment.controller)
         for name in lesson.cells:

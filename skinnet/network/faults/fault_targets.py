@@ -161,7 +161,7 @@ _TARGET_KINDS = (
     ("links", "patch/cell:port, patch:gateway, patch/cell or patch"),
     ("cells", "patch/cell or patch"),
     ("gateways", "patch:gateway or patch"),
-    ("hosts", "the name of a host"),
+    ("processes", "the name of a cell process"),
 )
 
 
@@ -195,7 +195,7 @@ def _no_match_reason(inventory: FaultInventory, rule: FaultRule) -> str:
     if "*" in rule.target:
         return f"matches none of the {things}; write {form}, with * for anything"
     if sort == _PROCESS:
-        return f"unknown host; there are {', '.join(inventory.cell_processes)}"
+        return f"unknown cell process; there are {', '.join(inventory.cell_processes)}"
     match = _TARGET.fullmatch(rule.target)
     assert match is not None, rule.target
     patch, cell, port = match["patch"], match["cell"], match["port"]
