@@ -15,7 +15,7 @@ from skinnet.skin.tactile_sheets import PlacedSheet
 __all__ = ["STRIPS_PER_ELEMENT", "sheet_surface"]
 
 STRIPS_PER_ELEMENT = 3
-"""Plane strips per element, 3 sample points each: force ripple 3.5 %, with one point 29 %, docs/assumptions.md."""
+"""Plane strips per element, 3 sample points each: force ripple 3.5 %, with one 29 %; docs/assumptions.md."""
 
 Floats = NDArray[np.float64]
 
