@@ -30,8 +30,8 @@ SURFACES = (
     },
 )
 SHEETS = (
-    {"name": "a", "surface": "left", "centre_xi_m": (0.0, 0.086), "n_regions": 4, "columns": 4},
-    {"name": "b", "surface": "left", "centre_xi_m": (0.0, 0.0), "n_regions": 4, "columns": 4},
+    {"name": "a", "surface": "left", "centre_xi_m": (0.0, 0.086), "rows": 4, "columns": 4},
+    {"name": "b", "surface": "left", "centre_xi_m": (0.0, 0.0), "rows": 4, "columns": 4},
 )
 
 
