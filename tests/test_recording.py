@@ -200,7 +200,7 @@ def interleaved(messages: list[RecordedMessage], rng: np.random.Generator) -> li
     """What one process and its neighbours say in another order; each its own in the old one."""
     queues: dict[str, list[RecordedMessage]] = {}
     for m in messages:
-        sender = {"skin": "skin" + m.fields[0] if m.fields else "", "host": "host" + "".join(m.fields)}
+        sender = {"skin": "skin" + m.fields[0] if m.fields else "", "process": "process" + "".join(m.fields)}
         head = m.key.split("/")[2]
         who = "controller" if m.channel in ("command", "config") else sender.get(head, head)
         queues.setdefault(who, []).append(m)

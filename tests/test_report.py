@@ -153,7 +153,9 @@ def test_what_is_lost_counted_or_new_is_told(folder: Path, tmp_path: Path) -> No
     summary = json.loads((folder / "summary.json").read_text())
     summary |= {
         "outcome": "completed_with_losses",
-        "faults": [{"process": "left", "what": "was killed by signal 9", "last_lines": ["out of memory"]}],
+        "process_failures": [
+            {"process": "left", "cause": "was killed by signal 9", "last_lines": ["out of memory"]}
+        ],
         "counters": {"controller": {"lost_upstreams": 4}},
         "recording": {"channels": {"joints": 1234}},
     }
@@ -192,7 +194,7 @@ def hostile(folder: Path, out: Path) -> Path:
         "deployment": EVIL,
         "log_sha256": EVIL,
         "pace": EVIL,
-        "faults": [{"process": EVIL, "what": EVIL, "last_lines": [EVIL]}],
+        "process_failures": [{"process": EVIL, "cause": EVIL, "last_lines": [EVIL]}],
         "counters": {EVIL: {EVIL: EVIL}},
         "environment": {EVIL: EVIL},
         "settings": [EVIL],
@@ -461,7 +463,7 @@ def test_claims_are_well_formed() -> None:
         ("moved_before_contact_rad", "moved before contact", "rad"),
         ("force_n.left", "force, left", "N"),
         ("cop_mm", "centre of pressure", "mm"),
-        ("send_on_delta.stimulated.fraction.packets", "delta, stimulated, share, packets", "%"),
+        ("send_on_delta.stimulated.fraction.packets", "send on delta, stimulated, fraction, packets", "%"),
         ("packets_per_s", "packets", "1/s"),
         ("touches", "touches", ""),
     ],

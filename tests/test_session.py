@@ -82,7 +82,7 @@ class Robot:
     """A session whose joints move exactly as it says."""
 
     def __init__(self, *, taught: bool = True, **session: Any) -> None:
-        control = small(controller={"session": session}).controller
+        control = small(controller={"teach_and_grasp": session}).controller
         self.knowledge = SelfModel(min_row_norm=0.05)
         if taught:
             self.knowledge.structure = find_structure(ACTIVITY)
@@ -439,7 +439,7 @@ def test_table_two_and_what_a_deployment_changes() -> None:
 
 def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
     robot = Robot(
-        operator=(
+        operator_requests=(
             {"state": "idle", "request": "guide", "argument": "force", "delay_s": 0.1},
             {
                 "state": "guide_force",
@@ -466,7 +466,7 @@ def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
 
 def test_an_operator_who_waits_in_vain_ends_the_session() -> None:
     robot = Robot(
-        operator=({"state": "idle", "request": "grasp"}, {"state": "hold", "request": "release"}),
+        operator_requests=({"state": "idle", "request": "grasp"}, {"state": "hold", "request": "release"}),
         timeout_s=2.0,
     )
     robot.until(State.SAFE)  # there is no object

@@ -18,6 +18,7 @@ __all__ = [
     "MESSAGE_TYPES",
     "METRICS",
     "PARAMETERS",
+    "PROCESS_FAILURE_KEYS",
     "STAGE_KINDS",
     "SUMMARY_KEYS",
 ]
@@ -204,6 +205,9 @@ SUMMARY_KEYS: Mapping[str, str] = MappingProxyType(
 )
 """New name of a key of a summary."""
 
+PROCESS_FAILURE_KEYS: Mapping[str, str] = MappingProxyType({"what": "cause"})
+"""New name of a key of a process failure in a summary."""
+
 METRICS: tuple[tuple[str, str], ...] = (
     (r"grasp\.peak_reading_told", r"grasp.peak_reading_received"),
     (r"grasp\.ends_in", r"grasp.final_state"),
@@ -233,4 +237,4 @@ METRICS: tuple[tuple[str, str], ...] = (
     (r"(.*\.)?levels\.(.*)", r"\1level_crossing.\2"),
     (r"(.*\.)?delta\.(unstimulated|stimulated)\.(.*)", r"\1send_on_delta.\2.\3"),
 )
-"""Names of metrics as a pattern, and what they are now; the first that matches counts."""
+"""Names of metrics as a pattern, and what they are now; those that match apply in turn."""

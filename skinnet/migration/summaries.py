@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 from skinnet.errors import FormatError
-from skinnet.migration.format_1 import COUNTERS, METRICS, SUMMARY_KEYS
+from skinnet.migration.format_1 import COUNTERS, METRICS, PROCESS_FAILURE_KEYS, SUMMARY_KEYS
 
 __all__ = ["FORMAT", "current_metric", "translate_summary"]
 
@@ -19,7 +19,7 @@ def current_metric(name: str) -> str:
     """Present name of a metric of format 1."""
     for pattern, new in _PATTERNS:
         if pattern.fullmatch(name):
-            return pattern.sub(new, name).lstrip(".")
+            name = pattern.sub(new, name).lstrip(".")
     return name
 
 
@@ -43,6 +43,12 @@ def _translated(raw: dict[str, Any]) -> dict[str, Any]:
     summary = {SUMMARY_KEYS.get(key, key): value for key, value in raw.items()}
     if isinstance(metrics := summary.get("metrics"), dict):
         summary["metrics"] = {current_metric(name): value for name, value in metrics.items()}
+    if isinstance(failures := summary.get("process_failures"), list):
+        summary["process_failures"] = [
+            {PROCESS_FAILURE_KEYS.get(key, key): value for key, value in failure.items()}
+            for failure in failures
+            if isinstance(failure, dict)
+        ]
     if isinstance(counters := summary.get("counters"), dict):
         summary["counters"] = {
             process: {COUNTERS.get(name, name): count for name, count in counts.items()}
