@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from small_robot import SHIPPED, patch, small
 
 from skinnet.deployment import load, resolved_json
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import place_patches
@@ -89,8 +89,8 @@ def test_an_unknown_key_is_named_with_the_nearest_known_one(override: str, said:
         ),
         ("network.bits_per_s=2.5", ("network.bits_per_s = 2.5", "`int`")),
         ('run.pace="fast"', ("run.pace = 'fast'", "'lockstep', 'realtime'")),
-        ('cell_processes="many"', ("hosts = 'many'", "a whole number, 'per_patch', a table")),
-        ('cell_processes={"left/arm"=["torso"]}', ("hosts", "'left/arm'", "regex")),
+        ('cell_processes="many"', ("cell_processes = 'many'", "a whole number, 'per_patch', a table")),
+        ('cell_processes={"left/arm"=["torso"]}', ("cell_processes", "'left/arm'", "regex")),
         ("patches.torso.lattice.normal=[1, 0]", ("patches[0].lattice.normal", "length 3, got 2")),
         ("patches.torso.interfaces.0.port=4", ("patches[0].interfaces[0].port = 4", "<= 3")),
         ('patches.torso.name="a b"', ("patches[0].name = 'a b'", "regex")),
@@ -124,10 +124,13 @@ PER_PATCH = 'cell_processes="per_patch"'
         (("controller.command_delay_ms=2.5",), ("controller.command_delay_ms = 2.5", "multiple")),
         (("controller.command_delay_ms=2",), ("controller.command_delay_ms = 2", "at least 3")),
         (("patches.1.name='torso'", "cell_processes=2"), ("torso", "2 times")),
-        (("cell_processes=0",), ("hosts = 0", "at least 1", "per_patch")),
+        (("cell_processes=0",), ("cell_processes = 0", "at least 1", "per_patch")),
         (("cell_processes.left=['torso', 'tail']",), ("cell_processes.left", "'tail'", "right_hand")),
         (("cell_processes.right=['torso']",), ("cell_processes.right", "torso", "already runs on left")),
-        (("cell_processes.right=['right_hand']",), ("hosts", "no host runs right_upper_arm, right_forearm")),
+        (
+            ("cell_processes.right=['right_hand']",),
+            ("cell_processes", "no process runs right_upper_arm, right_forearm"),
+        ),
         (("cell_processes.third=[]",), ("cell_processes.third", "no patches")),
         (("cell_processes={body=['torso']}",), ("cell_processes.body", "choose another")),
         (("cell_processes={outside=['torso']}",), ("cell_processes.outside", "choose another")),
@@ -157,8 +160,8 @@ PER_PATCH = 'cell_processes="per_patch"'
         (("teacher.touches.0.stage='nap'",), ("teacher.touches[0].stage = 'nap'", "force_guidance")),
         (("teacher.touches.0.cell='tail/1'",), ("teacher.touches[0].cell = 'tail/1'", "torso")),
         (("teacher.touches.0.cell='torso/18'",), ("teacher.touches[0].cell", "torso has cells 0 to 17")),
-        (lesson(), ("teacher.lessons[0]", "either gap_m, for proximity guidance, or depth_m")),
-        (lesson("clearance_m=0.002, depth_m=0.004"), ("teacher.lessons[0]", "either gap_m")),
+        (lesson(), ("teacher.lessons[0]", "either clearance_m, for proximity guidance, or depth_m")),
+        (lesson("clearance_m=0.002, depth_m=0.004"), ("teacher.lessons[0]", "either clearance_m")),
         (
             lesson("clearance_m=0.002", stage="nap.hold"),
             ("teacher.lessons[0].stage = 'nap.hold'", "force_guidance"),

@@ -12,7 +12,7 @@ import typer.main
 
 from skinnet.cli.main import app
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.skin.placement import place_patch
 
 ROOT = Path(__file__).parent.parent

@@ -17,7 +17,7 @@ from small_robot import SHIPPED, patch, small
 
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.experiment.faults import FaultRule, SensorChannel
 from skinnet.deployment.load import from_document
 from skinnet.network.faults.fault_schedule import (
@@ -91,9 +91,12 @@ def interrupts() -> Iterator[None]:
         ),
         ("kind='stuck_at', target='torso/0', channel='ax_g', value=-9", ("ax_g reads -8 to 8",)),
         ("kind='stuck_at', target='torso/0', channel='all', value=2", ("all reads 0 to 1; give each",)),
-        ("kind='drift', target='torso/0', channel='all', per_s=1", ("channel = 'all'", "'force0'")),
-        ("kind='drift', target='torso/0', channel='ax_g', per_s=0", ("per_s = 0", "nothing would drift")),
-        ("kind='babbling_idiot', target='torso/0', packets_per_s=1e9", ("packets_per_s", "<= 100000")),
+        ("kind='drift', target='torso/0', channel='all', rate_per_s=1", ("channel = 'all'", "'force0'")),
+        (
+            "kind='drift', target='torso/0', channel='ax_g', rate_per_s=0",
+            ("rate_per_s = 0", "nothing would drift"),
+        ),
+        ("kind='babbling_idiot', target='torso/0', rate_hz=1e9", ("rate_hz", "<= 100000")),
         ("kind='burst_loss', target='*', mean_good_s=1, mean_bad_s=0", ("mean_bad_s = 0", ">= 0.0001")),
         ("kind='loss', target='*', probability=1.1", ("probability = 1.1", "<= 1.0")),
         ("kind='loss', target='*'", ("faults[0]", "missing required field `probability`")),

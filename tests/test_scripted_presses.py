@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skinnet.body.scripted.presses import build_press_schedule, presses_before, write_press_stimulus
+from skinnet.deployment.checks.environment import check_scripted_stimuli
 from skinnet.deployment.environment.scripted_stimuli import (
     RandomPressSpec,
     ScriptedPressSpec,
@@ -27,7 +28,7 @@ TOUCH = ScriptedPressSpec(
     approach_s=0.3,
     rise_s=0.1,
     hold_s=0.4,
-    release_delay_s=0.2,
+    release_s=0.2,
     temperature_c=35.0,
 )
 CONTACT_MS, LOOSE_MS, END_MS = 500, 1200, 1500
@@ -203,7 +204,7 @@ def test_touches_repeat_and_add_up():
 )
 def test_patterns_name_each_cell_once(patterns, expected):
     script = ScriptedStimuliSpec(presses=(ScriptedPressSpec(cells=patterns, start_s=0.0, force_n=1.0),))
-    assert scripted_stimuli.pressed_cells(0, SIZES) == expected
+    assert script.pressed_cells(0, SIZES) == expected
 
 
 @pytest.mark.parametrize(
@@ -225,11 +226,11 @@ def test_patterns_name_each_cell_once(patterns, expected):
             ScriptedStimuliSpec(
                 presses=(ScriptedPressSpec(cells=("arm/1",), start_s=0, force_n=1, period_s=1.8),)
             ),
-            r"touches\[0\].period_s = 1.8: .* 1.9 s",
+            r"presses\[0\].period_s = 1.8: .* 1.9 s",
         ),
         (ScriptedStimuliSpec(random_presses=RandomPressSpec(force_n=(2.0, 1.0))), r"force_n = \[2, 1\]"),
     ],
 )
 def test_a_script_that_does_not_hold_is_refused(script, words):
     with pytest.raises(DeploymentError, match=words):
-        scripted_stimuli.check(SIZES)
+        check_scripted_stimuli(script, SIZES)

@@ -16,7 +16,7 @@ from skinnet.cli.console import (
 )
 from skinnet.cli.plan_table import print_plan
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
 from skinnet.tools.plan.json_report import plan_report
@@ -54,13 +54,13 @@ def plan(
 ) -> None:
     """Plan a deployment: link loads, latencies, cell voltages, and the fewest sufficient gateways."""
     given = {
-        "latency_ms": latency_ms,
-        "utilisation": utilisation,
-        "voltage_v": voltage,
+        "max_latency_ms": latency_ms,
+        "max_utilisation": utilisation,
+        "min_voltage_v": voltage,
         "encoding": encoding,
-        "stimulated": stimulated,
-        "events_hz": events_hz,
-        "idle_events_hz": idle_events_hz,
+        "stimulated_fraction": stimulated,
+        "event_rate_hz": events_hz,
+        "idle_event_rate_hz": idle_events_hz,
     }
     options = tuple(f"plan.{key}={value}" for key, value in given.items() if value is not None)
     deployment = load(file, (*(settings or ()), *options))

@@ -1,4 +1,7 @@
-"""Inheritance of deployment files: `extends` names a file whose tables are merged and whose lists are replaced."""
+"""Inheritance of deployment files: `extends` names a base file.
+
+Tables of a file are merged into those of its base; lists and values replace them.
+"""
 
 import os
 import tomllib
@@ -36,8 +39,8 @@ def read_layers(path: Path) -> tuple[Layer, ...]:
     """Read a deployment and all files that it extends, the outermost base first.
 
     Raises:
-        DeploymentError: a file is missing, unreadable, no TOML, of a newer format, or extends itself; the text
-            has the chain of files.
+        DeploymentError: a file is missing, unreadable, no TOML, of a newer format, or extends itself; the
+            text has the chain of files.
     """
     layers: list[Layer] = []
     seen: list[Path] = []

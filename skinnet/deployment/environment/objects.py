@@ -75,8 +75,8 @@ class ObjectModel(NamedTuple):
         friction: Friction of the surface on the stand and on bare links; on skin, that of the foam applies.
         base: Massless support; None if the first solid is a box that serves as one.
         hollow: True if the mass is in the walls.
-        shift_to_robot_m: Shift towards the robot from `stand.object_face_x_m`: round objects belong between the forearms,
-            narrow ones beyond the elbows [m].
+        shift_to_robot_m: Shift towards the robot from `stand.object_face_x_m` [m]: round objects belong
+            between the forearms, narrow ones beyond the elbows.
         rgb: RGB colour, each 0 to 1.
     """
 

@@ -12,9 +12,9 @@ __all__ = ["PayloadSpec"]
 class PayloadSpec(Table, frozen=True, kw_only=True):
     """Cylinder of 140 mm with an elastic sheet of 10 mm, held between the arms [R11, VI.B].
 
-    Before the run, the simulator fixes the cylinder and the arms close on it: each joint of `closing_joints` turns
-    in its direction until the sheets beyond it press with `grip_force_n`. The simulator begins to release the
-    cylinder `release_delay_s` after the start of the controller's stage `release_stage`.
+    Before the run, the simulator fixes the cylinder and the arms close on it: each joint of `closing_joints`
+    turns in its direction until the sheets beyond it press with `grip_force_n`. The simulator begins to
+    release the cylinder `release_delay_s` after the start of the controller's stage `release_stage`.
     """
 
     position_m: Vector3

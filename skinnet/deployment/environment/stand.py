@@ -13,8 +13,8 @@ class StandSpec(Table, frozen=True, kw_only=True):
     """Lift that presents an object to the robot on a plate, and lowers it again *(assumed)*.
 
     The plate starts `rise_m` below its upper position and rises `rise_delay_s` after the first start of the
-    stage `rise_stage`. It lowers by `lower_m`, `lower_delay_s` after the start of `lower_stage`, stays down for
-    `lowered_s`, or less if that stage ends, and returns to its upper position for the rest of the run.
+    stage `rise_stage`. It lowers by `lower_m`, `lower_delay_s` after the start of `lower_stage`, stays down
+    for `lowered_s`, or less if that stage ends, and returns to its upper position for the rest of the run.
     """
 
     grasp_z_m: Positive = 1.07
