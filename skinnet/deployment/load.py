@@ -1,5 +1,6 @@
 """Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
+import copy
 import logging
 import re
 import tomllib
@@ -10,7 +11,7 @@ from typing import Any
 import msgspec
 
 from skinnet.deployment.deployment import Deployment
-from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of, read_layers
+from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of, read_layers, value_at
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
@@ -36,12 +37,13 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
     """
     layers = read_layers(path)
     _log_old_formats(layers)
-    raw = merge_layers(layers)
+    merged = merge_layers(layers)
+    document = copy.deepcopy(merged)
     for override in overrides:
-        apply_override(raw, override)
+        apply_override(document, override)
     if seed is not None:
-        raw["seed"] = seed
-    return _convert(raw, lambda key: _source_of(layers, key))
+        document["seed"] = seed
+    return _convert(document, lambda key: _source_of(layers, merged, document, key))
 
 
 def _log_old_formats(layers: tuple[Layer, ...]) -> None:
@@ -81,9 +83,21 @@ def _convert(document: dict[str, Any], source_of: Callable[[str], str]) -> Deplo
     raise DeploymentError(f"{source_of(key[0] if key else '')}: {text}")
 
 
-def _source_of(layers: tuple[Layer, ...], key: str) -> str:
-    """Chain of the files and, if there are several, the one that sets `key`."""
-    origin = origin_of(layers, key) if len(layers) > 1 else None
+def _source_of(layers: tuple[Layer, ...], merged: dict[str, Any], document: dict[str, Any], key: str) -> str:
+    """Return the chain of the files and, if there are several, the one that sets `key`.
+
+    Args:
+        layers: Files of the chain.
+        merged: Content of the chain.
+        document: The same with all overrides, which no file has set.
+        key: Key such as `patches[0].body`.
+    """
+    if len(layers) == 1:
+        return chain_of(layers)
+    of_files, given = value_at(merged, key), value_at(document, key)
+    if repr(given) != repr(of_files) and not (isinstance(given, dict) and isinstance(of_files, dict)):
+        return f"{chain_of(layers)}: on the command line"
+    origin = origin_of(layers, key)
     return chain_of(layers) if origin is None else f"{chain_of(layers)}: in {origin}"
 
 

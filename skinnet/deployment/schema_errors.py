@@ -8,7 +8,9 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 import msgspec
 
 from skinnet.deployment.deployment import Deployment
+from skinnet.deployment.extends import EXTENDS
 from skinnet.errors import DeploymentError
+from skinnet.migration.deployments import FORMAT_KEY
 
 __all__ = ["describe_error", "reject_non_finite"]
 
@@ -94,6 +96,8 @@ def _is_valid(value: Any, kind: Any) -> bool:
 def _describe_unknown_key(key: str, table: Any, field: str) -> str:
     tag = table.__struct_config__.tag_field
     known = [*([tag] if tag else []), *table.__struct_fields__]
+    if table is Deployment:
+        known += [EXTENDS, FORMAT_KEY]
     near = difflib.get_close_matches(field, known, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
     return f"{key}.{field}".lstrip(".") + f": unknown key; {hint}allowed: {', '.join(known)}"
