@@ -27,8 +27,8 @@ from cells.sensing.sensor_faults import SensorFaults
 from cells.sensing.transducers import Transducers, noise_keys, phases_ns
 from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
+from skinnet.deployment.cell_names import parse_port
 from skinnet.deployment.experiment.faults import SlowProcess
-from skinnet.deployment.types import parse_port
 from skinnet.errors import ProtocolError
 from skinnet.network.faults.fault_schedule import fault_schedule
 from skinnet.protocol.channels import Keys, Role

@@ -8,7 +8,9 @@ from msgspec.structs import replace
 from cells.cell_process import CellProcess
 from cells.sheets.board_process import BoardProcess
 from skinnet.deployment import Deployment
-from skinnet.deployment.deployment import BOARD_PROCESS, EncodingSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.deployment import BOARD_PROCESS
+from skinnet.deployment.skin.cells import EncodingSpec
+from skinnet.deployment.skin.patches import InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.protocol.messages import STIMULUS_NAMES, Stimulus, encode
 
 __all__ = ["build", "warm_up"]

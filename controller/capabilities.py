@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from controller.grasping import state_machine
 from controller.grasping.teach_and_grasp import request_arguments
 from controller.nursing import state_machine as nursing
-from skinnet.deployment.deployment import ControllerSpec
+from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.protocol.channels import Keys
 from skinnet.protocol.messages import encode
 from skinnet.protocol.telemetry_messages import StateMachineDescription

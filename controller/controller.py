@@ -20,7 +20,7 @@ from controller.self_model import SelfModel
 from controller.stages.stages import Stage, make_stage
 from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_state import TactileState
-from skinnet.deployment.deployment import ControllerSpec
+from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.protocol.messages import FOREVER_NS
 
 __all__ = ["Controller", "TickOutput"]

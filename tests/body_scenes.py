@@ -3,20 +3,14 @@
 from pathlib import Path
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.deployment import (
-    BodySpec,
-    CellPoseSpec,
-    CellSpec,
-    ControllerSpec,
-    Deployment,
-    InterfaceSpec,
-    LatticeSpec,
-    PatchSpec,
-    StageSpec,
-    TeacherSpec,
-    TouchSpec,
-)
+from skinnet.deployment.controller.controller import ControllerSpec
+from skinnet.deployment.controller.stages import StageSpec
+from skinnet.deployment.deployment import Deployment
+from skinnet.deployment.environment.teacher import TeacherSpec, TouchSpec
 from skinnet.deployment.load import load
+from skinnet.deployment.robot import BodySpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import CellPoseSpec, InterfaceSpec, LatticeSpec, PatchSpec
 
 DEPLOYMENTS = Path(__file__).parent.parent / "deployments"
 HRP2 = DEPLOYMENTS / "hrp2_touch.toml"

@@ -4,7 +4,7 @@ import numpy as np
 
 from skinnet.body.ground_truth.cell_kinematics import cell_jacobian
 from skinnet.body.teacher.evasion import ideal_sensory_motor_map
-from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.protocol.messages import STIMULUS_NAMES
 
 MS = 1_000_000

@@ -11,7 +11,8 @@ import numpy as np
 from cells.formation.cell_agent import CellAgent
 from cells.formation.gateway_agent import FormationPhase, GatewayAgent
 from cells.formation.packets import FormationPacket, FormationPacketKind
-from skinnet.deployment.deployment import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.protocol.messages import Topology
 from skinnet.skin.placement import place_patch
 

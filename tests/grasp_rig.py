@@ -8,8 +8,9 @@ import numpy as np
 from body_scenes import deployment_of
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.deployment import Deployment, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import OBJECTS, ObjectName
+from skinnet.deployment.skin.patches import InterfaceSpec, LatticeSpec, PatchSpec
 
 S = 1_000_000_000
 MS = 1_000_000

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.deployment import NetworkSpec
+from skinnet.deployment.network import NetworkSpec
 from skinnet.network.packet_network import PacketNetwork
 from skinnet.network.records import Outcome
 from skinnet.network.routes import min_hop_routes

@@ -12,7 +12,7 @@ from small_robot import small
 from cells.sheets.board_process import BoardProcess
 from controller.nursing.contacts.board_input import BoardInput, sheet_surfaces
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.protocol.channels import Keys
 from skinnet.protocol.messages import Config, decode, encode, unpack

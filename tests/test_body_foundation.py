@@ -12,7 +12,7 @@ from skinnet.body.contact.skin_surface import (
     hexagon_m,
     sample_points_m,
 )
-from skinnet.deployment.deployment import FoamSpec
+from skinnet.deployment.robot import FoamSpec
 
 PLATE = """
 <mujoco>

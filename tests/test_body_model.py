@@ -9,7 +9,8 @@ import pytest
 
 from skinnet.body.contact.skin_surface import hexagon_m
 from skinnet.body.ground_truth.cell_kinematics import activity_matrix, cell_jacobian, cell_poses
-from skinnet.deployment.deployment import SwaySpec, TouchSpec
+from skinnet.deployment.environment.teacher import TouchSpec
+from skinnet.deployment.robot import SwaySpec
 from skinnet.errors import DeploymentError, ModelError
 from skinnet.protocol.messages import STIMULUS_NAMES
 

@@ -11,7 +11,8 @@ from skinnet.body.ground_truth.contact_onsets import (
     distance_thresholds_m,
     force_thresholds_n,
 )
-from skinnet.deployment.deployment import ForceSpec, ProximitySpec, TouchSpec
+from skinnet.deployment.environment.teacher import TouchSpec
+from skinnet.deployment.skin.cells import ForceSpec, ProximitySpec
 from skinnet.errors import ModelError
 from skinnet.protocol.messages import STIMULUS_NAMES, Modality
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from skinnet.body.teacher.teacher import FingerPhase
-from skinnet.deployment.deployment import TouchSpec
+from skinnet.deployment.environment.teacher import TouchSpec
 from skinnet.protocol.messages import STIMULUS_NAMES
 
 MS = 1_000_000

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from small_robot import SHIPPED, patch, small
 
 from skinnet.deployment import load, resolved_json
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import place_patches

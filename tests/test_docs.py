@@ -12,7 +12,7 @@ import typer.main
 
 from skinnet.cli.main import app
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.skin.placement import place_patch
 
 ROOT = Path(__file__).parent.parent
@@ -57,7 +57,7 @@ def test_toml_is_part_of_a_deployment(page: Path, code: str) -> None:
     """What a page quotes is what stands in the deployment it quotes from (faults.md has tests of its own)."""
     quoted = tomllib.loads(code)
     shipped = [
-        tomllib.loads(path.read_text(encoding="utf-8")) for path in (ROOT / "deployments").glob("[a-z]*.toml")
+        tomllib.loads(path.read_text(encoding="utf-8")) for path in (ROOT / "deployments").rglob("*.toml")
     ]
     assert any(is_part(quoted, whole) for whole in shipped), (
         f"{page.name} quotes what no deployment says:\n{code}"

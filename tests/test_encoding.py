@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from cells.sensing.encoding import ENCODINGS, Encoder, EncoderOutput
 from cells.sensing.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
-from skinnet.deployment.deployment import (
+from skinnet.deployment.skin.cells import (
     AccelerometerSpec,
     CellSpec,
     EncodingSpec,

@@ -17,8 +17,9 @@ from small_robot import SHIPPED, patch, small
 
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.experiment.faults import FaultRule, SensorChannel
+from skinnet.deployment.extends import merge_layers, read_layers
 from skinnet.deployment.load import from_document
 from skinnet.network.faults.fault_schedule import (
     FaultLocation,
@@ -129,7 +130,7 @@ def test_what_cannot_break_is_refused_by_check(
 def test_every_kind_has_an_example_that_holds() -> None:
     shown = set()
     for example in EXAMPLES:
-        raw = tomllib.loads(SHIPPED.read_text(encoding="utf-8")) | tomllib.loads(example)
+        raw = merge_layers(read_layers(SHIPPED)) | {"format": 2} | tomllib.loads(example)
         deployment = from_document(raw, "docs/faults.md")
         check(deployment)
         found = fault_schedule(deployment, placed(deployment))

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from cells.formation.cell_agent import CellAgent
 from cells.formation.gateway_agent import FormationPhase, GatewayAgent
 from cells.formation.packets import FormationPacket, FormationPacketKind, is_newer, max_round_trip_ns
-from skinnet.deployment.deployment import NetworkSpec
+from skinnet.deployment.network import NetworkSpec
 from skinnet.errors import DeploymentError, ProtocolError
 
 

@@ -12,7 +12,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 from small_robot import lattice, patch, small
 
-from skinnet.deployment.deployment import CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.gateway_placement import (
     choose_gateway_ports,

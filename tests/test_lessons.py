@@ -9,9 +9,9 @@ from evading import MS, Evader
 from skinnet.analysis.metrics.teaching import teaching_metrics
 from skinnet.body.simulation import BodySimulation
 from skinnet.body.teacher.finger import FingerPhase
-from skinnet.deployment.deployment import CellPoseSpec, InterfaceSpec, PatchSpec
 from skinnet.deployment.environment.teacher import GoalSpec, LessonSpec, TeacherSpec
 from skinnet.deployment.load import load
+from skinnet.deployment.skin.patches import CellPoseSpec, InterfaceSpec, PatchSpec
 from skinnet.runtime.process_result import ProcessResult
 
 S = 1000 * MS

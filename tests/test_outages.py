@@ -10,7 +10,7 @@ from small_robot import patch, small
 
 from cells.networking.outages import Outage, TopologyChange, compute_topology_changes
 from cells.networking.wiring import Wiring, wire_cells
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import PowerSpec
 from skinnet.network.power_grid import PowerGrid
 from skinnet.protocol.messages import FOREVER_NS
 from skinnet.skin.placement import place_patch, resolve_bridges

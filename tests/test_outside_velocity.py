@@ -8,7 +8,7 @@ from test_brain import TICK_NS, Wired
 from test_links import DEPLOYMENTS
 
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.protocol.external_messages import ExternalVelocity
 

@@ -14,7 +14,7 @@ from PIL import Image
 from reported import SHORT
 
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 
 PICTURES = runpy.run_path(str(ROOT / "docs" / "pictures.py"))
 ENTRIES: dict[str, Any] = PICTURES["read"](PICTURES["MANIFEST"])

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 from small_robot import SHIPPED, lattice
 
 from skinnet.deployment import load
-from skinnet.deployment.deployment import CellPoseSpec, CellSpec, InterfaceSpec, LatticeSpec, PatchSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import CellPoseSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import PORT_ANGLES_RAD, lattice_cells, pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch, place_patches

@@ -311,13 +311,13 @@ def test_voltage_decides_where_power_is_scarce() -> None:
     power = {"link_ohm": 0.5, "brown_out_v": 2.0}
     plan = plan_of((8, 4, (0, 2)), power=power, plan={"min_voltage_v": 3.0})
     (search,) = plan.searches
-    assert "min_voltage_v" in plan.breaches
+    assert "voltage_v" in plan.breaches
     assert search.breaches == {}
     assert len(search.gateways) > 1
     assert search.budget.power is not None
     assert search.budget.power.voltage_v.min() >= 3.0
     fixed = plan_of((8, 4, (0, 2)), power=power | {"feeds": ("p0/0:2",)}, plan={"min_voltage_v": 3.0})
-    assert set(fixed.searches[0].breaches) == {"min_voltage_v"}
+    assert set(fixed.searches[0].breaches) == {"voltage_v"}
     dim = plan_of((8, 4, (0, 2)), power={"link_ohm": 1.0})
     assert any("brown out" in line for line in diagnose(dim))
     assert plan_report(dim)["metrics"]["plan.browned_out_cells"] > 0

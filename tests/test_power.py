@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_robot import small
 
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import PowerSpec
 from skinnet.errors import DeploymentError
 from skinnet.network.power_grid import PowerGrid, PowerState
 

@@ -15,7 +15,7 @@ from skinnet.body.process import build
 from skinnet.body.scripted.scripted_body import ScriptedBody
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.load import from_document
 from skinnet.errors import DeploymentError
 from skinnet.protocol.messages import STIMULUS_NAMES

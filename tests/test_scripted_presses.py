@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skinnet.body.scripted.presses import build_press_schedule, presses_before, write_press_stimulus
+from skinnet.deployment.checks.environment import check_scripted_stimuli
 from skinnet.deployment.environment.scripted_stimuli import (
     RandomPressSpec,
     ScriptedPressSpec,
@@ -27,7 +28,7 @@ TOUCH = ScriptedPressSpec(
     approach_s=0.3,
     rise_s=0.1,
     hold_s=0.4,
-    release_delay_s=0.2,
+    release_s=0.2,
     temperature_c=35.0,
 )
 CONTACT_MS, LOOSE_MS, END_MS = 500, 1200, 1500
@@ -232,4 +233,4 @@ def test_patterns_name_each_cell_once(patterns, expected):
 )
 def test_a_script_that_does_not_hold_is_refused(script, words):
     with pytest.raises(DeploymentError, match=words):
-        script.check(SIZES)
+        check_scripted_stimuli(script, SIZES)

@@ -22,7 +22,7 @@ from cells.sensing.transducers import (
     noise_keys,
     phases_ns,
 )
-from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.network.faults.fault_schedule import fault_schedule
 from skinnet.protocol.messages import READING_NAMES, EventKind, Modality
 from skinnet.skin.placement import place_patches

@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from cells.sheets.boards import Boards, DeliveredMessages
 from cells.sheets.region_quantisation import FORCE_STEP_N, XI_STEP_M
-from skinnet.deployment.skin.sheets import BoardNetworkSpec, BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
+from skinnet.deployment.network import BoardNetworkSpec
+from skinnet.deployment.skin.sheets import BoardSpec, PressureSpec, SheetSpec, SurfaceSpec
 from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW
 from skinnet.skin.tactile_sheets import PlacedSheet, place_sheets
 

@@ -13,7 +13,8 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.deployment import BodySpec, Deployment, FoamSpec
+from skinnet.deployment.deployment import Deployment
+from skinnet.deployment.robot import BodySpec, FoamSpec
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError, ModelError
 

@@ -16,7 +16,7 @@ from cells.networking.outages import Outage, compute_topology_changes
 from cells.networking.skin_network import SkinNetwork
 from cells.networking.wiring import Wiring, wire_cells
 from cells.sensing.encoding import EncoderOutput
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import PowerSpec
 from skinnet.network.records import Outcome
 from skinnet.protocol.messages import FOREVER_NS
 from skinnet.skin.placement import place_patch, resolve_bridges

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from skinnet.body.environment.stand import TRANSITIONS, HeightTrajectory, StandEvent, StandPhase
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.environment.objects import OBJECTS
 from skinnet.errors import DeploymentError
 

@@ -21,7 +21,7 @@ from skinnet.analysis.report.html import render_html
 from skinnet.analysis.report.run_folder import StressResults, read_run_folder
 from skinnet.cli.main import main
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.experiment.stress import PublishedRateSpec, StressSpec
 from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
 from skinnet.run.launch import RunOptions, load_and_check

@@ -10,8 +10,8 @@ import pytest
 from skinnet.analysis.metrics.teaching import teaching_metrics
 from skinnet.body.teacher.finger import FingerPhase
 from skinnet.body.teacher.strokes import SweepPath, plan_sweeps
-from skinnet.deployment.deployment import LatticeSpec, PatchSpec
 from skinnet.deployment.environment.teacher import StrokeSpec, TeacherSpec
+from skinnet.deployment.skin.patches import LatticeSpec, PatchSpec
 from skinnet.runtime.process_result import ProcessResult
 
 MS = 1_000_000

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from cells.sensing.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
-from skinnet.deployment.deployment import (
+from skinnet.deployment.skin.cells import (
     AccelerometerSpec,
     CellSpec,
     ForceSpec,

@@ -26,7 +26,7 @@ retransmitted until they are acknowledged (`cells.link_layer`).
 from enum import IntEnum
 from typing import NamedTuple
 
-from skinnet.deployment.deployment import NetworkSpec
+from skinnet.deployment.network import NetworkSpec
 from skinnet.errors import ProtocolError
 from skinnet.skin.lattice import N_PORTS
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cells.networking.wiring import Wiring
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import PowerSpec
 from skinnet.network.power_grid import PowerGrid
 from skinnet.protocol.messages import FOREVER_NS
 

@@ -18,7 +18,8 @@ from cells.networking.packet_pool import PACKET_ROW, PacketKind, PacketPool
 from cells.networking.wiring import Wiring
 from cells.sensing.babbling_idiots import SpuriousEvents
 from cells.sensing.encoding import EncoderOutput
-from skinnet.deployment.deployment import CellSpec, NetworkSpec
+from skinnet.deployment.network import NetworkSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.network.packet_network import EndedPackets
 from skinnet.network.records import Outcome
 from skinnet.protocol.messages import FOREVER_NS, Config

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.deployment import NetworkSpec
+from skinnet.deployment.network import NetworkSpec
 from skinnet.network.packet_network import PacketNetwork
 from skinnet.network.topology import UNBOUNDED, Topology
 from skinnet.random_streams import StreamName, stream_key

@@ -19,7 +19,7 @@ from cells.sensing.encoder_settings import (
     validated_levels,
 )
 from skinnet.compilation import compiled
-from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
 

@@ -14,8 +14,8 @@ from cells.sensing.babbling_idiots import BabblingIdiots, BabblingIdiotState, Sp
 from cells.sensing.fault_intervals import FaultIntervals
 from cells.sensing.transducers import channel_scales
 from skinnet.compilation import compiled
-from skinnet.deployment.deployment import CellSpec
 from skinnet.deployment.experiment.faults import Drift, StuckAt
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.network.faults.fault_schedule import FaultSpan
 from skinnet.protocol.messages import READING_NAMES
 

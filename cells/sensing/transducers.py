@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.compilation import compiled
-from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import DeploymentError
 from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES, STIMULUS_NAMES
 from skinnet.random_streams import StreamName, standard_normal, stream_key, uniform

@@ -8,7 +8,7 @@ with full-duplex wires.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skinnet.deployment.skin.sheets import BoardNetworkSpec
+from skinnet.deployment.network import BoardNetworkSpec
 from skinnet.network.packet_network import PacketNetwork
 from skinnet.network.packet_results import EndedPackets
 from skinnet.network.routes import min_hop_routes

@@ -15,7 +15,8 @@ from cells.sheets.board_network import BoardNetwork
 from cells.sheets.pressure_transducers import PressureTransducers
 from cells.sheets.region_quantisation import FORCE_STEP_N, MAX_ROWS, PEAK_STEPS, XI_STEP_M
 from cells.sheets.regions import RegionTracker
-from skinnet.deployment.skin.sheets import MAX_SIDE, BoardNetworkSpec, BoardSpec
+from skinnet.deployment.network import BoardNetworkSpec
+from skinnet.deployment.skin.sheets import MAX_SIDE, BoardSpec
 from skinnet.network.packet_ids import PacketSlots
 from skinnet.network.records import Outcome
 from skinnet.protocol.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_ROW

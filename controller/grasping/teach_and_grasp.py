@@ -25,7 +25,7 @@ from controller.self_model import SelfModel
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.touch.posture import PoseTarget
 from controller.touch.tactile_state import TactileState
-from skinnet.deployment.deployment import ControllerSpec
+from skinnet.deployment.controller.controller import ControllerSpec
 
 __all__ = ["TeachAndGrasp", "TransitionRecord", "request_arguments"]
 

@@ -7,7 +7,8 @@ from controller.self_model import SelfModel
 from controller.stages.timed import TimedStage
 from controller.touch.tactile_reaction import TactileReaction
 from controller.touch.tactile_state import TactileState
-from skinnet.deployment.deployment import ControllerSpec, StageSpec
+from skinnet.deployment.controller.controller import ControllerSpec
+from skinnet.deployment.controller.stages import StageSpec
 from skinnet.protocol.messages import Modality
 
 __all__ = ["GuidanceStage"]

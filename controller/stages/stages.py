@@ -19,12 +19,9 @@ from controller.stages.guidance import GuidanceStage
 from controller.stages.passive import PassiveStage
 from controller.touch.posture import PoseTarget, PostureControl
 from controller.touch.tactile_state import TactileState
-from skinnet.deployment.deployment import (
-    ControllerSpec,
-    MapExplorationSpec,
-    StageSpec,
-    StructureExplorationSpec,
-)
+from skinnet.deployment.controller.controller import ControllerSpec
+from skinnet.deployment.controller.exploration import MapExplorationSpec, StructureExplorationSpec
+from skinnet.deployment.controller.stages import StageSpec
 
 __all__ = ["ExplorationStage", "PostureStage", "Stage", "make_stage"]
 

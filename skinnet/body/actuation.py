@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.model import BodyModel, equilibrium_targets_rad
 from skinnet.compilation import compiled_without_nrt
-from skinnet.deployment.deployment import ServoSpec
+from skinnet.deployment.robot import ServoSpec
 
 __all__ = ["Actuation", "is_valid_command"]
 

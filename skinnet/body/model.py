@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from skinnet.body.contact.compliant_layer import compliant_layer, delay_rigid_contact
 from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject, add_stand, solids_by_geom_name
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.deployment import BodySpec
 from skinnet.deployment.environment.payload import PayloadSpec
+from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
 from skinnet.skin.placement import PlacedPatch
 

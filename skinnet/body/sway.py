@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.deployment import SwaySpec
+from skinnet.deployment.robot import SwaySpec
 from skinnet.random_streams import StreamName, stream_key, uniform
 
 __all__ = ["Sway"]

@@ -13,7 +13,7 @@ from rich.table import Table
 from skinnet.body.model import load_model
 from skinnet.cli.console import console
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.memory_loading import check_compatible, read_memory_json
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes

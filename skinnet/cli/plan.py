@@ -16,7 +16,7 @@ from skinnet.cli.console import (
 )
 from skinnet.cli.plan_table import print_plan
 from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
 from skinnet.tools.plan.json_report import plan_report

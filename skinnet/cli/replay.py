@@ -8,7 +8,7 @@ import typer
 
 from skinnet.cli.console import JsonOption, SettingsOption, console, require_extra, write_report
 from skinnet.deployment import Deployment, load
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
 from skinnet.run.observers.observer_endpoint import free_endpoint

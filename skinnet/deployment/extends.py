@@ -1,4 +1,7 @@
-"""Inheritance of deployment files: `extends` names a base; tables are merged, lists are replaced."""
+"""Inheritance of deployment files: `extends` names a base file.
+
+Tables of a file are merged into those of its base; lists and values replace them.
+"""
 
 import os
 import tomllib
@@ -10,7 +13,7 @@ from typing import Any
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import translate
 
-__all__ = ["EXTENDS", "Layer", "chain_of", "merge_layers", "origin_of", "read_layers"]
+__all__ = ["EXTENDS", "Layer", "chain_of", "merge_layers", "origin_of", "read_layers", "value_at"]
 
 EXTENDS = "extends"
 _FILE_KEYS = (("body", "model"), ("memory", "read"))
@@ -37,22 +40,23 @@ def read_layers(path: Path) -> tuple[Layer, ...]:
 
     Raises:
         DeploymentError: a file is missing, unreadable, no TOML, of a newer format, or extends itself; the
-            text has the chain of files.
+            text has the chain of files, of which the last is the one at fault.
     """
     layers: list[Layer] = []
-    seen: list[Path] = []
+    seen: list[str] = []
     next_path: Path | None = path
     while next_path is not None:
         chain = _chain([*(layer.path for layer in layers), next_path])
-        if next_path.resolve() in seen:
+        real = os.path.realpath(next_path)
+        if real in seen:
             raise DeploymentError(f"{chain}: {EXTENDS} goes round: {next_path} extends itself")
-        seen.append(next_path.resolve())
+        seen.append(real)
         raw = _read(next_path, chain)
         base = raw.pop(EXTENDS, None)
-        if base is not None and (not isinstance(base, str) or not base):
+        if base is not None and (not isinstance(base, str) or not base or "\0" in base):
             raise DeploymentError(f"{chain}: {EXTENDS} = {base!r}: give the name of one file")
         try:
-            layers.append(Layer(next_path, *translate(raw, str(next_path))))
+            layers.append(Layer(next_path, *translate(raw, chain)))
         except FormatError as error:
             raise DeploymentError(str(error)) from None
         next_path = None if base is None else next_path.parent / base
@@ -60,7 +64,7 @@ def read_layers(path: Path) -> tuple[Layer, ...]:
 
 
 def chain_of(layers: Iterable[Layer]) -> str:
-    """The chain of files in words, the deployment first."""
+    """Return the chain of files as text, the deployment first: "a.toml extends b.toml"."""
     return _chain([layer.path for layer in layers][::-1])
 
 
@@ -77,14 +81,21 @@ def merge_layers(layers: tuple[Layer, ...]) -> dict[str, Any]:
 
 
 def origin_of(layers: Iterable[Layer], key: str) -> Path | None:
-    """The last file of a chain that sets a dotted key, or the longest part of it that any file sets."""
-    steps = key.replace("[", ".[").split(".")
-    best: tuple[int, Path] | None = None
-    for layer in layers:
-        depth = _depth(layer.document, steps)
-        if depth and (best is None or depth >= best[0]):
-            best = depth, layer.path
-    return None if best is None else best[1]
+    """Return the last file of a chain that sets a key such as `patches[0].body`; None if no file does."""
+    files = [layer.path for layer in layers if value_at(layer.document, key) is not None]
+    return files[-1] if files else None
+
+
+def value_at(document: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a key such as `patches[0].body`; None if the document does not set it."""
+    node: Any = document
+    for step in key.replace("[", ".[").split("."):
+        if isinstance(node, list) and step.startswith("["):
+            index = int(step[1:-1])
+            node = node[index] if index < len(node) else None
+        else:
+            node = node.get(step) if isinstance(node, dict) else None
+    return node
 
 
 def _chain(paths: list[Path]) -> str:
@@ -111,29 +122,21 @@ def _merge(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _relocate(layer: Layer, folder: Path) -> dict[str, Any]:
-    """Document of a layer in which files are named relative to `folder`."""
+    """Copy the document of a layer, with its files named relative to `folder`."""
     own = layer.path.parent
     if own.resolve() == folder.resolve():
         return layer.document
-    document = _merge({}, layer.document)
+    document = dict(layer.document)
     for table, key in _FILE_KEYS:
-        named = document.get(table, {}).get(key) if isinstance(document.get(table), dict) else None
-        if isinstance(named, str) and (own / named).is_file():
-            document[table] = document[table] | {key: os.path.relpath(own / named, folder)}
+        values = document.get(table)
+        named = values.get(key) if isinstance(values, dict) else None
+        if isinstance(values, dict) and isinstance(named, str) and _is_file_name(own, table, named):
+            document[table] = values | {key: os.path.relpath(own / named, folder)}
     return document
 
 
-def _depth(document: Any, steps: list[str]) -> int:
-    """Count the leading steps of a key that a document has."""
-    node = document
-    for depth, step in enumerate(steps):
-        if step.startswith("[") and step.endswith("]"):
-            index = int(step[1:-1]) if step[1:-1].isdecimal() else -1
-            if not isinstance(node, list) or not 0 <= index < len(node):
-                return depth
-            node = node[index]
-        elif isinstance(node, dict) and step in node:
-            node = node[step]
-        else:
-            return depth
-    return len(steps)
+def _is_file_name(folder: Path, table: str, named: str) -> bool:
+    """Check if a value names a file: that of `body.model` may be the name of a shipped model instead."""
+    if not named or "\0" in named:
+        return False
+    return table != "body" or bool(Path(named).suffix) or (folder / named).is_file()

@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import PowerSpec
 
 __all__ = ["PowerGrid", "PowerState"]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import Deployment, load, resolved_json
-from skinnet.deployment.checks.checks import check
+from skinnet.deployment.checks import check
 from skinnet.deployment.memory_loading import load_memory
 from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.files import write_bytes, write_json

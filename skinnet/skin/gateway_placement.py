@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 
-from skinnet.deployment.deployment import CellSpec, InterfaceSpec, PatchSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import InterfaceSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import PlacedPatch, place_patch

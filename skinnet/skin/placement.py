@@ -11,8 +11,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skinnet.deployment.deployment import BridgeSpec, CellPoseSpec, CellSpec, LatticeSpec, PatchSpec
-from skinnet.deployment.types import parse_port
+from skinnet.deployment.cell_names import parse_port
+from skinnet.deployment.network import BridgeSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import CellPoseSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 

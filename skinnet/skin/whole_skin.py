@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from skinnet.deployment.types import parse_port
+from skinnet.deployment.cell_names import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import Bridge, PlacedPatch
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from skinnet.analysis.metrics.teach_and_grasp import StateInterval, state_intervals
 from skinnet.deployment import Deployment
-from skinnet.deployment.deployment import ForceSpec
+from skinnet.deployment.skin.cells import ForceSpec
 from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["GRASP_STATES", "grasp_metrics", "object_metrics"]

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.deployment import StageSpec
+from skinnet.deployment.controller.stages import StageSpec
 from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["StageInterval", "stage_intervals"]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from skinnet.analysis.metrics.stages import stage_intervals
 from skinnet.deployment import Deployment
-from skinnet.deployment.deployment import StageSpec
+from skinnet.deployment.controller.stages import StageSpec
 from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["Reaction", "reactions", "touch_metrics"]

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.deployment import FoamSpec
+from skinnet.deployment.robot import FoamSpec
 from skinnet.skin.placement import PlacedPatch
 
 __all__ = ["CompliantLayer", "compliant_layer", "delay_rigid_contact", "foam_fraction", "geoms_under_skin"]

@@ -12,8 +12,9 @@ from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.contact.winkler import ContactState, Foam, Workspace, compute_contact
 from skinnet.body.environment.stand_model import OBJECT
 from skinnet.body.model import PAYLOAD
-from skinnet.deployment.deployment import Deployment, FoamSpec
+from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import NO_OBJECT, OBJECTS
+from skinnet.deployment.robot import FoamSpec
 
 __all__ = ["Foundation", "compliant_layers", "foam_from_spec"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.model import require_body_id
-from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.skin.placement import PlacedPatch
 
 __all__ = [

@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.deployment import CellSpec, ForceSpec, ProximitySpec, StageSpec, TouchSpec
+from skinnet.deployment.controller.stages import StageSpec
+from skinnet.deployment.environment.teacher import TouchSpec
+from skinnet.deployment.skin.cells import CellSpec, ForceSpec, ProximitySpec
 from skinnet.protocol.messages import N_FORCE_CHANNELS, STIMULUS_NAMES, Modality
 
 __all__ = [

@@ -11,7 +11,7 @@ from skinnet.body.contact.contact_scene import ContactScene, Motion, ray_distanc
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import force_cell_centre_m
 from skinnet.compilation import compiled
-from skinnet.deployment.deployment import CellSpec
+from skinnet.deployment.skin.cells import CellSpec
 
 __all__ = ["ApproachLine", "ContactTarget", "Finger", "FingerPhase", "FingerTask", "contact_target"]
 

@@ -18,8 +18,9 @@ from skinnet.body.teacher.lessons import Lesson
 from skinnet.body.teacher.strokes import Stroke, SweepPath, plan_sweeps
 from skinnet.body.teacher.touches import Touch
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.deployment import CellSpec
-from skinnet.deployment.environment.teacher import TeacherSpec, parse_cell_range
+from skinnet.deployment.cell_names import parse_cell_range
+from skinnet.deployment.environment.teacher import TeacherSpec
+from skinnet.deployment.skin.cells import CellSpec
 
 __all__ = ["FingerPhase", "Teacher", "TeacherSkin"]
 

@@ -1,10 +1,11 @@
-"""Consistency checks of fault rules: times, and values within the range of the sensors.
+"""Checks of fault rules: times, and values within the range of the sensors.
 
 Targets are checked against the placed patches in `skinnet.network.faults.fault_schedule.check_targets`.
 """
 
-from skinnet.deployment.deployment import CellSpec, Deployment
+from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.experiment.faults import Drift, FaultRule, StuckAt
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import DeploymentError
 
 __all__ = ["check_faults"]
@@ -20,7 +21,7 @@ def check_faults(deployment: Deployment) -> None:
         key = f"faults[{index}]"
         _check_times(key, rule, deployment.run.max_s)
         if isinstance(rule, Drift) and rule.rate_per_s == 0.0:
-            raise DeploymentError(f"{key}.per_s = 0: nothing would drift; above or below zero")
+            raise DeploymentError(f"{key}.rate_per_s = 0: nothing would drift; above or below zero")
         if isinstance(rule, StuckAt) and rule.value is not None:
             low, high = _reading_range(deployment.cells, rule.channel)
             if not low <= rule.value <= high:
@@ -48,13 +49,13 @@ def _check_times(key: str, rule: FaultRule, end_s: float) -> None:
 
 def _reading_range(cells: CellSpec, channel: str) -> tuple[float, float]:
     """Return the range of readings of a channel; for `all`, the range common to all channels."""
-    acceleration, warmth = cells.accelerometer, cells.temperature
+    acceleration, temperature = cells.accelerometer, cells.temperature
     match channel:
         case "ax_g" | "ay_g" | "az_g":
             return -acceleration.range_g, acceleration.range_g
         case "temperature_c":
-            return warmth.min_c, warmth.max_c
+            return temperature.min_c, temperature.max_c
         case "all":
-            return max(0.0, warmth.min_c), min(1.0, acceleration.range_g, warmth.max_c)
+            return max(0.0, temperature.min_c), min(1.0, acceleration.range_g, temperature.max_c)
         case _:
             return 0.0, 1.0

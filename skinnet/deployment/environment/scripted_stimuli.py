@@ -5,13 +5,10 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
+from skinnet.deployment.cell_names import CellPattern, match_cells
 from skinnet.deployment.types import Fraction, NonNegative, Positive, Table, ns_of_s
-from skinnet.errors import DeploymentError
 
-__all__ = ["CellPattern", "ForceProfile", "RandomPressSpec", "ScriptedPressSpec", "ScriptedStimuliSpec"]
-
-CellPattern = Annotated[str, Meta(pattern=r"^([A-Za-z0-9_\-]+|\*)/([0-9]+|\*)$")]
-"""Pattern of cells: "patch/cell", where * matches any."""
+__all__ = ["ForceProfile", "RandomPressSpec", "ScriptedPressSpec", "ScriptedStimuliSpec"]
 
 
 class ForceProfile(Table, frozen=True, kw_only=True):
@@ -40,7 +37,7 @@ class ForceProfile(Table, frozen=True, kw_only=True):
 
 
 class RandomPressSpec(ForceProfile, frozen=True, kw_only=True):
-    """Random presses on the fraction `scripted_stimuli.stimulated_fraction` of the cells *(assumed)*.
+    """Random presses on the fraction `stimulated_fraction` of the cells *(assumed)*.
 
     The force of each press on its most loaded force cell is drawn from `force_n`. Presses repeat after
     `pause_s`; with `repeat = false` each cell is pressed once, as in a hug. First presses are spread over
@@ -78,29 +75,9 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
     """
 
     stimulated_fraction: Fraction = 0.0
-    """Fraction of the cells that are pressed as in `random_presses`; drawn by the seed and cell name."""
+    """Fraction of the cells that are pressed as in `random_presses`, drawn by seed and cell name."""
     random_presses: RandomPressSpec = field(default_factory=RandomPressSpec)
     presses: tuple[ScriptedPressSpec, ...] = ()
-
-    def check(self, cells_per_patch: Mapping[str, int]) -> None:
-        """Check the script against patches of `cells_per_patch` cells.
-
-        Raises:
-            DeploymentError: forces, periods or cell patterns are inconsistent.
-        """
-        low_n, high_n = self.random_presses.force_n
-        if low_n > high_n:
-            raise DeploymentError(
-                f"scripted_stimuli.random_presses.force_n = [{low_n:g}, {high_n:g}]: "
-                "the smallest force comes first"
-            )
-        for index, press in enumerate(self.presses):
-            self.pressed_cells(index, cells_per_patch)
-            if press.period_s is not None and ns_of_s(press.period_s) < press.duration_ns:
-                raise DeploymentError(
-                    f"scripted_stimuli.presses[{index}].period_s = {press.period_s:g}: a press takes "
-                    f"{press.duration_ns * 1e-9:g} s from approach to withdrawal; at least that"
-                )
 
     def pressed_cells(self, index: int, cells_per_patch: Mapping[str, int]) -> list[tuple[str, int]]:
         """List the cells pressed by press `index`, each once, in the order of the patches.
@@ -115,7 +92,7 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
         found = {
             cell
             for pattern in self.presses[index].cells
-            for cell in _match_cells(pattern, cells_per_patch, index)
+            for cell in match_cells(f"scripted_stimuli.presses[{index}].cells", pattern, cells_per_patch)
         }
         return [
             (patch, cell)
@@ -123,19 +100,3 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
             for cell in range(n)
             if (patch, cell) in found
         ]
-
-
-def _match_cells(pattern: str, cells_per_patch: Mapping[str, int], index: int) -> list[tuple[str, int]]:
-    patch, _, cell = pattern.partition("/")
-    key = f"scripted_stimuli.presses[{index}].cells: {pattern!r}"
-    if patch != "*" and patch not in cells_per_patch:
-        raise DeploymentError(f"{key}: unknown patch; there are {', '.join(cells_per_patch)}")
-    patches = list(cells_per_patch) if patch == "*" else [patch]
-    if cell == "*":
-        return [(name, i) for name in patches for i in range(cells_per_patch[name])]
-    found = [(name, int(cell)) for name in patches if int(cell) < cells_per_patch[name]]
-    if not found:
-        raise DeploymentError(
-            f"{key}: {patch} has cells 0 to {max(cells_per_patch[name] for name in patches) - 1}"
-        )
-    return found

@@ -1,25 +1,19 @@
 """Teacher spec: touches, lessons and strokes of the teacher's finger."""
 
-from collections.abc import Mapping
 from typing import Annotated
 
 from msgspec import Meta
 
-from skinnet.deployment.types import CellName, NonNegative, Positive, StageName, Table, Vector3
-from skinnet.errors import DeploymentError
+from skinnet.deployment.cell_names import CellName, CellRange
+from skinnet.deployment.types import NonNegative, Positive, StageName, Table, Vector3
 
 __all__ = [
-    "CellRange",
     "GoalSpec",
     "LessonSpec",
     "StrokeSpec",
     "TeacherSpec",
     "TouchSpec",
-    "parse_cell_range",
 ]
-
-CellRange = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$")]
-"""Range of cells: all of "patch", one as in "patch/3", or several as in "patch/3-7", ends included."""
 
 
 class TouchSpec(Table, frozen=True, kw_only=True):
@@ -118,28 +112,3 @@ class TeacherSpec(Table, frozen=True, kw_only=True):
     touches: tuple[TouchSpec, ...] = ()
     lessons: tuple[LessonSpec, ...] = ()
     strokes: tuple[StrokeSpec, ...] = ()
-
-
-def parse_cell_range(key: str, name: str, cells_per_patch: Mapping[str, int]) -> tuple[str, range]:
-    """Parse the cell range `name` into its patch and cells.
-
-    Args:
-        key: Deployment key of the name, for errors.
-        name: A `CellRange` or `CellName`.
-        cells_per_patch: Number of cells of every patch.
-
-    Raises:
-        DeploymentError: the patch or a cell does not exist.
-    """
-    patch, _, numbers = name.partition("/")
-    if patch not in cells_per_patch:
-        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {', '.join(cells_per_patch)}")
-    if not numbers:
-        return patch, range(cells_per_patch[patch])
-    first, _, last = numbers.partition("-")
-    cells = range(int(first), int(last or first) + 1)
-    if not cells:
-        raise DeploymentError(f"{key} = {name!r}: the smaller number comes first")
-    if cells[-1] >= cells_per_patch[patch]:
-        raise DeploymentError(f"{key} = {name!r}: {patch} has cells 0 to {cells_per_patch[patch] - 1}")
-    return patch, cells

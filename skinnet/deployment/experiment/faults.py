@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from skinnet.deployment.cell_names import FaultTarget
 from skinnet.deployment.types import Fraction, NonNegative, Positive, Table
 
 __all__ = [
@@ -26,7 +27,6 @@ __all__ = [
     "StuckAt",
 ]
 
-Target = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-*]+(/(?!0[0-9])[0-9*]+)?(:(?!0[0-9])[0-9*]+)?$")]
 SensorChannel = Literal["force0", "force1", "force2", "proximity", "ax_g", "ay_g", "az_g", "temperature_c"]
 """Columns of a reading, as in `skinnet.protocol.messages.READING_NAMES`; a test compares the two."""
 _Interval = Annotated[float, Meta(ge=0.001)]
@@ -39,7 +39,7 @@ _PacketRate = Annotated[float, Meta(gt=0.0, le=100_000.0)]
 class _Rule(Table, frozen=True, kw_only=True, tag_field="kind"):
     """Targets and times of a fault; random draws depend on the seed and on the target only."""
 
-    target: Target
+    target: FaultTarget
     """Targets of the fault, by name or by a pattern in which `*` matches anything."""
     pick: Annotated[int, Meta(ge=1)] | None = None
     """Number of targets drawn by the seed from those that match; all unless given."""

@@ -1,10 +1,10 @@
 """Link budget spec: load and limits of `skinnet plan`."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import Meta
 
-from skinnet.deployment.types import Fraction, NonNegative, Positive, Table
+from skinnet.deployment.types import Encoding, Fraction, NonNegative, Positive, Table
 
 __all__ = ["LinkBudgetSpec"]
 
@@ -12,7 +12,7 @@ __all__ = ["LinkBudgetSpec"]
 class LinkBudgetSpec(Table, frozen=True, kw_only=True):
     """Load and limits of a link budget; runs ignore them."""
 
-    encoding: Literal["level_crossing", "send_on_delta", "periodic"] | None = None
+    encoding: Encoding | None = None
     """Event encoding; that of `cells.encoding` unless given, but `periodic` if the program has an exploration
     stage, in which all cells stream."""
     stimulated_fraction: Fraction = 0.54

@@ -4,11 +4,10 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from skinnet.deployment.types import Fraction, NonNegative, Positive, Table
+from skinnet.deployment.types import Encoding, Fraction, NonNegative, Positive, Table
 
-__all__ = ["EncodingName", "PublishedRateSpec", "StressSpec"]
+__all__ = ["PublishedRateSpec", "StressSpec"]
 
-EncodingName = Literal["periodic", "send_on_delta", "level_crossing"]
 _Count = Annotated[int, Meta(ge=1)]
 
 
@@ -37,9 +36,8 @@ class StressSpec(Table, frozen=True, kw_only=True):
     gateways: tuple[_Count, ...] = ()
     """Numbers of gateways per patch, placed by search; those of the deployment unless given."""
     stimulated_fractions: tuple[Fraction, ...] = ()
-    """Fractions of stimulated cells, which need a script; zero and the fraction of the script unless
-    given."""
-    encodings: Annotated[tuple[EncodingName, ...], Meta(min_length=1)] = (
+    """Fractions of stimulated cells, which need `scripted_stimuli`; zero and their fraction unless given."""
+    encodings: Annotated[tuple[Encoding, ...], Meta(min_length=1)] = (
         "periodic",
         "send_on_delta",
         "level_crossing",

@@ -1,17 +1,16 @@
-"""Tactile sheet specs: surfaces, sheets, boards and the network of the boards.
+"""Tactile sheet specs: surfaces, sheets and their boards.
 
 Values marked *assumed* have no published source; all others cite theirs.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import Meta, field
 
-from skinnet.deployment.types import Fraction, Name, NonNegative, Positive, Table, Vector3, ns_of_ms
+from skinnet.deployment.types import Name, NonNegative, Positive, Table, Vector3, ns_of_ms
 
 __all__ = [
     "MAX_SIDE",
-    "BoardNetworkSpec",
     "BoardSpec",
     "PressureSpec",
     "RegionSpec",
@@ -107,27 +106,3 @@ class BoardSpec(Table, frozen=True, kw_only=True):
     def period_ns(self) -> int:
         """Scan period [ns]."""
         return ns_of_ms(self.period_ms)
-
-
-class BoardNetworkSpec(Table, frozen=True, kw_only=True):
-    """Network from the boards to the main PC *(assumed; more than 20 boards share one in [R11])*.
-
-    `bus` is a medium shared by all boards and the PC, such as CAN, first come, first served. `star` gives
-    each board its own wire. In a `chain` each board forwards the messages of the boards behind it. The wires
-    of star and chain are full-duplex. 14 bits a byte correspond to the 111 bits of a CAN frame of 8 bytes.
-    """
-
-    kind: Literal["bus", "star", "chain"] = "bus"
-    bits_per_s: Annotated[int, Meta(gt=0)] = 1_000_000
-    bits_per_byte: Annotated[int, Meta(gt=0, le=64)] = 14
-    propagation_delay_us: NonNegative = 0.0
-    """Propagation delay of each link."""
-    jitter_us: NonNegative = 0.0
-    loss: Fraction = 0.0
-    """Probability that a link loses a message."""
-    queue_messages: Annotated[int, Meta(ge=-1)] = 32
-    """Capacity of the queue of each link; −1 for no bound."""
-    header_bytes: Annotated[int, Meta(gt=0)] = 8
-    """Header of any message: board, kind, scan number, count."""
-    region_bytes: Annotated[int, Meta(gt=0)] = 12
-    """Size of a region: id, lineage id, force, ξ1, ξ2 of two bytes each, peak and elements of one."""

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+from skinnet.deployment.cell_names import parse_port
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.experiment.faults import CellRule, FaultRule, GatewayLost, LinkRule
-from skinnet.deployment.types import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.random_streams import StreamName, stream_key
 

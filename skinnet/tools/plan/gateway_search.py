@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from skinnet.deployment.deployment import NetworkSpec
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import NetworkSpec, PowerSpec
 from skinnet.skin.gateway_placement import choose_gateway_ports, free_ports
 from skinnet.tools.plan.link_budget import LinkBudget, compute_budget
 from skinnet.tools.plan.traffic import Traffic

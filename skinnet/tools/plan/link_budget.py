@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skinnet.deployment.deployment import NetworkSpec
-from skinnet.deployment.power import PowerSpec
+from skinnet.deployment.network import NetworkSpec, PowerSpec
 from skinnet.network.power_grid import PowerGrid, PowerState
 from skinnet.tools.plan.queueing import mean_waits_ns, worst_backlog
 from skinnet.tools.plan.routing_forest import RoutingForest, compute_forest

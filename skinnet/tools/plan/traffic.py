@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.deployment import NetworkSpec
+from skinnet.deployment.network import NetworkSpec
 from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES
 
 __all__ = ["PacketSource", "Traffic", "traffic_of", "transmission_ns"]

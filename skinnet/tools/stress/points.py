@@ -7,17 +7,14 @@ from itertools import product
 from msgspec.structs import replace
 
 from skinnet.deployment import Deployment
-from skinnet.deployment.checks.checks import check
-from skinnet.deployment.deployment import (
-    CellSpec,
-    ControllerSpec,
-    EncodingSpec,
-    PatchSpec,
-    RunSpec,
-    StageSpec,
-)
+from skinnet.deployment.cell_names import parse_port
+from skinnet.deployment.checks import check
+from skinnet.deployment.controller.controller import ControllerSpec
+from skinnet.deployment.controller.stages import StageSpec
+from skinnet.deployment.experiment.run import RunSpec
 from skinnet.deployment.experiment.stress import StressSpec
-from skinnet.deployment.types import parse_port
+from skinnet.deployment.skin.cells import CellSpec, EncodingSpec
+from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.network.faults.fault_schedule import check_targets
 from skinnet.skin.gateway_placement import with_placed_gateways

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.deployment import NetworkSpec
+from skinnet.deployment.network import NetworkSpec
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import Topology, unpack
 from skinnet.protocol.telemetry_messages import LINK_INTO_CELL, LINK_ROW, LINK_UP, LinkLoad

@@ -1,0 +1,88 @@
+"""HEX-o-SKIN cell specs: sampling, geometry, sensors and event encoding.
+
+Values marked *assumed* have no published source; all others cite theirs.
+"""
+
+from msgspec import field
+
+from skinnet.deployment.types import Encoding, LevelThresholds, NonNegative, Positive, Table, ns_of_ms
+
+__all__ = ["AccelerometerSpec", "CellSpec", "EncodingSpec", "ForceSpec", "ProximitySpec", "TemperatureSpec"]
+
+
+class ForceSpec(Table, frozen=True, kw_only=True):
+    """Force cells: reading 0.05 ≈ 0.6 N and 0.14 ≈ 1.0 N [M14]; the ends of the curve are assumed."""
+
+    calibration_n: tuple[float, ...] = (0.0, 0.6, 1.0, 4.822)
+    calibration_reading: tuple[float, ...] = (0.0, 0.05, 0.14, 1.0)
+    noise: NonNegative = 0.004
+    """Standard deviation of a reading: idle noise 0.003–0.005 (field report, docs/assumptions.md)."""
+    lsb: Positive = 0.0009765625
+    levels: LevelThresholds = (0.04, 0.10, 0.30, 0.45)
+    """Low, medium, high and pain force: Table I [M14]."""
+    hysteresis: NonNegative = 0.028
+    """Hysteresis of level crossing: seven times the noise, less than one false event in 15 s at rest."""
+    delta: Positive = 0.02
+    """Threshold of send-on-delta."""
+
+
+class ProximitySpec(Table, frozen=True, kw_only=True):
+    """Proximity sensor, range about 5 cm [M14]; reading = (d0 / (d0 + distance))² *(assumed law)*."""
+
+    range_m: Positive = 0.05
+    reading_at_range: Positive = 0.01
+    noise: NonNegative = 0.0008
+    lsb: Positive = 0.0009765625
+    levels: LevelThresholds = (0.01, 0.02, 0.10, 0.80)
+    """High, medium, low proximity and close contact: Table I [M14]."""
+    hysteresis: NonNegative = 0.0056
+    """Hysteresis of level crossing: seven times the noise."""
+    delta: Positive = 0.02
+    """Threshold of send-on-delta."""
+
+
+class AccelerometerSpec(Table, frozen=True, kw_only=True):
+    """Tri-axial accelerometer: ±8 g, 4 mg per LSB [T11]."""
+
+    range_g: Positive = 8.0
+    lsb_g: Positive = 0.004
+    noise_g: NonNegative = 0.004
+    delta_g: Positive = 0.1
+
+
+class TemperatureSpec(Table, frozen=True, kw_only=True):
+    """Temperature sensor: 0.06 °C, −5…55 °C, time constant 2.6 s [T11]."""
+
+    lsb_c: Positive = 0.06
+    min_c: float = -5.0
+    max_c: float = 55.0
+    time_constant_s: Positive = 2.6
+    noise_c: NonNegative = 0.03
+    delta_c: Positive = 0.5
+
+
+class EncodingSpec(Table, frozen=True, kw_only=True):
+    """Event encoding of the readings: `level_crossing`, `send_on_delta` or `periodic` (every period)."""
+
+    kind: Encoding = "level_crossing"
+
+
+class CellSpec(Table, frozen=True, kw_only=True):
+    """HEX-o-SKIN cell: sampling, geometry, sensors and event encoding."""
+
+    period_ms: Positive = 4.0
+    side_m: Positive = 0.014
+    force_cell_radius_m: Positive = 0.0055
+    """Distance of the three force cells from the centre *(assumed)*."""
+    processing_delay_us: Positive = 50.0
+    """Processing delay from a packet to the cell's answer during network formation *(assumed)*."""
+    encoding: EncodingSpec = field(default_factory=EncodingSpec)
+    force: ForceSpec = field(default_factory=ForceSpec)
+    proximity: ProximitySpec = field(default_factory=ProximitySpec)
+    accelerometer: AccelerometerSpec = field(default_factory=AccelerometerSpec)
+    temperature: TemperatureSpec = field(default_factory=TemperatureSpec)
+
+    @property
+    def period_ns(self) -> int:
+        """Sampling period [ns]."""
+        return ns_of_ms(self.period_ms)
