@@ -1,7 +1,6 @@
 """Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
 import copy
-import logging
 import re
 import tomllib
 from collections.abc import Callable
@@ -15,10 +14,9 @@ from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of,
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
+from skinnet.migration.renaming import remark_old_format
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]
-
-log = logging.getLogger(__name__)
 
 _LEADING_KEY = re.compile(r"[\w.\[\]\-]+")
 
@@ -49,12 +47,7 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
 def _log_old_formats(layers: tuple[Layer, ...]) -> None:
     for layer in layers:
         if layer.n_renamed:
-            log.warning(
-                "%s: %d names of an earlier format are read by their new names; "
-                "skinnet migrate rewrites the file",
-                layer.path,
-                layer.n_renamed,
-            )
+            remark_old_format(layer.path, "deployment")
 
 
 def from_document(raw: dict[str, Any], source: str) -> Deployment:
