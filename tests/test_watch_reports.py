@@ -13,12 +13,13 @@ from test_host_node import Host
 from test_transport import KEYS, LONG_S, Star, endpoint, star  # noqa: F401 -- fixtures
 
 from cells.networking.link_telemetry import LinkTelemetry
-from controller.capabilities import FORMING, describe_nursing, describe_program
+from controller.capabilities import describe_nursing, describe_program
 from controller.grasping import state_machine
 from controller.grasping.teach_and_grasp import request_arguments
 from controller.nursing import state_machine as nursing
 from skinnet.deployment import load
 from skinnet.protocol.messages import decode, unpack
+from skinnet.protocol.states import FORMING
 from skinnet.protocol.telemetry_messages import (
     LINK_INTO_CELL,
     LINK_ROW,

@@ -1,11 +1,9 @@
 """Checks of the controller: its program, its stages and named poses, and nursing."""
 
-from typing import get_args
-
 from skinnet.deployment.controller.controller import ControllerSpec
-from skinnet.deployment.controller.teach_and_grasp import StateName
 from skinnet.deployment.deployment import Deployment
 from skinnet.errors import DeploymentError
+from skinnet.protocol.states import CONFIGURABLE_STATES
 
 __all__ = ["check_controller", "check_stage_name"]
 
@@ -31,7 +29,7 @@ def check_stage_name(key: str, name: str, controller: ControllerSpec) -> None:
     known = list(controller.stages)
     for stage, spec in controller.stages.items():
         if spec.kind == "teach_and_grasp":
-            known += [f"{stage}.{state}" for state in get_args(StateName)]
+            known += [f"{stage}.{state}" for state in CONFIGURABLE_STATES]
     if name not in known:
         raise DeploymentError(f"{key} = {name!r}: unknown stage; there are {', '.join(known) or 'none'}")
 
