@@ -27,7 +27,7 @@ TOUCH = ScriptedPressSpec(
     approach_s=0.3,
     rise_s=0.1,
     hold_s=0.4,
-    release_delay_s=0.2,
+    release_s=0.2,
     temperature_c=35.0,
 )
 CONTACT_MS, LOOSE_MS, END_MS = 500, 1200, 1500
