@@ -179,7 +179,7 @@ def test_all_that_was_delivered_is_published_in_its_period(aggregate: bool) -> N
                 continue
             else:
                 assert message.t_ns == closed_ns
-                assert message.events == waiting
+                assert message.n_events == waiting
                 waiting = 0
                 times_ns = []
                 if isinstance(message, Stream):
@@ -187,7 +187,7 @@ def test_all_that_was_delivered_is_published_in_its_period(aggregate: bool) -> N
                     published["reading"] += len(rows)
                     times_ns = rows["t_delivered_ns"].tolist()
                     seqs += rows["seq"].tolist()
-                closed_ns = message.covered_ns
+                closed_ns = message.watermark_ns
                 begin_ns = message.t_ns
             if isinstance(message, Events):
                 begin_ns = closed_ns

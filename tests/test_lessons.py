@@ -55,7 +55,7 @@ def test_a_reachable_pose_is_reached_without_a_touch(tmp_path, pose):
     assert truth.outcome == "reached"
     assert max(truth.error_m) <= 0.01 < max(truth.begin_error_m)
     assert truth.contact_ns is None
-    assert truth.nearest_m > 0.0015
+    assert truth.min_height_m > 0.0015
     np.testing.assert_allclose(body.joints(), pose, atol=0.03)
     assert body.teacher.phase is FingerPhase.PARKED
     assert sum(touch.moved_rad for touch in truth.touches) < 1.5 * np.abs(pose).sum()
@@ -121,7 +121,7 @@ def test_a_robot_that_does_not_react_is_left_alone(tmp_path):
     (truth,) = body.teacher.lessons
     assert truth.outcome == "nothing helps"
     assert sorted(touch.cell for touch in truth.touches) == [0, 2]
-    assert truth.nearest_m == pytest.approx(0.002, abs=5e-4)
+    assert truth.min_height_m == pytest.approx(0.002, abs=5e-4)
     assert truth.contact_ns is None
 
 
@@ -167,8 +167,8 @@ def test_by_force_the_finger_pushes(tmp_path):
     (truth,) = body.teacher.lessons
     assert truth.outcome == "reached"
     assert truth.contact_ns is not None
-    assert -0.007 < truth.nearest_m < -0.005
-    assert 0.6 < truth.peak_n < 4.0
+    assert -0.007 < truth.min_height_m < -0.005
+    assert 0.6 < truth.peak_force_n < 4.0
 
 
 def on_ring(name, body, radius_m, angle_deg):
@@ -217,4 +217,4 @@ def test_both_arms_of_a_humanoid_are_led_into_a_pose():
     assert max(truth.begin_error_m) > 0.15
     assert max(truth.error_m) <= 0.015
     assert truth.contact_ns is None
-    assert truth.nearest_m > 0.0015
+    assert truth.min_height_m > 0.0015
