@@ -47,9 +47,10 @@ async def run_in_process(
     progress.subscribe(launcher.session, keys)
     if observers is not None:
         observers.attach(launcher)
-    nodes = [build_process(p.module, deployment, p.name, base, out) for p in process_list(deployment, record)]
-    for node in nodes:
-        node.peers |= {RECORDER} if record else frozenset()
+    nodes = [
+        build_process(p.module, deployment, p.name, base, out, recorded=record)
+        for p in process_list(deployment, record)
+    ]
     faults: list[ProcessFailure] = []
 
     async def live(node: LogicalProcess) -> None:

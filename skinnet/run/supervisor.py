@@ -17,7 +17,7 @@ from pathlib import Path
 
 from skinnet.deployment import Deployment
 from skinnet.errors import ProcessFailedError, SkinnetError
-from skinnet.protocol.channels import EXTERNAL, RECORDER, Keys, Role
+from skinnet.protocol.channels import EXTERNAL, Keys, Role
 from skinnet.run.observers.observer_endpoint import ObserverEndpoint
 from skinnet.run.observers.process_monitor import monitor_processes
 from skinnet.run.process_list import ProcessSpec, process_list
@@ -89,10 +89,10 @@ async def run_processes(
         children: list[_ChildProcess] = []
         try:
             specs = process_list(deployment, record)
-            also = ("--also", RECORDER) if record else ()
+            recorded = ("--recorded",) if record else ()
             cpus = _assign_cores(specs) if deployment.run.pin else [[]] * len(specs)
             for spec, own in zip(specs, cpus, strict=True):
-                children.append(await _start(spec, hub, resolved, base, out, own, also))
+                children.append(await _start(spec, hub, resolved, base, out, own, recorded))
             follower = asyncio.create_task(_connect_launcher(deployment, hub, progress, observers))
             pids = {child.spec.name: child.process.pid for child in children}
             async with monitor_processes(pids | {"launcher": os.getpid()}, observers, progress):
