@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from skinnet.migration.recordings import FORMAT
-from skinnet.protocol.channels import CHANNELS, Channel, Keys
+from skinnet.protocol.channels import CHANNELS, Channel
 from skinnet.protocol.messages import Message
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "PROFILE",
     "SCHEMA_ENCODING",
     "json_schema",
-    "key_expression",
     "recorded_channels",
     "schema_name",
 ]
@@ -44,11 +43,6 @@ MEMORY_PREFIX = "memory/"
 def recorded_channels() -> tuple[Channel, ...]:
     """Recorded rows of the channel table."""
     return tuple(row for row in CHANNELS if row.recorded)
-
-
-def key_expression(keys: Keys, row: Channel) -> str:
-    """Key expression that matches all messages of a channel."""
-    return keys.of(row.name, *["*"] * row.pattern.count("<"))
 
 
 def schema_name(kind: type[Message]) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skinnet.errors import ProcessFailedError
-from skinnet.protocol.channels import RECORDER, Role
+from skinnet.protocol.channels import Role
 from skinnet.run.collect import RESULT_FOLDER, EndedProcess
 from skinnet.run.context import RunContext
 from skinnet.run.process_list import ProcessSpec
@@ -83,7 +83,7 @@ async def start_process(context: RunContext, spec: ProcessSpec, hub: str, cores:
         *("--deployment", context.out / "deployment.json", "--base", context.base),
         *("--name", spec.name, "--parts", context.out / RESULT_FOLDER),
         *("--listen" if spec.name == "body" else "--connect", hub),
-        *(("--also", RECORDER) if context.record else ()),
+        *(("--recorded",) if context.record else ()),
         *(("--cpus", *cores) if cores else ()),
     )
     with log.open("wb") as output:

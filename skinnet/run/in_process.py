@@ -42,13 +42,12 @@ async def run_in_process(context: RunContext) -> EndedInProcess:
 
 
 def _build(context: RunContext) -> list[LogicalProcess]:
-    processes = [
-        build_process(spec.module, context.deployment, spec.name, context.base, context.out)
+    return [
+        build_process(
+            spec.module, context.deployment, spec.name, context.base, context.out, recorded=context.record
+        )
         for spec in context.processes
     ]
-    for process in processes:
-        process.peers |= {RECORDER} if context.record else frozenset()
-    return processes
 
 
 async def _run_process(

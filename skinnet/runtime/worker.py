@@ -43,20 +43,22 @@ log = logging.getLogger(__name__)
 class ProcessModule(Protocol):
     """Process package: `python -m <package>` runs its logical process."""
 
-    def build(self, deployment: Deployment, name: str, base: Path, out: Path | None) -> LogicalProcess:
+    def build(
+        self, deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
+    ) -> LogicalProcess:
         """Build the logical process `name` of `deployment`, compiled and ready.
 
         `base` is the deployment's folder, `out` the run folder, to which the process may write files of its
-        own. Without one it writes none.
+        own. Without one it writes none. `recorded` is true if a recorder takes part in the run.
         """
 
 
 def build_process(
-    module: str, deployment: Deployment, name: str, base: Path, out: Path | None
+    module: str, deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
 ) -> LogicalProcess:
     """Import `<module>.process` and build its logical process."""
     process: ProcessModule = importlib.import_module(f"{module}.process")
-    return process.build(deployment, name, base, out)
+    return process.build(deployment, name, base, out, recorded=recorded)
 
 
 def _arguments(module: str) -> argparse.Namespace:
@@ -68,9 +70,7 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
     )
-    parser.add_argument(
-        "--also", action="append", default=[], help="one more process to wait for at the start"
-    )
+    parser.add_argument("--recorded", action="store_true", help="a recorder takes part in the run")
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint: be the hub")
     end.add_argument("--connect", help="Zenoh endpoint of the hub")
@@ -136,8 +136,9 @@ async def _run(module: str, args: argparse.Namespace) -> None:
     statistics = transport.statistics
     node: LogicalProcess | None = None
     try:
-        node = build_process(module, deployment, args.name, args.base, args.parts.parent)
-        node.peers |= frozenset(args.also)
+        node = build_process(
+            module, deployment, args.name, args.base, args.parts.parent, recorded=args.recorded
+        )
         usage = UsageTrace(lambda: (statistics.received_bytes, statistics.sent_bytes))
         gc.freeze()
         gc.set_threshold(_GC_THRESHOLD)
