@@ -13,6 +13,7 @@ from skinnet.cli import (
     bridge,
     check,
     memory,
+    migrate,
     network,
     plan,
     replay,
@@ -50,7 +51,21 @@ _BAD_INPUT_ERRORS = (
     UnreachableError,
     UsageError,
 )
-_COMMANDS = (run, check, plan, stress, report, memory, request, view, replay, network, bench, bridge)
+_COMMANDS = (
+    run,
+    check,
+    plan,
+    stress,
+    report,
+    memory,
+    request,
+    view,
+    replay,
+    migrate,
+    network,
+    bench,
+    bridge,
+)
 """Modules of the commands, in the order of the help."""
 
 app = typer.Typer(
