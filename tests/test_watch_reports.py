@@ -96,7 +96,7 @@ def test_a_report_needs_no_patch_of_its_own_wiring() -> None:
 
 async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None:  # noqa: F811
     hub, member = star.join("hub"), star.join("a")
-    wanted = member.matching_listener(LINKS)
+    wanted = member.session.matching_listener(LINKS)
 
     async def until(there: bool) -> None:
         async with asyncio.timeout(LONG_S):
@@ -104,7 +104,7 @@ async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None
                 await asyncio.to_thread(lambda: None)  # others have their turn
 
     await until(False)
-    undo = hub.declare_subscriber(LINKS, lambda _key, _payload: None)
+    undo = hub.session.declare_subscriber(LINKS, lambda _key, _payload: None)
     await until(True)
     undo()
     await until(False)

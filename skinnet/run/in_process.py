@@ -41,9 +41,10 @@ async def run_in_process(
         SkinnetError: a logical process failed.
     """
     keys = Keys(deployment.robot)
-    hub = InMemoryHub()
+    hub = InMemoryHub(keys)
     launcher = hub.connect(EXTERNAL)
-    progress.subscribe(launcher, keys)
+    launcher.enable_recording(1)  # messages of external clients
+    progress.subscribe(launcher.session, keys)
     if observers is not None:
         observers.attach(launcher)
     nodes = [build_process(p.module, deployment, p.name, base, out) for p in process_list(deployment, record)]

@@ -25,7 +25,8 @@ from skinnet.run.progress import ProgressDisplay
 from skinnet.runtime.outcome import Outcome, ProcessFailure, ProcessReport
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.worker import EXIT_STOPPED
-from skinnet.transport.loop_transport import ZenohTransport
+from skinnet.transport.loop_transport import LoopTransport
+from skinnet.transport.zenoh_loop import join_loop
 
 __all__ = ["run_processes"]
 
@@ -151,13 +152,13 @@ async def _start(
 
 async def _connect_launcher(
     deployment: Deployment, hub: str, progress: ProgressDisplay, observers: ObserverEndpoint | None
-) -> ZenohTransport:
+) -> LoopTransport:
     """Connect to the loop for the progress display and the observer endpoint."""
     keys = Keys(deployment.robot)
     await _wait_for_socket(Path(hub.removeprefix(_UNIX_SOCKET_SCHEME)))
-    transport = await asyncio.to_thread(lambda: ZenohTransport(keys, EXTERNAL, connect=hub))
+    transport = await asyncio.to_thread(join_loop, keys, EXTERNAL, hub)
     transport.enable_recording(1)  # messages of external clients
-    progress.subscribe(transport, keys)
+    progress.subscribe(transport.session, keys)
     if observers is not None:
         observers.attach(transport)
     return transport
@@ -170,7 +171,7 @@ async def _wait_for_socket(socket: Path) -> None:
 
 
 async def _disconnect_launcher(
-    connecting: "asyncio.Task[ZenohTransport]", observers: ObserverEndpoint | None
+    connecting: "asyncio.Task[LoopTransport]", observers: ObserverEndpoint | None
 ) -> None:
     if observers is not None:
         observers.detach()
