@@ -37,7 +37,7 @@ BAD = {
         'cell_processes={a=["torso", "left_hand"], b=["torso"]}',
         ["cell_processes.b", "patch torso already runs on a"],
     ),
-    "patch without process": ('cell_processes={a=["torso"]}', ["no host runs", "left_hand"]),
+    "patch without process": ('cell_processes={a=["torso"]}', ["no process runs", "left_hand"]),
     "unknown joint": ('body.joints=["knee"]', ["knee", "hinge and slide joints"]),
     "no such model": ("body.model=nobody.xml", ["nobody.xml", "shipped model"]),
     "unknown stage": ('controller.program=["dance"]', ["dance", "structure"]),

@@ -266,5 +266,5 @@ def test_bad_input() -> None:
         PowerGrid(1, line(2), [0], PowerSpec())
     with pytest.raises(ValueError, match=r"cell_on has shape \(3,\)"):
         PowerGrid(2, line(2), [0], PowerSpec()).solve([True] * 3)
-    with pytest.raises(DeploymentError, match=r"power.*minimum_v = 3.5: must be below supply_v = 3.3"):
+    with pytest.raises(DeploymentError, match=r"power.*brown_out_v = 3.5: must be below supply_v = 3.3"):
         small(power={"brown_out_v": 3.5})

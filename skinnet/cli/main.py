@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, bridge, memory, network, report, run
+from skinnet.cli import bench, bridge, memory, network, report, run, schema
 from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.replay import EXAMPLES as REPLAY_EXAMPLES
 from skinnet.cli.replay import replay
@@ -61,6 +61,7 @@ app.command(epilog=REPLAY_EXAMPLES)(replay)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 app.add_typer(bridge.app, name="bridge")
+schema.register(app)
 
 
 def _version(value: bool) -> None:
