@@ -6,6 +6,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = [
     "CellName",
@@ -50,7 +51,7 @@ def parse_cell_range(key: str, name: str, cells_per_patch: Mapping[str, int]) ->
     """
     patch, _, numbers = name.partition("/")
     if patch not in cells_per_patch:
-        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {', '.join(cells_per_patch)}")
+        raise DeploymentError(f"{key} = {name!r}: unknown patch; {known_names(patch, cells_per_patch)}")
     if not numbers:
         return patch, range(cells_per_patch[patch])
     first, _, last = numbers.partition("-")
@@ -75,7 +76,7 @@ def match_cells(key: str, pattern: str, cells_per_patch: Mapping[str, int]) -> l
     """
     patch, _, cell = pattern.partition("/")
     if patch != "*" and patch not in cells_per_patch:
-        raise DeploymentError(f"{key}: {pattern!r}: unknown patch; there are {', '.join(cells_per_patch)}")
+        raise DeploymentError(f"{key}: {pattern!r}: unknown patch; {known_names(patch, cells_per_patch)}")
     patches = list(cells_per_patch) if patch == "*" else [patch]
     if cell == "*":
         return [(name, i) for name in patches for i in range(cells_per_patch[name])]

@@ -15,6 +15,7 @@ from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of,
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
+from skinnet.suggestions import known_names
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]
 
@@ -145,8 +146,8 @@ def _entry_index(node: list[Any], step: str, override: str) -> int:
         return names.index(step)
     if step.isdecimal() and int(step) < len(node):
         return int(step)
-    known = ", ".join(str(name) for name in names if name) or f"0 to {len(node) - 1}"
-    raise DeploymentError(f"--set {override}: no entry {step}; there are {known}")
+    known = [name for name in names if name] or [f"0 to {len(node) - 1}"]
+    raise DeploymentError(f"--set {override}: no entry {step}; {known_names(step, known)}")
 
 
 def _parse_value(text: str) -> Any:

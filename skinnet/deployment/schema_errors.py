@@ -1,6 +1,5 @@
 """Errors of the schema in terms of the deployment: msgspec's messages as key, value and what is allowed."""
 
-import difflib
 import math
 import re
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
@@ -11,6 +10,7 @@ from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.extends import EXTENDS
 from skinnet.errors import DeploymentError
 from skinnet.migration.deployments import FORMAT_KEY
+from skinnet.suggestions import did_you_mean
 
 __all__ = ["describe_error", "reject_non_finite"]
 
@@ -50,7 +50,8 @@ def describe_error(raw: dict[str, Any], message: str) -> str:
     if unknown is not None:
         return _describe_unknown_key(key, _select_table(kind, value), unknown["field"])
     if problem.startswith(("Invalid enum value", "Invalid value")):
-        problem = f"allowed: {', '.join(_allowed_values(kind))}"
+        allowed = _allowed_values(kind)
+        problem = f"{did_you_mean(repr(value), allowed)}allowed: {', '.join(allowed)}"
     tag = _tag_field(kind)
     if tag is not None and problem == f"Object missing required field `{tag}`":
         problem = f"{problem}; allowed: {', '.join(_allowed_values(_tag_annotation(kind)))}"
@@ -98,9 +99,8 @@ def _describe_unknown_key(key: str, table: Any, field: str) -> str:
     known = [*([tag] if tag else []), *table.__struct_fields__]
     if table is Deployment:
         known += [EXTENDS, FORMAT_KEY]
-    near = difflib.get_close_matches(field, known, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return f"{key}.{field}".lstrip(".") + f": unknown key; {hint}allowed: {', '.join(known)}"
+    named = f"{key}.{field}".lstrip(".")
+    return f"{named}: unknown key; {did_you_mean(field, known)}allowed: {', '.join(known)}"
 
 
 def _table_types(annotation: Any) -> list[Any]:

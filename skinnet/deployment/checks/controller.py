@@ -6,6 +6,7 @@ from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.deployment.controller.teach_and_grasp import StateName
 from skinnet.deployment.deployment import Deployment
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["check_controller", "check_stage_name"]
 
@@ -33,7 +34,7 @@ def check_stage_name(key: str, name: str, controller: ControllerSpec) -> None:
         if spec.kind == "teach_and_grasp":
             known += [f"{stage}.{state}" for state in get_args(StateName)]
     if name not in known:
-        raise DeploymentError(f"{key} = {name!r}: unknown stage; there are {', '.join(known) or 'none'}")
+        raise DeploymentError(f"{key} = {name!r}: unknown stage; {known_names(name, known)}")
 
 
 def _check_kind_of_program(deployment: Deployment) -> None:
@@ -63,16 +64,17 @@ def _check_stages(control: ControllerSpec) -> None:
         stage = control.stages.get(name)
         key = f"controller.stages.{name}"
         if stage is None:
-            known = ", ".join(control.stages)
-            raise DeploymentError(f"controller.program: unknown stage {name!r}; there are {known or 'none'}")
+            raise DeploymentError(
+                f"controller.program: unknown stage {name!r}; {known_names(name, control.stages)}"
+            )
         mapped |= stage.kind == "map"
         if stage.kind == "guide" and not mapped:
             raise DeploymentError(f"{key}: guidance needs a sensory-motor map; put a map stage before it")
         if stage.kind in ("guide", "passive") and stage.duration_s is None:
             raise DeploymentError(f"{key}.duration_s: a {stage.kind} stage needs its duration")
         if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
-            known = ", ".join(["home", *control.poses_rad])
-            raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; there are {known}")
+            known = known_names(stage.pose, ["home", *control.poses_rad])
+            raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; {known}")
 
 
 def _check_nursing(deployment: Deployment) -> None:
@@ -91,14 +93,12 @@ def _check_nursing(deployment: Deployment) -> None:
     for name in nursing.weights:
         if name not in known:
             raise DeploymentError(
-                f"nursing.weights.{name}: no such surface or body; there are {', '.join(known)}"
+                f"nursing.weights.{name}: no such surface or body; {known_names(name, known)}"
             )
     for contact in nursing.assumed_contacts:
         if contact.surface not in surfaces:
-            there = ", ".join(sorted(surfaces))
-            raise DeploymentError(
-                f"nursing.assumed_contacts: unknown surface {contact.surface!r}; there are {there}"
-            )
+            there = known_names(contact.surface, sorted(surfaces))
+            raise DeploymentError(f"nursing.assumed_contacts: unknown surface {contact.surface!r}; {there}")
     released_s = 0.0 if payload is None else payload.release_delay_s + payload.release_ramp_s
     if payload is not None and payload.release_stage == "hold" and nursing.hold_s <= released_s:
         raise DeploymentError(

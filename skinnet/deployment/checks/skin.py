@@ -6,6 +6,7 @@ from collections import Counter
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["check_skin"]
 
@@ -62,7 +63,7 @@ def _check_processes(deployment: Deployment) -> None:
             raise DeploymentError(f"{key}: has no patches; leave it out")
         for patch in patches:
             if patch not in names:
-                raise DeploymentError(f"{key}: unknown patch {patch!r}; there are {', '.join(names)}")
+                raise DeploymentError(f"{key}: unknown patch {patch!r}; {known_names(patch, names)}")
             if patch in process_of:
                 raise DeploymentError(f"{key}: patch {patch} already runs on {process_of[patch]}")
             process_of[patch] = process
@@ -76,7 +77,7 @@ def _check_tolerated_losses(deployment: Deployment) -> None:
     for name in deployment.run.tolerated_losses:
         if name not in known:
             raise DeploymentError(
-                f"run.tolerated_losses: unknown process {name!r}; there are {', '.join(sorted(known))}"
+                f"run.tolerated_losses: unknown process {name!r}; {known_names(name, sorted(known))}"
             )
         if name == "body":
             raise DeploymentError("run.tolerated_losses: nothing is left to simulate without the body")
