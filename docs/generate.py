@@ -4,18 +4,16 @@ A part stands between `<!-- generated: NAME -->` and `<!-- end -->`; the text ar
 A test fails while a page is behind the code.
 """
 
-import ast
 import inspect
 import math
 import re
-import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import NODEFAULT, Struct, to_builtins
+from msgspec import NODEFAULT
 from msgspec import inspect as reflect
 
 from controller.grasping.state_machine import State, mermaid_diagram
@@ -27,6 +25,7 @@ from controller.grasping.state_parameters import (
 )
 from skinnet.deployment.controller.teach_and_grasp import TeachAndGraspSpec
 from skinnet.deployment.deployment import Deployment
+from skinnet.deployment.documentation import attribute_docs, tables, toml_value
 from skinnet.protocol.channels import ALIVE, CHANNELS, Keys, Role
 from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.protocol.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
@@ -54,7 +53,7 @@ def defaults() -> dict[str, Any]:
     """Default of every key of a deployment by its dotted name; entries of lists and tables go by `[]`."""
     return {
         f"{path}.{field.name}".lstrip("."): field.default
-        for path, struct in _tables("", reflect.type_info(Deployment))
+        for path, struct in tables("", reflect.type_info(Deployment))
         for field in struct.fields
     }
 
@@ -62,38 +61,21 @@ def defaults() -> dict[str, Any]:
 def marked() -> set[str]:
     """Dotted names of the tables and keys whose own words say that they are assumed."""
     found = set()
-    for path, struct in _tables("", reflect.type_info(Deployment)):
+    for path, struct in tables("", reflect.type_info(Deployment)):
         if "assumed" in (inspect.getdoc(struct.cls) or ""):
             found.add(path)
-        found |= {f"{path}.{name}" for name, doc in _field_docs(struct.cls).items() if "assumed" in doc}
+        found |= {f"{path}.{name}" for name, doc in attribute_docs(struct.cls).items() if "assumed" in doc}
     return found
-
-
-def toml_value(value: Any) -> str:
-    """A default as one would write it in TOML."""
-    match value:
-        case bool():
-            return str(value).lower()
-        case float() | int():
-            return str(value)
-        case str():
-            return f'"{value}"'
-        case Struct():
-            return toml_value(to_builtins(value))
-        case dict():
-            return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + " }"
-        case _:
-            return "[" + ", ".join(map(toml_value, value)) + "]"
 
 
 def _schema() -> str:
     parts = []
-    for path, struct in _tables("", reflect.type_info(Deployment)):
+    for path, struct in tables("", reflect.type_info(Deployment)):
         assert isinstance(struct, reflect.StructType)
         title = f"`[{path}]`" if path else "Top level"
         if struct.tag_field is not None:
             title += f" with `{struct.tag_field} = {toml_value(struct.tag)}`"
-        docs = _field_docs(struct.cls)
+        docs = attribute_docs(struct.cls)
         rows = (
             (f"`{field.name}`", _kind(field.type), _default(field), docs.get(field.name, ""))
             for field in struct.fields
@@ -167,7 +149,7 @@ def _columns() -> str:
 def _numbers() -> str:
     kinds: tuple[tuple[str, type[IntEnum]], ...] = (("modality", Modality), ("kind", EventKind))
     rows = (
-        (f"`{column}`", str(int(member)), member.name.lower(), _field_docs(kind).get(member.name, ""))
+        (f"`{column}`", str(int(member)), member.name.lower(), attribute_docs(kind).get(member.name, ""))
         for column, kind in kinds
         for member in kind
     )
@@ -218,24 +200,6 @@ _MAKERS = {
 }
 
 
-def _tables(path: str, kind: Any) -> Iterator[tuple[str, Any]]:
-    """Every table inside a type, outer ones first, with its dotted name."""
-    match kind:
-        case reflect.StructType():
-            yield path, kind
-            for field in kind.fields:
-                yield from _tables(f"{path}.{field.name}".lstrip("."), field.type)
-        case reflect.VarTupleType():
-            yield from _tables(f"{path}[]", kind.item_type)
-        case reflect.DictType():
-            yield from _tables(f"{path}[]", kind.value_type)
-        case reflect.UnionType():
-            for part in kind.types:
-                yield from _tables(path, part)
-        case _:
-            pass
-
-
 def _kind(kind: Any) -> str:
     """A type in words."""
     match kind:
@@ -278,31 +242,6 @@ def _default(field: reflect.Field) -> str:
     if field.default is NODEFAULT:  # made by a factory: a table of its own, or an empty one
         return "" if isinstance(field.type, reflect.StructType) else "empty"
     return f"`{toml_value(field.default)}`"
-
-
-def _field_docs(kind: type) -> dict[str, str]:
-    """The string below each field of a class or of what it inherits, which exists in the source only."""
-    docs = {}
-    for part in reversed(kind.__mro__):
-        if part.__module__.partition(".")[0] == "skinnet":
-            docs |= _own_field_docs(part)
-    return docs
-
-
-def _own_field_docs(kind: type) -> dict[str, str]:
-    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
-    assert isinstance(tree, ast.ClassDef)
-    docs = {}
-    for field, below in zip(tree.body, tree.body[1:], strict=False):
-        target: ast.expr | None = None
-        if isinstance(field, ast.AnnAssign):
-            target = field.target
-        elif isinstance(field, ast.Assign):
-            target = field.targets[0]
-        text = below.value if isinstance(below, ast.Expr) else None
-        if isinstance(target, ast.Name) and isinstance(text, ast.Constant) and isinstance(text.value, str):
-            docs[target.id] = inspect.cleandoc(text.value)
-    return docs
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

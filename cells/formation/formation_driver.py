@@ -19,7 +19,8 @@ from cells.formation.gateway_agent import GatewayAgent
 from cells.formation.packets import FormationPacket, OutgoingPackets, max_round_trip_ns
 from cells.networking.packet_pool import PacketKind, PacketPool
 from cells.networking.wiring import Wiring
-from skinnet.deployment.deployment import CellSpec, NetworkSpec
+from skinnet.deployment.network import NetworkSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.network.packet_network import EndedPackets, PacketNetwork
 from skinnet.network.records import Outcome
 from skinnet.network.routes import Routes

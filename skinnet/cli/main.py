@@ -20,6 +20,7 @@ from skinnet.cli import (
     report,
     request,
     run,
+    schema,
     stress,
     view,
 )
@@ -62,6 +63,7 @@ _COMMANDS = (
     view,
     replay,
     migrate,
+    schema,
     network,
     bench,
     bridge,
