@@ -31,7 +31,7 @@ class PacketCounters:
 
     def count_ended(self, kind: NDArray[np.integer] | int, outcome: NDArray[np.integer]) -> None:
         """Count packets that have ended, by kind (n,), or one for all, and outcome (n,)."""
-        np.add.at(self._ended, (kind, outcome), 1)
+        np.add.at(self._ended, (np.broadcast_to(kind, outcome.shape), outcome), 1)
 
     def count_delivered(self, kind: IntEnum, n: int) -> None:
         """Count `n` packets of one kind that were all delivered."""
