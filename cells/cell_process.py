@@ -7,7 +7,6 @@ ends are published, followed by the period end of each patch.
 
 import logging
 import time
-from collections import Counter
 from dataclasses import asdict
 from typing import Any
 
@@ -31,12 +30,13 @@ from skinnet.deployment.cell_names import parse_port
 from skinnet.deployment.experiment.faults import SlowProcess
 from skinnet.errors import ProtocolError
 from skinnet.network.faults.fault_schedule import fault_schedule
-from skinnet.protocol.channels import Keys, Role
+from skinnet.protocol.channels import BODY, Keys
 from skinnet.protocol.messages import READING_NAMES, Config, Stimulus, decode, encode, unpack
 from skinnet.protocol.recorded_messages import Counters
 from skinnet.runtime.loop import Put
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.wiring import WiredProcess, wiring_of
 from skinnet.skin.placement import place_patch, resolve_bridges
 
 __all__ = ["CellProcess"]
@@ -46,32 +46,22 @@ log = logging.getLogger(__name__)
 _N_COLUMNS = len(READING_NAMES)
 
 
-class CellProcess:
+class CellProcess(WiredProcess):
     """Logical process of the cells of some patches and their network.
 
     Cells are indexed consecutively through the patches of the process. The behaviour of a cell does not
     depend on the other patches of its process.
     """
 
-    role = Role.CELLS.value
-    follows_wall_clock = False
-
-    def __init__(self, deployment: Deployment, name: str) -> None:
-        self.name = name
+    def __init__(self, deployment: Deployment, name: str, *, recorded: bool = False) -> None:
+        super().__init__(wiring_of(deployment, name, recorded=recorded))
         mine = deployment.patches_by_process()[name]
         placed = tuple(place_patch(patch, deployment.cells) for patch in deployment.patches)
         patches = {patch.name: patch for patch in placed}
         self._patches = tuple(patches[patch] for patch in mine)
         self._patch_index = {patch: i for i, patch in enumerate(mine)}
         keys = Keys(deployment.robot)
-        configs = [keys.of("config", patch, "*") for patch in mine]
-        self.subscriptions = (keys.of("stimulus", name), *configs)
-        self._body = Upstream("body", "body", watermark_ns=-1)
-        self.upstreams = {"body": self._body}
-        self.senders = frozenset({"body", "controller"})
-        self.peers = frozenset({"body", "controller", *deployment.skin_processes()})
-        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
-        self.counters: Counter[str] = Counter()
+        self._body = self.upstreams[BODY]
         self._counters_key = keys.of("counters", name)
         self._period_ns = deployment.cells.period_ns
         self._end_ns = deployment.max_duration_ns
@@ -129,7 +119,7 @@ class CellProcess:
         end_ns = (self._period_index + 1) * self._period_ns
         if end_ns > self._end_ns:
             return None
-        return {"body": end_ns}
+        return {BODY: end_ns}
 
     def due_ns(self) -> int:
         """Return the end of the next period [ns]."""
@@ -147,12 +137,12 @@ class CellProcess:
             case "config":
                 self._accept_config(fields, decode(payload, Config))
             case _:
-                raise ProtocolError(f"a cell host does not read {channel}")
+                raise ProtocolError(f"a cell process does not read {channel}")
 
     def _accept_stimulus(self, stimulus: Stimulus) -> None:
         values = unpack(stimulus.values, "<f4", _N_COLUMNS)
         if len(values) != self._wiring.n_cells:
-            raise ProtocolError(f"stimulus of {len(values)} cells; this host has {self._wiring.n_cells}")
+            raise ProtocolError(f"stimulus of {len(values)} cells; this process has {self._wiring.n_cells}")
         self._stimuli[stimulus.t_ns] = values
         self._body.end_period(stimulus.watermark_ns, stimulus.n_configs)
         if stimulus.end_ns is not None:

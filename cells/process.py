@@ -25,12 +25,14 @@ _WARM_UP_PATCH = PatchSpec(
 )
 
 
-def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> CellProcess | BoardProcess:
+def build(
+    deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
+) -> CellProcess | BoardProcess:
     """Build the process `name` of `deployment`: of cells, or of the boards of tactile sheets."""
     if name == BOARD_PROCESS:
-        return BoardProcess(deployment, name)
+        return BoardProcess(deployment, name, recorded=recorded)
     warm_up(deployment)
-    return CellProcess(deployment, name)
+    return CellProcess(deployment, name, recorded=recorded)
 
 
 def warm_up(deployment: Deployment) -> int:

@@ -8,12 +8,10 @@ from controller.nursing import state_machine as nursing
 from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.protocol.channels import Keys
 from skinnet.protocol.messages import encode
+from skinnet.protocol.states import FORMING
 from skinnet.protocol.telemetry_messages import StateMachineDescription
 
-__all__ = ["FORMING", "Capabilities", "describe_nursing", "describe_program"]
-
-FORMING = "forming"
-"""State before the program begins, while the skin's network forms."""
+__all__ = ["Capabilities", "describe_nursing", "describe_program"]
 
 
 def describe_program(control: ControllerSpec, poses: Iterable[str], t_ns: int) -> StateMachineDescription:

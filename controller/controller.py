@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.capabilities import FORMING
 from controller.cell_input import CellInput, CellRows
 from controller.grasping.long_term_memory import LongTermMemory
 from controller.grasping.teach_and_grasp import TeachAndGrasp
@@ -22,6 +21,7 @@ from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_state import TactileState
 from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.protocol.messages import FOREVER_NS
+from skinnet.protocol.states import FORMING
 
 __all__ = ["Controller", "TickOutput"]
 

@@ -3,7 +3,6 @@
 import hashlib
 import time
 from collections import Counter, deque
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from controller.warm_up import warm_up
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
-from skinnet.protocol.channels import RECORDER, Keys, Role
+from skinnet.protocol.channels import BODY, Keys
 from skinnet.protocol.messages import (
     FOREVER_NS,
     Command,
@@ -43,40 +42,24 @@ from skinnet.protocol.messages import (
 from skinnet.runtime.loop import LogicalProcess, Put
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.wiring import WiredProcess, wiring_of
 
 __all__ = ["ControllerProcess", "build"]
 
 _STATE_PERIOD_S = 0.1
 
 
-class ControllerProcess:
+class ControllerProcess(WiredProcess):
     """Controller process, ticked by joint feedback on the skin data delivered before it."""
 
-    role = Role.CONTROLLER.value
-    follows_wall_clock = False
-
-    def __init__(self, deployment: Deployment, name: str, cell_counts: dict[str, int]) -> None:
-        self.name = name
+    def __init__(
+        self, deployment: Deployment, name: str, cell_counts: dict[str, int], *, recorded: bool = False
+    ) -> None:
+        super().__init__(wiring_of(deployment, name, recorded=recorded))
         self._deployment = deployment
         keys = Keys(deployment.robot)
-        self.subscriptions = (
-            keys.of("joints"),
-            *(keys.of(channel, "*") for channel in ("period_end", "stream", "topology", "bundle")),
-            keys.of("events", "*", "*"),
-            keys.of("request", "*"),
-            keys.of("velocity"),
-        )
-        hosts = deployment.patches_by_process()
-        host_of = {patch: host for host, patches in hosts.items() for patch in patches}
-        self._body_upstream = Upstream("body", "body", watermark_ns=-1)
-        self._patch_upstreams = {patch: Upstream(patch, host_of[patch]) for patch in cell_counts}
-        self.upstreams: Mapping[str, Upstream] = {"body": self._body_upstream, **self._patch_upstreams}
-        self.senders = frozenset({"body", *hosts})
-        self.peers: frozenset[str] = frozenset({"body", name, *deployment.skin_processes()})
-        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
-        if "cells" in self.tolerated_losses:
-            self.tolerated_losses |= frozenset(hosts)
-        self.counters: Counter[str] = Counter()
+        self._body_upstream = self.upstreams[BODY]
+        self._patch_upstreams = {patch: self.upstreams[patch] for patch in cell_counts}
         self._keys = keys
         self._command_key = keys.of("command")
         self._period_ns = deployment.controller.period_ns
@@ -117,7 +100,7 @@ class ControllerProcess:
         """Require joint feedback of this tick, and every patch's watermark at its time."""
         if self._finished or self._t_ns >= self._max_ns:
             return None
-        return {"body": self._t_ns} | dict.fromkeys(self._patch_upstreams, self._t_ns)
+        return {BODY: self._t_ns} | dict.fromkeys(self._patch_upstreams, self._t_ns)
 
     def due_ns(self) -> int:
         """Return the time of the next tick."""
@@ -204,7 +187,7 @@ class ControllerProcess:
             config_counts=configs,
             end_ns=end_ns if self._finished else None,
         )
-        if RECORDER in self.peers:
+        if self.recorded:
             offers = self._recorded_capabilities.publish_if_changed(self._controller.self_model.poses, t_ns)
             news = (*self._request_queue.pending_answers, *offers)
             self._state_recorder.tick(put, self._state(t_ns), news, last=self._finished)
@@ -293,14 +276,16 @@ class ControllerProcess:
         return ProcessResult(self.name, self.role, facts, arrays)
 
 
-def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> LogicalProcess:
+def build(
+    deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
+) -> LogicalProcess:
     """Build the controller process of `deployment`; it knows the patches and their cell counts only."""
     if deployment.nursing is not None:
         from controller.nursing.process import NursingProcess  # brings MuJoCo with it
 
-        return NursingProcess(deployment, name, base)
+        return NursingProcess(deployment, name, base, recorded=recorded)
     warm_up(deployment)
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
-    node = ControllerProcess(deployment, name, sizes)
+    node = ControllerProcess(deployment, name, sizes, recorded=recorded)
     node.load_memory(base, out)
     return node

@@ -78,7 +78,7 @@ def deployment_of(
     teacher: TeacherSpec | None = None,
     **body: object,
 ) -> Deployment:
-    keys: dict = {"model": "scene.xml", "reference": "base", **body}
+    keys: dict = {"model": "scene.xml", "reference_body": "base", **body}
     return Deployment(
         name="scene",
         robot="scene",

@@ -5,6 +5,7 @@ from typing import Any
 
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
+from skinnet.migration.deployments import FORMAT
 
 SHIPPED = Path(__file__).parents[1] / "deployments" / "hrp2_touch.toml"
 
@@ -27,9 +28,10 @@ def patch(name: str, columns: int = 3, rows: int = 2, *interfaces: tuple[int, in
 def small(*patches: dict[str, Any], **tables: Any) -> Deployment:
     """A deployment with `tables` in the place of its own; it may break the rules that `check` knows."""
     raw = {
+        "format": FORMAT,
         "name": "small",
         "robot": "bot",
-        "body": {"model": "none", "reference": "base", "joints": ("elbow", "wrist")},
+        "body": {"model": "none", "reference_body": "base", "joints": ("elbow", "wrist")},
         "patches": patches or (patch("arm"), patch("hand", 2, 1)),
         "controller": {"program": ("home",), "stages": {"home": {"kind": "posture"}}},
     }

@@ -50,7 +50,10 @@ def test_the_contracts_of_imports_hold() -> None:
     [
         (
             "zenoh",
-            tuple(f"skinnet/transport/{name}.py" for name in ("zenoh", "zenoh_session", "open_session")),
+            tuple(
+                f"skinnet/transport/{name}.py"
+                for name in ("loop_transport", "public_session", "zenoh_session")
+            ),
         ),
         ("rosbags", ("skinnet/ros2/",)),
         (
@@ -110,13 +113,13 @@ def test_every_top_package_is_typed_and_every_folder_a_package() -> None:
 
 
 def test_modules_are_small() -> None:
-    """80 to 200 lines, 300 needs a reason: a schema, a kernel and a state machine have one."""
+    """80 to 300 lines are advice; above 350 needs a reason: a schema, a kernel, a state machine have one."""
     reasons = {
         "skinnet/network/kernel.py",
         "cells/formation/cell_agent.py",
     }
     sizes = {str(f.relative_to(ROOT)): len(f.read_text(encoding="utf-8").splitlines()) for f in FILES}
-    assert {name: n for name, n in sizes.items() if n > 300 and name not in reasons} == {}
+    assert {name: n for name, n in sizes.items() if n > 350 and name not in reasons} == {}
 
 
 def test_the_processes_of_a_run_can_be_started_by_name() -> None:

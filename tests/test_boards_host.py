@@ -30,8 +30,8 @@ SURFACES = (
     },
 )
 SHEETS = (
-    {"name": "a", "surface": "left", "centre_xi_m": (0.0, 0.086), "n_regions": 4, "columns": 4},
-    {"name": "b", "surface": "left", "centre_xi_m": (0.0, 0.0), "n_regions": 4, "columns": 4},
+    {"name": "a", "surface": "left", "centre_xi_m": (0.0, 0.086), "rows": 4, "columns": 4},
+    {"name": "b", "surface": "left", "centre_xi_m": (0.0, 0.0), "rows": 4, "columns": 4},
 )
 
 
@@ -170,7 +170,10 @@ def test_the_controller_knows_one_sheet_for_each_surface() -> None:
             {"nursing": {"weights": {"foot": {}}}},
             "weights.foot: no such surface or body; there are arm, left",
         ),
-        ({"nursing": {"assumed": ({"surface": "foot"},), "feedback": "none"}}, "unknown surface 'foot'"),
+        (
+            {"nursing": {"assumed_contacts": ({"surface": "foot"},), "feedback": "none"}},
+            "unknown surface 'foot'",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(tables: dict[str, Any], said: str) -> None:

@@ -54,7 +54,7 @@ def test_the_true_activity_is_seven_parts_with_the_torso_as_root(robot):
 
 
 def test_at_home_every_joint_axis_is_visible_to_gravity(robot):
-    """|Δg| ≈ 0.1 sin β must be above 0.01 g: β > 5.7° (FACTS.md); 12° keep a margin."""
+    """|Δg| ≈ 0.1 sin β must be above 0.01 g: β > 5.7° (docs/assumptions.md); 12° keep a margin."""
     axes = robot.data.xaxis[robot.model.joint_id]
     from_gravity_deg = np.degrees(np.arccos(np.abs(axes[:, 2])))
     assert from_gravity_deg.min() > 12.0
@@ -129,7 +129,7 @@ def test_the_reference_sways_a_little_and_the_arms_hold_their_pose(robot):
 @pytest.mark.parametrize(
     ("keys", "error", "words"),
     [
-        ({"reference": "chest"}, ModelError, ["body.reference_body", "chest", "base", "arm"]),
+        ({"reference_body": "chest"}, ModelError, ["body.reference_body", "chest", "base", "arm"]),
         ({"model": "nowhere.xml"}, DeploymentError, ["body.model", "nowhere.xml", "hrp2_upper"]),
         ({"model": "../models/hrp2_upper"}, DeploymentError, ["body.model"]),
         ({"home_rad": {"lift": 2.0}}, DeploymentError, ["body.home_rad.lift", "2.0", "-1", "1"]),

@@ -2,6 +2,7 @@
 
 import builtins
 import contextlib
+import itertools
 import re
 import types
 from typing import Any, get_args, get_origin, get_type_hints
@@ -27,7 +28,7 @@ from skinnet.protocol.messages import (
     pack,
     unpack,
 )
-from skinnet.transport.interface import key_matches
+from skinnet.transport.key_expressions import expressions_intersect, key_matches
 
 KEYS = Keys("bot")
 names = st.text("abcXYZ019_-", min_size=1, max_size=12) | st.sampled_from(
@@ -147,6 +148,16 @@ def test_expressions_match_as_regular_expressions_do(expression: list[str], key:
     wanted = re.fullmatch(pattern, "".join(part + "/" for part in key)) is not None
     if expression and key:  # an empty key expression is none
         assert key_matches("/".join(expression), "/".join(key)) == wanted
+
+
+expressions = st.lists(st.sampled_from(["a", "b", "*", "**"]), min_size=1, max_size=3).map("/".join)
+KEYS_OF_TWO_LETTERS = ["/".join(parts) for n in range(1, 7) for parts in itertools.product("ab", repeat=n)]
+
+
+@given(left=expressions, right=expressions)
+def test_expressions_intersect_if_a_key_matches_both(left: str, right: str) -> None:
+    both = any(key_matches(left, key) and key_matches(right, key) for key in KEYS_OF_TWO_LETTERS)
+    assert expressions_intersect(left, right) == expressions_intersect(right, left) == both
 
 
 @given(message=messages)

@@ -121,9 +121,9 @@ def test_a_host_takes_what_is_its_own_and_nothing_of_sensors_or_hosts() -> None:
         rule("gateway_lost", "foot:0"),
         rule("link_cut", "foot/0:0"),
         rule("loss", "foot", probability=0.5),
-        rule("bit_errors", "arm/0:0", rate=0.1),
+        rule("bit_errors", "arm/0:0", bit_error_rate=0.1),
         rule("stuck_at", "*", channel="all"),
-        rule("babbling_idiot", "*", packets_per_s=1.0),
+        rule("babbling_idiot", "*", rate_hz=1.0),
         rule("slow_process", "*", added_delay_ms=1.0),
     )
     for on, broke, lossy in ((("arm", "hand"), 1, 2), (("foot",), 3, 4)):
@@ -148,7 +148,9 @@ moments = st.fixed_dictionaries(
 shares = st.floats(0.0, 1.0)
 some = st.one_of(
     st.builds(lambda p, when: rule("loss", LINK, probability=p, direction="out", **when), shares, moments),
-    st.builds(lambda p, when: rule("bit_errors", LINK, rate=p, direction="out", **when), shares, moments),
+    st.builds(
+        lambda p, when: rule("bit_errors", LINK, bit_error_rate=p, direction="out", **when), shares, moments
+    ),
     st.builds(
         lambda good, bad, when: rule(
             "burst_loss",

@@ -20,7 +20,8 @@ from cells.networking.outages import Outage
 from skinnet.cli.main import main
 from skinnet.deployment.experiment.faults import FaultRule
 from skinnet.network.records import Outcome
-from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
@@ -39,9 +40,9 @@ EVERYTHING = (
         {kind="link_cut", target="base/0:0", at_s=0.3, duration_s=0.3},
         {kind="cell_dead", target="upper_link/3", at_s=0.4, duration_s=0.25},
         {kind="stuck_at", target="base/1", channel="all", at_s=0.2},
-        {kind="drift", target="base/2", channel="force0", per_s=0.5},
-        {kind="babbling_idiot", target="base/4", packets_per_s=200},
-        {kind="bit_errors", target="upper_link/*", rate=1e-3, at_s=0.3},
+        {kind="drift", target="base/2", channel="force0", rate_per_s=0.5},
+        {kind="babbling_idiot", target="base/4", rate_hz=200},
+        {kind="bit_errors", target="upper_link/*", bit_error_rate=1e-3, at_s=0.3},
         {kind="loss", target="fore_link/0:0", probability=0.3},
         {kind="burst_loss", target="base/*:0", mean_good_s=0.05, mean_bad_s=0.02},
         {kind="gateway_lost", target="fore_link:1", at_s=0.5},
@@ -53,9 +54,7 @@ EVERYTHING = (
 def played(out: Path, *settings: str, in_process: bool = True) -> dict[str, Any]:
     """Summary of a run of the two-link arm, whose cells stream all the time."""
     order = RunOptions(ARM, (*STREAM, *settings), in_process, plots=False)
-    summary = run_once(
-        order, load_and_check(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
-    )
+    summary = run_once(prepare_run(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True))
     assert summary["outcome"] == "completed"
     explain(summary["metrics"])
     return summary
@@ -104,7 +103,7 @@ def test_of_everything_that_breaks_the_summary_tells(broken: dict[str, Any]) -> 
 @pytest.mark.parametrize(
     ("in_process", "settings"),
     [(True, ("cell_processes=1",)), (False, ()), (False, ("cell_processes=per_patch",))],
-    ids=["one host", "processes", "one host per patch"],
+    ids=["one process", "processes", "one process per patch"],
 )
 def test_with_all_faults_a_bridge_and_power_the_log_is_the_same(
     broken: dict[str, Any], tmp_path: Path, in_process: bool, settings: tuple[str, ...]
@@ -183,9 +182,9 @@ def cells_have_no_power(figures: Figures, whole: Figures) -> None:
             'faults=[{kind="stuck_at", target="base/1", channel="force0", value=0.5, at_s=0.3}]',
             nothing_is_dropped,
         ),
-        ('faults=[{kind="drift", target="base/1", channel="force0", per_s=0.5}]', nothing_is_dropped),
-        ('faults=[{kind="babbling_idiot", target="base/1", packets_per_s=500, at_s=0.3}]', more_is_said),
-        ('faults=[{kind="bit_errors", target="base", rate=1e-3, at_s=0.3}]', some_are_corrupted),
+        ('faults=[{kind="drift", target="base/1", channel="force0", rate_per_s=0.5}]', nothing_is_dropped),
+        ('faults=[{kind="babbling_idiot", target="base/1", rate_hz=500, at_s=0.3}]', more_is_said),
+        ('faults=[{kind="bit_errors", target="base", bit_error_rate=1e-3, at_s=0.3}]', some_are_corrupted),
         ('faults=[{kind="loss", target="base", probability=0.2, at_s=0.3}]', some_are_lost),
         ('faults=[{kind="burst_loss", target="*", mean_good_s=0.05, mean_bad_s=0.02}]', some_are_lost),
         ('faults=[{kind="gateway_lost", target="base:0", at_s=0.3}]', a_patch_is_cut_off),

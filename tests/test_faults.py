@@ -75,7 +75,7 @@ def interrupts() -> Iterator[None]:
         ("kind='cell_dead', target='torso/4:1'", ("cell_dead is about cells; write patch/cell",)),
         ("kind='gateway_lost', target='torso/0'", ("gateway_lost is about gateways; write patch:gateway",)),
         ("kind='gateway_lost', target='torso:1'", ("gateways 0 to 0",)),
-        ("kind='slow_process', target='middle', added_delay_ms=1", ("unknown host", "left, right")),
+        ("kind='slow_process', target='middle', added_delay_ms=1", ("unknown cell process", "left, right")),
         ("kind='link_cut', target='belly*'", ("matches none of the links", "patch/cell:port")),
         ("kind='stuck_at', target='*:0', channel='all'", ("matches none of the cells", "patch/cell")),
         ("kind='cell_dead', target='torso/*', pick=19", ("pick = 19: only 18 cells match",)),
@@ -101,7 +101,10 @@ def interrupts() -> Iterator[None]:
         ("kind='burst_loss', target='*', mean_good_s=1, mean_bad_s=0", ("mean_bad_s = 0", ">= 0.0001")),
         ("kind='loss', target='*', probability=1.1", ("probability = 1.1", "<= 1.0")),
         ("kind='loss', target='*'", ("faults[0]", "missing required field `probability`")),
-        ("kind='lnk_cut', target='*'", ("faults[0].kind = 'lnk_cut': allowed: 'link_cut', 'cell_dead'",)),
+        (
+            "kind='lnk_cut', target='*'",
+            ("faults[0].kind = 'lnk_cut': did you mean 'link_cut'? allowed: 'link_cut', 'cell_dead'",),
+        ),
         ("target='*'", ("faults[0]", "missing required field `kind`; allowed: 'link_cut'")),
         ("kind=3", ("faults[0].kind = 3", "expected `str`")),
         (
@@ -181,7 +184,7 @@ def test_cells_gateways_and_hosts_by_name_and_pattern() -> None:
     assert where(rule("gateway_lost", "hand")) == ["hand:0"]
     hosts = {
         "faults": [rule("slow_process", "le*", added_delay_ms=1.0)],
-        "hosts": {"left": ["arm"], "right": ["hand"]},
+        "cell_processes": {"left": ["arm"], "right": ["hand"]},
     }
     deployment = small(**hosts)
     assert [span.location for span in fault_schedule(deployment, placed(deployment))] == [

@@ -133,13 +133,13 @@ def together(deployment_settings: Sequence[str], hosts: str, n_periods: int) -> 
         ("network.aggregate_events=true", 'cells.encoding.kind="send_on_delta"', "network.jitter_us=20.0"),
         ('cells.encoding.kind="periodic"', "network.queue_packets=2", "network.bits_per_s=500000"),
     ],
-    ids=["levels", "delta, bundled", "clock, crowded"],
+    ids=["level crossing", "send on delta, aggregated", "periodic, crowded"],
 )
 def test_patches_say_the_same_whoever_lives_with_them(settings: tuple[str, ...]) -> None:
     """From power on: while one patch still forms its network, another is already talking."""
     alone = together(settings, '"per_patch"', 30)
     assert alone["counters"]["event.delivered"] + alone["counters"]["reading.delivered"] > 300
-    assert bool(alone["counters"]["reading.queue_full"]) == ("clock" in str(settings))
+    assert bool(alone["counters"]["reading.queue_full"]) == ("periodic" in str(settings))
     for hosts in ("1", "3"):
         other = together(settings, hosts, 30)
         for name, messages in alone["said"].items():
@@ -149,9 +149,9 @@ def test_patches_say_the_same_whoever_lives_with_them(settings: tuple[str, ...])
     assert together((*settings, "seed=2"), "1", 30)["logs"] != alone["logs"]
 
 
-@pytest.mark.parametrize("bundle", [False, True])
-def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None:
-    host = Host(small(hosts=1, network={"bundle": bundle}))
+@pytest.mark.parametrize("aggregate", [False, True])
+def test_all_that_was_delivered_is_published_in_its_period(aggregate: bool) -> None:
+    host = Host(small(cell_processes=1, network={"aggregate_events": aggregate}))
     for cell in range(6):
         host.send_config(Config(patch="arm", cell=cell, t_ns=40 * MS, stream=True))
     host.run(60)
@@ -169,8 +169,8 @@ def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None
                 n = len(message.cell)
                 waiting += n
                 published["event"] += n
-                assert len(fields) == (1 if bundle else 2)
-                assert bundle or set(message.cell) == {int(fields[1])}
+                assert len(fields) == (1 if aggregate else 2)
+                assert aggregate or set(message.cell) == {int(fields[1])}
                 times_ns = message.t_delivered_ns
                 seqs += message.seq
                 assert all(a < b for a, b in zip(message.t_sampled_ns, times_ns, strict=True))
@@ -179,7 +179,7 @@ def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None
                 continue
             else:
                 assert message.t_ns == closed_ns
-                assert message.events == waiting
+                assert message.n_events == waiting
                 waiting = 0
                 times_ns = []
                 if isinstance(message, Stream):
@@ -187,7 +187,7 @@ def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None
                     published["reading"] += len(rows)
                     times_ns = rows["t_delivered_ns"].tolist()
                     seqs += rows["seq"].tolist()
-                closed_ns = message.covered_ns
+                closed_ns = message.watermark_ns
                 begin_ns = message.t_ns
             if isinstance(message, Events):
                 begin_ns = closed_ns
@@ -200,7 +200,7 @@ def test_all_that_was_delivered_is_published_in_its_period(bundle: bool) -> None
 
 
 def test_the_topology_is_told_once_when_the_network_is_formed() -> None:
-    host = Host(small(hosts=1), quiet_ms=1000).run(20)
+    host = Host(small(cell_processes=1), quiet_ms=1000).run(20)
     found = host.published(Topology)
     assert {topology.patch for topology in found} == {"arm", "hand"}
     assert len(found) == 2
@@ -223,7 +223,7 @@ def streamed(host: Host, patch: str = "arm") -> list[tuple[int, int]]:
 
 
 def test_a_configuration_holds_from_the_next_sample_on() -> None:
-    deployment = small(hosts=1)
+    deployment = small(cell_processes=1)
     host = Host(deployment, quiet_ms=1000).run(10)
     cell, on_ns, off_ns = 4, 60 * MS, 85 * MS
     host.send_config(Config(patch="arm", cell=cell, t_ns=on_ns, stream=True))
@@ -238,7 +238,7 @@ def test_a_configuration_holds_from_the_next_sample_on() -> None:
 
 
 def test_thresholds_and_encoding_of_one_cell() -> None:
-    host = Host(small(hosts=1, cells={"proximity": {"noise": 0.0}}), quiet_ms=40).run(8)
+    host = Host(small(cell_processes=1, cells={"proximity": {"noise": 0.0}}), quiet_ms=40).run(8)
     host.send_config(Config(patch="arm", cell=1, t_ns=32 * MS, levels={"force": [], "proximity": []}))
     host.send_config(Config(patch="arm", cell=2, t_ns=32 * MS, encoding="periodic"))
     host.run(40)
@@ -248,7 +248,7 @@ def test_thresholds_and_encoding_of_one_cell() -> None:
 
 
 def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogCaptureFixture) -> None:
-    calm, told = (Host(small(hosts=1)) for _ in range(2))
+    calm, told = (Host(small(cell_processes=1)) for _ in range(2))
     with caplog.at_level(logging.WARNING, "cells.host"):
         for cell in range(3):
             told.send_config(
@@ -264,7 +264,7 @@ def test_a_setting_that_does_not_hold_is_refused_by_the_cell(caplog: pytest.LogC
 
 def test_strangers_configure_without_confusing_the_account() -> None:
     """Nobody announces their messages, so they count for nothing but themselves."""
-    host = Host(small(hosts=1), quiet_ms=1000).run(10)
+    host = Host(small(cell_processes=1), quiet_ms=1000).run(10)
     host.send_config(Config(patch="hand", cell=1, stream=True))
     host.send_config(Config(patch="hand", cell=1, encoding="morse"))
     host.run(5)
@@ -275,7 +275,7 @@ def test_strangers_configure_without_confusing_the_account() -> None:
 
 
 def test_the_host_waits_for_configurations_that_were_announced() -> None:
-    host = Host(small(hosts=1))
+    host = Host(small(cell_processes=1))
     host._announced = 1
     host._feel(host.period_ns)
     assert not host.ready
@@ -312,7 +312,7 @@ def test_the_host_waits_for_configurations_that_were_announced() -> None:
 def test_what_makes_no_sense_changes_nothing(
     channel: str, fields: tuple[str, ...], message: Message, said: str
 ) -> None:
-    calm, told = (Host(small(hosts=1)) for _ in range(2))
+    calm, told = (Host(small(cell_processes=1)) for _ in range(2))
     with pytest.raises(ProtocolError, match=said):
         told.node.accept(channel, fields, encode(message))
     assert told.run(15).facts == calm.run(15).facts
@@ -320,7 +320,7 @@ def test_what_makes_no_sense_changes_nothing(
 
 
 def test_a_host_ends_where_the_body_says() -> None:
-    deployment = small(hosts=1, run={"max_s": 1.0})
+    deployment = small(cell_processes=1, run={"max_s": 1.0})
     host = Host(deployment).run(3)
     host._feel(16 * MS, end_ns=20 * MS)
     host.node.step(host._put)
@@ -343,7 +343,7 @@ def test_noise_belongs_to_the_cell() -> None:
 
 def test_cells_are_fed_where_the_deployment_says_and_nowhere_else() -> None:
     """A host none of whose cells is named is dark, though its gateways are wired."""
-    deployment = small(hosts="per_patch", power={"feeds": ("arm/0:0",)})
+    deployment = small(cell_processes="per_patch", power={"feeds": ("arm/0:0",)})
     dark = {
         name: Host(deployment, name).run(5).facts["unpowered_cells"]
         for name in deployment.patches_by_process()

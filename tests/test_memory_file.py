@@ -123,7 +123,10 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
             with pytest.raises(MemoryFileError, match="in use by another process"):
                 attempt()
         first.store_parameters({"still": 1.0})
-        code = f"from skinnet.memory.sqlite_store import *; from pathlib import Path; read_memory(Path({str(path)!r}))"
+        code = (
+            "from skinnet.memory.sqlite_store import *; from pathlib import Path; "
+            f"read_memory(Path({str(path)!r}))"
+        )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert "MemoryFileError" in done.stderr
         assert "in use by another process" in done.stderr
@@ -239,8 +242,8 @@ REFUSED: dict[Callable[[Path], None], str] = {
     text: "is no SQLite file",
     empty: "is a database of another program, no memory",
     database_of_another_program: "is a database of another program, no memory",
-    newer: "has version 2 of the schema, and this skinnet reads 1: it is newer; update skinnet",
-    older: "has version 0 of the schema, and this skinnet reads 1: it is older; export it",
+    newer: "has version 3 of the schema, and this skinnet reads 1 to 2: it is newer; update skinnet",
+    older: "has version 0 of the schema, and this skinnet reads 1 to 2: it is of no skinnet",
     truncated: "is damaged",
     changed_weight: "is damaged: .*not what was sealed",
     missing_rows: "is damaged: 6 entries of map",

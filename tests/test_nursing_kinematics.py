@@ -55,7 +55,7 @@ def test_forward_kinematics_agrees_with_a_chain_written_by_hand() -> None:
     fore = upper * turn("z", "left_elbow_bend") * turn("y", "left_elbow_roll")
     position_m = np.array([0, 0, 0.7]) + waist.apply([0.22, 0, 0.45]) + upper.apply([0, -0.28, 0])
     poses = kinematics().surface_poses(q, (POINT,))
-    np.testing.assert_allclose(poses.position_m[0], at_m + fore.apply(POINT.position_m), atol=1e-12)
+    np.testing.assert_allclose(poses.position_m[0], position_m + fore.apply(POINT.position_m), atol=1e-12)
     np.testing.assert_allclose(poses.R_world_surface[0], fore.as_matrix() @ TILTED, atol=1e-12)
 
 

@@ -114,7 +114,7 @@ def test_the_diagram_shows_every_transition() -> None:
 @pytest.mark.parametrize("solver", ["closed_form", "qp"])
 @pytest.mark.parametrize("feedback", ["none", "position", "rotation", "position_rotation"])
 def test_the_program_goes_through_and_reports(solver: str, feedback: str) -> None:
-    arms = Arms(spec(solver=solver, feedback=feedback, object_m=(0.0, -0.5, 0.9)))
+    arms = Arms(spec(solver=solver, feedback=feedback, object_centre_m=(0.0, -0.5, 0.9)))
     before = arms.robot.surface_poses(
         arms.q, [sheets()[name].surface_point((0, 0)) for name in FOREARMS]
     ).position_m
@@ -173,7 +173,7 @@ WRONG: dict[Event, Callable[[Arms], None]] = {
 @pytest.mark.parametrize("event", list(WRONG))
 def test_every_state_of_a_run_against_everything_the_skin_can_do(state: State, event: Event) -> None:
     """A state stops where the table says so; else the next one that can does, or none."""
-    arms = Arms(spec(hold_s=0.3, record_s=0.2, object_m=(0.0, -0.5, 0.9)))
+    arms = Arms(spec(hold_s=0.3, record_s=0.2, object_centre_m=(0.0, -0.5, 0.9)))
     if state is State.STOPPED:
         arms.until(State.MOVE)
         arms.silent = True
@@ -246,7 +246,14 @@ def test_arms_that_become_straight_on_the_way_stop() -> None:
     loose = {name: ContactWeightSpec(rotation=1e-5) for name in FOREARMS}
     way = {"waypoints": far, "weights": loose, "joint_weight": 1e-6}
     arms = Arms(
-        spec(joints=JOINTS[:10], reach_m=1.0, rotation_tolerance_rad=3.0, speed_rad_s=5.0, **way), POSE[:10]
+        spec(
+            joints=JOINTS[:10],
+            position_tolerance_m=1.0,
+            rotation_tolerance_rad=3.0,
+            max_joint_speed_rad_s=5.0,
+            **way,
+        ),
+        POSE[:10],
     )
     assert arms.until(State.REPORT).stopped_by is Event.SINGULAR_POSTURE
     assert [state for state, _ in arms.program.state_history][-2:] == [State.MOVE, State.STOPPED]
@@ -258,7 +265,7 @@ def test_arms_that_become_straight_on_the_way_stop() -> None:
 
 
 def test_a_trajectory_out_of_reach_stops_and_is_not_run_after() -> None:
-    arms = Arms(spec(waypoints=(WaypointSpec(t_s=2.0, displacement_m=(0.0, -1.5, 0.0)),), mobility=0.0))
+    arms = Arms(spec(waypoints=(WaypointSpec(t_s=2.0, displacement_m=(0.0, -1.5, 0.0)),), min_mobility=0.0))
     command = arms.until(State.REPORT)
     assert command.stopped_by is Event.UNREACHABLE
     assert "deviates by" in command.reason
@@ -293,7 +300,7 @@ def test_a_stop_stands_still_at_once(event: Event, solver: str) -> None:
     arms.ticks(200)
     np.testing.assert_allclose(arms.q, where, atol=1e-6)
     assert 0.0 < arms.program.manipulation.displacement_m[0] < 0.03
-    assert arms.gap_m() == pytest.approx(gap_m, abs=1e-6)
+    assert arms.gap_m() == pytest.approx(clearance_m, abs=1e-6)
 
 
 def test_a_stop_goes_on_holding_the_force() -> None:
@@ -342,7 +349,7 @@ def test_a_moment_without_contact_is_no_loss_and_feedback_closes_the_gap() -> No
     arms.touches = touches[:1]
     clearance_m = arms.gap_m()
     arms.ticks(9)
-    assert arms.gap_m() < gap_m
+    assert arms.gap_m() < clearance_m
     arms.touches = touches
     assert arms.until(State.REPORT).stopped_by is None
 

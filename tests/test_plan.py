@@ -181,7 +181,7 @@ def test_bursts_of_events_and_streams_stay_below_the_bound() -> None:
     rng = np.random.default_rng(3)
     tables = {
         "encoding": "send_on_delta",
-        "stimulated": 0.5,
+        "stimulated_fraction": 0.5,
         "event_rate_hz": 200.0,
         "stream_when_touched": True,
     }
@@ -300,7 +300,7 @@ def test_the_fewest_gateways_keep_the_limit_and_one_less_does_not(limit: dict[st
 
 
 def test_what_cannot_be_kept_is_said_with_its_limit() -> None:
-    plan = plan_of((6, 4, (0, 2)), plan={"latency_ms": 0.5})
+    plan = plan_of((6, 4, (0, 2)), plan={"max_latency_ms": 0.5})
     assert plan_report(plan)["metrics"]["plan.fewest_gateways"] is None
     assert any("even" in line and "worst-case latency" in line for line in diagnose(plan))
     assert not any("utilisation" in line for line in diagnose(plan))
@@ -382,10 +382,10 @@ def test_the_command(tmp_path: Path) -> None:
         7,
         18500.0,
     )
-    assert figures["plan.max_latency_ms.worst"] == pytest.approx(7 * 0.3 + 17 * 0.115)
+    assert figures["plan.latency_ms.worst"] == pytest.approx(7 * 0.3 + 17 * 0.115)
     assert figures["plan.power_w"] == pytest.approx(74 * 0.047 * 3.3)
     assert sum(gateway["cells"] for gateway in result["gateways"]) == 74
-    assert max(link["utilisation"] for link in result["links"]) == figures["plan.max_utilisation"]
+    assert max(link["utilisation"] for link in result["links"]) == figures["plan.utilisation"]
 
 
 @pytest.mark.parametrize(

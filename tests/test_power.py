@@ -173,8 +173,8 @@ def shed_one_by_one(linear: PowerGrid, brown_out_v: float, n: int) -> list[int]:
     on = np.ones(n, dtype=bool)
     gone: list[int] = []
     while True:
-        min_voltage_v = linear.solve(on).voltage_v
-        low = np.flatnonzero(on & (voltage_v < minimum_v - 1e-9))
+        voltage_v = linear.solve(on).voltage_v
+        low = np.flatnonzero(on & (voltage_v < brown_out_v - 1e-9))
         if not len(low):
             return gone
         worst = low[np.argmin(voltage_v[low].round(8))]

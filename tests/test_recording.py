@@ -164,7 +164,7 @@ def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) ->
 
     (robot,) = shown("/robot")
     frames = {t["child_frame_id"] for t in shown("/tf")[0]["transforms"]}
-    assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"free_bodies"}
+    assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"world"}
     looks = VisualModel(deployment, own.base).shapes
     primitives_of = ("cubes", "spheres", "cylinders", "triangles")
     drawn = [p["color"] for e in robot["entities"] for kind in primitives_of for p in e.get(kind, ())]
@@ -200,7 +200,7 @@ def interleaved(messages: list[RecordedMessage], rng: np.random.Generator) -> li
     """What one process and its neighbours say in another order; each its own in the old one."""
     queues: dict[str, list[RecordedMessage]] = {}
     for m in messages:
-        sender = {"skin": "skin" + m.fields[0] if m.fields else "", "host": "host" + "".join(m.fields)}
+        sender = {"skin": "skin" + m.fields[0] if m.fields else "", "process": "process" + "".join(m.fields)}
         head = m.key.split("/")[2]
         who = "controller" if m.channel in ("command", "config") else sender.get(head, head)
         queues.setdefault(who, []).append(m)

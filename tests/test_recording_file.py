@@ -120,7 +120,7 @@ node.start(None)
 for number, message in enumerate(own.messages()):
     node.accept(message.channel, message.fields, message.payload)
     while (needs := node.needs()) is not None and all(
-        node.upstreams[name].covered_ns >= t_ns for name, t_ns in needs.items()
+        node.upstreams[name].watermark_ns >= t_ns for name, t_ns in needs.items()
     ):
         node.step(None)
     if number == int(sys.argv[3]):
@@ -196,13 +196,13 @@ def test_a_run_that_is_interrupted_ends_its_record(tmp_path: Path) -> None:
 @pytest.mark.processes
 @pytest.mark.parametrize("tolerated_losses", [False, True])
 def test_a_recorder_that_is_killed(tmp_path: Path, tolerated_losses: bool) -> None:
-    allowed = ('run.tolerated_losses=["recorder"]',) if may_be_lost else ()
+    allowed = ('run.tolerated_losses=["recorder"]',) if tolerated_losses else ()
     settings = ("run.pace=realtime", "run.max_s=4.0", *allowed)
     with launched(ARM, tmp_path, "--record", settings=settings) as process:
         wait_for(process, "structure")
         child(process, "recorder").kill()
         out, errors = process.communicate(timeout=120)
-    assert process.returncode == (0 if may_be_lost else 1)
+    assert process.returncode == (0 if tolerated_losses else 1)
     if tolerated_losses:
         assert "recorder was killed by signal 9; the run goes on without it" in out
     else:
@@ -224,7 +224,7 @@ def test_a_full_disk_ends_the_run_or_only_the_record(tmp_path: Path, arguments: 
     spared = (*SHORT_ARM, 'run.tolerated_losses=["recorder"]')
     summary = run(ARM, tmp_path, "--record", *arguments, settings=spared)
     assert summary["outcome"] == "completed_with_losses"
-    assert [fault["process"] for fault in summary["faults"]] == ["recorder"]
+    assert [fault["process"] for fault in summary["process_failures"]] == ["recorder"]
     alone = run(ARM, tmp_path / "alone", "--in-process", settings=spared)
     assert summary["log_sha256"] == alone["log_sha256"]
 
@@ -255,8 +255,8 @@ def test_what_is_no_recording_is_refused_in_one_line(recording: Path, tmp_path: 
         (text, "no recording: it is not an MCAP file"),
         (foreign(tmp_path / "other.mcap", None), "no recording of skinnet: an MCAP file of another program"),
         (
-            foreign(tmp_path / "new.mcap", {"format": "2", "skinnet": "9.1"}),
-            "a recording of format 2, by skinnet 9.1",
+            foreign(tmp_path / "new.mcap", {"format": "3", "skinnet": "9.1"}),
+            "a recording of format 3, by skinnet 9.1",
         ),
         (foreign(tmp_path / "bare.mcap", {"format": "1"}), "it ends before it says what was run"),
         (cut, "no recording of skinnet: an MCAP file of another program, or one that ends before it begins"),

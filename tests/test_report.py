@@ -71,11 +71,11 @@ def sweep(folder: Path) -> Path:
         "latency_us.p99": 2491.0,
     }
     headline = {
-        "clock.stimulated.packets_per_s": 315_000.0,
-        "delta.stimulated.packets_per_s": 36_000.0,
-        "delta.stimulated.share.packets": 0.114,
-        "delta.stimulated.dropped": 0,
-        "delta.stimulated.missing": 3,
+        "periodic.stimulated.packets_per_s": 315_000.0,
+        "send_on_delta.stimulated.packets_per_s": 36_000.0,
+        "send_on_delta.stimulated.fraction.packets": 0.114,
+        "send_on_delta.stimulated.dropped": 0,
+        "send_on_delta.stimulated.missing": 3,
         "delta.force": 0.02,
         "noise.force": 0.004,
         "delta_sigmas.force": 5.0,
@@ -83,9 +83,9 @@ def sweep(folder: Path) -> Path:
     stress = {
         "deployment": "h1_1260",
         "stress": {"duration_s": 4.0},
-        "points": ["c1260-delta-s0.55", "c1260-clock-s0.55"],
-        "failed": {"c1260-clock-s0.55": "cells0 was killed by signal 9"},
-        "metrics": headline | {f"c1260-delta-s0.55.{name}": value for name, value in own.items()},
+        "points": ["c1260-send_on_delta-s0.55", "c1260-periodic-s0.55"],
+        "failed": {"c1260-periodic-s0.55": "cells0 was killed by signal 9"},
+        "metrics": headline | {f"c1260-send_on_delta-s0.55.{name}": value for name, value in own.items()},
     }
     (folder / "stress.json").write_text(json.dumps(stress))
     (folder / "rates.png").write_bytes(png())
@@ -153,7 +153,9 @@ def test_what_is_lost_counted_or_new_is_told(folder: Path, tmp_path: Path) -> No
     summary = json.loads((folder / "summary.json").read_text())
     summary |= {
         "outcome": "completed_with_losses",
-        "faults": [{"process": "left", "what": "was killed by signal 9", "last_lines": ["out of memory"]}],
+        "process_failures": [
+            {"process": "left", "cause": "was killed by signal 9", "last_lines": ["out of memory"]}
+        ],
         "counters": {"controller": {"lost_upstreams": 4}},
         "recording": {"channels": {"joints": 1234}},
     }
@@ -192,7 +194,7 @@ def hostile(folder: Path, out: Path) -> Path:
         "deployment": EVIL,
         "log_sha256": EVIL,
         "pace": EVIL,
-        "faults": [{"process": EVIL, "what": EVIL, "last_lines": [EVIL]}],
+        "process_failures": [{"process": EVIL, "cause": EVIL, "last_lines": [EVIL]}],
         "counters": {EVIL: {EVIL: EVIL}},
         "environment": {EVIL: EVIL},
         "settings": [EVIL],
@@ -232,13 +234,13 @@ def test_a_sweep_is_a_row_for_each_point(tmp_path: Path) -> None:
     results = read_run_folder(folder)
     assert isinstance(results, StressResults)
     verdicts = {compared.claim.metrics[0]: compared.verdict for compared in results.comparisons}
-    assert verdicts["clock.stimulated.packets_per_s"] is Verdict.WITHIN
-    assert verdicts["delta.stimulated.dropped"] is Verdict.OUTSIDE  # three went missing
-    assert verdicts["clock.stimulated.cpu.controller"] is Verdict.UNMEASURED
+    assert verdicts["periodic.stimulated.packets_per_s"] is Verdict.WITHIN
+    assert verdicts["send_on_delta.stimulated.dropped"] is Verdict.OUTSIDE  # three went missing
+    assert verdicts["periodic.stimulated.cpu.controller"] is Verdict.UNMEASURED
     page = page_of(folder)
-    for told in ("c1260-delta-s0.55", "failed: cells0 was killed by signal 9", "11.4", "958", "5 σ"):
+    for told in ("c1260-send_on_delta-s0.55", "failed: cells0 was killed by signal 9", "11.4", "958", "5 σ"):
         assert told in page.text
-    assert "c1260-delta-s0_55" not in page.text
+    assert "c1260-send_on_delta-s0_55" not in page.text
 
 
 # Folders that are none
@@ -461,7 +463,7 @@ def test_claims_are_well_formed() -> None:
         ("moved_before_contact_rad", "moved before contact", "rad"),
         ("force_n.left", "force, left", "N"),
         ("cop_mm", "centre of pressure", "mm"),
-        ("delta.stimulated.share.packets", "delta, stimulated, share, packets", "%"),
+        ("send_on_delta.stimulated.fraction.packets", "send on delta, stimulated, fraction, packets", "%"),
         ("packets_per_s", "packets", "1/s"),
         ("touches", "touches", ""),
     ],

@@ -18,8 +18,8 @@ from skinnet.run.observers.observer_endpoint import ObserverEndpoint
 from skinnet.run.observers.request_server import MAX_PENDING, TIMEOUT_S, RequestServer, RequestWorker
 from skinnet.transport import queries as client
 from skinnet.transport.in_memory import InMemoryHub
-from skinnet.transport.interface import Delivery, Transport
-from skinnet.transport.queries import Reply
+from skinnet.transport.interface import Delivery, Reply
+from skinnet.transport.loop_transport import LoopTransport
 
 KEYS = Keys("bot")
 LONG_S = 30.0
@@ -259,21 +259,21 @@ def test_the_clerk_answers_gives_up_and_sends_away(
 
 @pytest.mark.parametrize("accepted", [True, False])
 def test_the_command_line_says_what_was_answered(accepted: bool) -> None:
-    hub = InMemoryHub()
+    hub = InMemoryHub(KEYS)
     controller = hub.connect("controller")
 
     def obey(key: str, payload: bytes) -> None:
         asked = decode(payload, Request)
         why = "" if accepted else f"no floor {asked.argument}"
         answer = Answer(id=asked.id, t_ns=1_500_000_000, accepted=accepted, state="lift.up", reason=why)
-        controller.publish_best_effort(KEYS.of("answer"), encode(answer))
+        controller.session.put(KEYS.of("answer"), encode(answer))
 
     controller.declare_loop_subscriber(KEYS.of("request", "go"), obey)
     with tempfile.TemporaryDirectory(prefix="skin") as folder:
         endpoint = f"unixsock-stream/{folder}/watch"
         watch = ObserverEndpoint(KEYS, endpoint)
         watch.attach(hub.connect(EXTERNAL))
-        controller.publish_best_effort(
+        controller.session.put(
             KEYS.of("state"), encode(ControllerState(t_ns=0, stage="lift.up", progress=0.0))
         )
         done = CliRunner().invoke(app, ["request", endpoint, "go", "2"])
@@ -284,7 +284,7 @@ def test_the_command_line_says_what_was_answered(accepted: bool) -> None:
     assert (done.exit_code, done.output) == (int(not accepted), f"{said}\n")
 
 
-async def hear(transport: Transport, n: int) -> list[Delivery]:
+async def hear(transport: LoopTransport, n: int) -> list[Delivery]:
     """Deliveries until there are `n`."""
     heard: list[Delivery] = []
     while len(heard) < n:
@@ -296,7 +296,7 @@ async def hear(transport: Transport, n: int) -> list[Delivery]:
 
 async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
     """From a Zenoh client to the controller and back: before it runs, when it does, when it is gone."""
-    hub = InMemoryHub()
+    hub = InMemoryHub(KEYS)
     controller = hub.connect("controller")
     controller.subscribe([KEYS.of("request", "*")], [EXTERNAL])
     state = encode(ControllerState(t_ns=0, stage="up", progress=0.0))
@@ -315,17 +315,17 @@ async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
         not_yet = "the controller is not running yet; ask again when the run has begun"
         assert query("request/go").result() == error(not_yet)
         watch.attach(hub.connect(EXTERNAL))
-        controller.declare_token(KEYS.liveliness(Role.CONTROLLER, "controller"))
+        controller.session.declare_token(KEYS.liveliness(Role.CONTROLLER, "controller"))
         assert query("request/go").result() == error(not_yet)
         assert query("state").result() == []
-        controller.publish_best_effort(KEYS.of("state"), state)
+        controller.session.put(KEYS.of("state"), state)
         assert query("state").result() == [Reply(KEYS.of("state"), state, "")]
 
         going, lost = query("request/go", "2"), query("request/stop")
         heard = {key: decode(payload, Request) for key, payload in await hear(controller, 2) if payload}
         go = heard[KEYS.of("request", "go")]
         assert go.argument == "2"
-        controller.publish_best_effort(KEYS.of("answer"), answer_to(go.id))
+        controller.session.put(KEYS.of("answer"), answer_to(go.id))
         assert going.result() == [Reply(KEYS.of("request", "go"), answer_to(go.id), "")]
 
         controller.close()

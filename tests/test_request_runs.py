@@ -82,7 +82,7 @@ def test_the_conversation_of_a_user_with_a_run(tmp_path: Path) -> None:
             copies: dict[str, list[dict[str, Any]]] = {"request/go": [], "answer": []}
             for selector, payload in cycle((("go?argument=home", b""), ("go", b"home"))):
                 answer = asked(session, f"skinnet/arm/controller/request/{selector}", payload)
-                assert (answer["type"], answer["accepted"], answer["why"]) == ("answer", False, REFUSED)
+                assert (answer["type"], answer["accepted"], answer["reason"]) == ("answer", False, REFUSED)
                 answers[answer["id"]] = answer
                 while not told.empty():
                     key, message = told.get()
@@ -134,7 +134,7 @@ def test_a_flood_of_queries_changes_nothing(tmp_path: Path) -> None:
     answers = [msgpack.unpackb(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
     refusals = [reply.err.payload.to_string() for reply in replies if reply.ok is None]
     assert len(answers) + len(refusals) == 1000
-    assert {answer["why"] for answer in answers} == {REFUSED}
+    assert {answer["reason"] for answer in answers} == {REFUSED}
     assert set(refusals) <= {"32 requests wait for their answers already; ask again later"}
     summary = json.loads((tmp_path / "flooded" / "summary.json").read_text())
     assert summary["log_sha256"] == reference["log_sha256"]

@@ -44,7 +44,7 @@ class Run:
         self.endpoint = self.watch.endpoint
         if deployed is not None:
             self.watch.serve_deployment(deployed)
-        hub = InMemoryHub()
+        hub = InMemoryHub(KEYS)
         self.watch.attach(hub.connect(EXTERNAL))
         self._member = hub.connect("body")
         self.velocities: queue.SimpleQueue[list[float]] = queue.SimpleQueue()
@@ -55,9 +55,10 @@ class Run:
 
     def put(self, name: str, *fields: str | int, payload: bytes) -> None:
         self._member.put(KEYS.of(name, *fields), payload)
+        self._member.flush()
 
     def publish_best_effort(self, name: str, *fields: str | int, payload: bytes) -> None:
-        self._member.publish_best_effort(KEYS.of(name, *fields), payload)
+        self._member.session.put(KEYS.of(name, *fields), payload)
 
 
 @contextmanager

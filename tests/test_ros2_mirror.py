@@ -161,7 +161,10 @@ def test_readings_become_points() -> None:
         (KEYS.of("events", "base", 0), encode(events("base", (0, 1, 1, 0, 1.0)))),
         (KEYS.of("events", "base", 0), encode(events("base", (-1, 0, 0, 0, 1.0)))),
         (KEYS.of("stream", "base"), encode(stream("base", (0, 6, 0, (1.0,) * 8)))),
-        (KEYS.of("stream", "base"), encode(Stream(patch="base", t_ns=0, watermark_ns=0, n_events=0, rows=b"1"))),
+        (
+            KEYS.of("stream", "base"),
+            encode(Stream(patch="base", t_ns=0, watermark_ns=0, n_events=0, rows=b"1")),
+        ),
         (KEYS.of("topology", "base"), encode(topology("base", 1))),
         ("skinnet/arm/nothing", b""),
         ("elsewhere/arm/body/joints", joints(0, 0.0, 0.0, 0.0)),

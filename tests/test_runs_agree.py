@@ -22,7 +22,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         ((), ("cell_processes=per_patch",)),
         (("--in-process",), ("cell_processes=1",)),
     ],
-    ids=["again", "processes", "one host per patch", "one host"],
+    ids=["again", "processes", "one process per patch", "one process"],
 )
 def test_the_log_is_the_same(
     reference: dict[str, Any], tmp_path: Path, arguments: tuple[str, ...], settings: tuple[str, ...]

@@ -120,7 +120,7 @@ def test_crossings_of_scripted_touches_are_exact():
     """A raised cosine of 2 N in 0.2 s passes 0.6 N where its share is 0.3."""
     raw = tomllib.loads(ARM.read_text())
     touch = {"cells": ["fore_link/1"], "start_s": 0.1, "force_n": 2.0, "approach_s": 0.3, "rise_s": 0.2}
-    body = ScriptedBody(from_document(raw | {"script": {"touches": [touch]}}, "arm"), ARM.parent)
+    body = ScriptedBody(from_document(raw | {"scripted_stimuli": {"presses": [touch]}}, "arm"), ARM.parent)
     body.advance(1000 * MS)
     forces = [fact for fact in body.ground_truth().facts["threshold_crossings"] if fact[2] < 3]
     assert len(forces) == 3
@@ -133,7 +133,7 @@ def test_crossings_of_scripted_touches_are_exact():
 def test_the_node_is_the_same_and_scripted_by_its_table(tmp_path):
     physical, script = (
         build(from_document(raw, "arm"), "body", ARM.parent, None)
-        for raw in (tomllib.loads(ARM.read_text()), tomllib.loads(ARM.read_text()) | {"script": {}})
+        for raw in (tomllib.loads(ARM.read_text()), tomllib.loads(ARM.read_text()) | {"scripted_stimuli": {}})
     )
     assert type(physical) is type(script)
     sent: dict[str, list[str]] = {"physical": [], "script": []}
@@ -151,7 +151,7 @@ def test_a_bad_script_is_refused_by_the_check():
     with pytest.raises(
         DeploymentError, match=r"scripted_stimuli.presses\[0\].cells: 'elbow/0': unknown patch"
     ):
-        check(from_document(raw | {"script": {"touches": [touch]}}, "arm"))
+        check(from_document(raw | {"scripted_stimuli": {"presses": [touch]}}, "arm"))
 
 
 @pytest.mark.parametrize(("file", "cells", "patches", "touched"), [(UR5, 260, 10, 130), (H1, 1260, 47, 693)])
@@ -159,7 +159,7 @@ def test_a_bad_script_is_refused_by_the_check():
 def test_shipped_skins_hold_with_and_without_script(file, cells, patches, touched, with_script):
     raw = tomllib.loads(file.read_text())
     if not with_script:
-        del raw["script"]
+        del raw["scripted_stimuli"]
     deployment = from_document(raw, file.name)
     check(deployment)
     placed = place_patches(deployment.patches, deployment.cells)

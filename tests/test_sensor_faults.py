@@ -120,12 +120,16 @@ def test_a_value_goes_to_the_nearest_step_of_its_sensor() -> None:
 
 
 @pytest.mark.parametrize(
-    ("channel", "per_s"), [("force0", 0.05), ("proximity", -0.02), ("az_g", -0.7), ("temperature_c", 1.5)]
+    ("channel", "rate_per_s"),
+    [("force0", 0.05), ("proximity", -0.02), ("az_g", -0.7), ("temperature_c", 1.5)],
 )
-def test_a_drift_has_its_slope_by_least_squares(channel: str, per_s: float) -> None:
+def test_a_drift_has_its_slope_by_least_squares(channel: str, rate_per_s: float) -> None:
     at_s = 0.4
     out = sick(
-        faults({"kind": "drift", "target": "arm/3", "channel": channel, "per_s": per_s, "at_s": at_s}), SERIES
+        faults(
+            {"kind": "drift", "target": "arm/3", "channel": channel, "rate_per_s": rate_per_s, "at_s": at_s}
+        ),
+        SERIES,
     )
     t_s = sampled_ns(500)[:, 3] * 1e-9
     since, what = t_s >= at_s, column(channel)
@@ -135,21 +139,27 @@ def test_a_drift_has_its_slope_by_least_squares(channel: str, per_s: float) -> N
     step = channel_scales(SPEC).lsb[what]
     # an offset is rounded to steps: errors up to half of one, of variance step² / 12
     spread = math.sqrt(step**2 / 12.0 / (since.sum() * t_s[since].var()))
-    assert fit.slope == pytest.approx(per_s, abs=6 * spread)
+    assert fit.slope == pytest.approx(rate_per_s, abs=6 * spread)
     assert fit.intercept + fit.slope * at_s == pytest.approx(0.0, abs=step)
-    assert np.abs(offset[since] - per_s * (t_s[since] - at_s)).max() <= 0.5 * step + 1e-6
+    assert np.abs(offset[since] - rate_per_s * (t_s[since] - at_s)).max() <= 0.5 * step + 1e-6
     out[:, 3, what] = SERIES[:, 3, what]
     assert np.array_equal(out, SERIES)
 
 
 @pytest.mark.parametrize(
-    ("channel", "per_s", "end"),
+    ("channel", "rate_per_s", "end"),
     [("force0", 50.0, 1.0), ("force0", -50.0, 0.0), ("ax_g", -99.0, -8.0), ("temperature_c", 999.0, 54.96)],
 )
 def test_a_drift_ends_at_the_range_of_its_sensor_and_with_its_rule(
-    channel: str, per_s: float, end: float
+    channel: str, rate_per_s: float, end: float
 ) -> None:
-    rule = {"kind": "drift", "target": "arm/3", "channel": channel, "per_s": per_s, "duration_s": 1.0}
+    rule = {
+        "kind": "drift",
+        "target": "arm/3",
+        "channel": channel,
+        "rate_per_s": rate_per_s,
+        "duration_s": 1.0,
+    }
     out = sick(faults(rule), SERIES)[:, 3, column(channel)]
     healed = sampled_ns(500)[:, 3] >= 1_000_000_000
     low, high = SERIES[..., column(channel)].min(), SERIES[..., column(channel)].max()
@@ -159,11 +169,11 @@ def test_a_drift_ends_at_the_range_of_its_sensor_and_with_its_rule(
 
 
 def test_drifts_add_up_and_what_is_stuck_drifts_no_more_whatever_the_order_of_the_rules() -> None:
-    drift = {"kind": "drift", "target": "arm/1", "channel": "az_g", "per_s": 0.5}
+    drift = {"kind": "drift", "target": "arm/1", "channel": "az_g", "rate_per_s": 0.5}
     stuck = {"kind": "stuck_at", "target": "arm/1", "channel": "az_g", "at_s": 1.0}
     what = column("az_g")
     twice = sick(faults(drift, drift), SERIES)[:, 1, what]
-    once = sick(faults(drift | {"per_s": 1.0}), SERIES)[:, 1, what]
+    once = sick(faults(drift | {"rate_per_s": 1.0}), SERIES)[:, 1, what]
     assert np.abs(twice - once).max() <= 0.004 + 1e-6
     held = sick(faults(stuck, drift), SERIES)[:, 1, what]
     assert np.array_equal(held, sick(faults(drift, stuck), SERIES)[:, 1, what])
@@ -195,7 +205,7 @@ def test_a_fault_that_is_over_costs_nothing_any_more() -> None:
 def test_a_host_knows_its_own_cells_only_and_by_its_own_numbers() -> None:
     rules = (
         {"kind": "stuck_at", "target": "*", "channel": "force0", "value": 1.0},
-        {"kind": "babbling_idiot", "target": "*/1", "packets_per_s": 500.0},
+        {"kind": "babbling_idiot", "target": "*/1", "rate_hz": 500.0},
     )
     alone = faults(*rules, first_cell={"hand": 0})
     readings = SERIES[0, 6:].copy()
@@ -219,7 +229,7 @@ def said(broken: SensorFaults, *cuts_ns: int) -> SpuriousEvents:
 BABBLE = {
     "kind": "babbling_idiot",
     "target": "arm/4",
-    "packets_per_s": 800.0,
+    "rate_hz": 800.0,
     "at_s": 0.5,
     "duration_s": 20.0,
 }
@@ -240,7 +250,7 @@ def test_a_babbling_cell_is_a_poisson_process_of_its_rate() -> None:
 
 
 def test_it_says_anything_that_a_sensor_can_read() -> None:
-    events = said(faults(BABBLE | {"packets_per_s": 4000.0}), 0, 30 * 10**9)
+    events = said(faults(BABBLE | {"rate_hz": 4000.0}), 0, 30 * 10**9)
     assert np.all(events.kind == EventKind.SEND_ON_DELTA)
     assert np.all(events.level == 0)
     first = np.array([0, 3, 4, 7])[events.modality]
@@ -263,7 +273,7 @@ def test_it_says_anything_that_a_sensor_can_read() -> None:
 
 @given(st.lists(st.integers(0, 3 * 10**9), max_size=12))
 def test_how_time_is_cut_changes_nothing_that_is_said(cuts_ns: list[int]) -> None:
-    rules = (BABBLE | {"duration_s": 1.0}, BABBLE | {"target": "hand", "at_s": 0.2, "packets_per_s": 90.0})
+    rules = (BABBLE | {"duration_s": 1.0}, BABBLE | {"target": "hand", "at_s": 0.2, "rate_hz": 90.0})
     whole = said(faults(*rules), 0, 3 * 10**9)
     assert len(whole.cell) > 900
     order = np.lexsort((whole.cell, whole.t_ns))

@@ -82,7 +82,7 @@ class Robot:
     """A session whose joints move exactly as it says."""
 
     def __init__(self, *, taught: bool = True, **session: Any) -> None:
-        control = small(controller={"session": session}).controller
+        control = small(controller={"teach_and_grasp": session}).controller
         self.knowledge = SelfModel(min_row_norm=0.05)
         if taught:
             self.knowledge.structure = find_structure(ACTIVITY)
@@ -429,7 +429,7 @@ def test_table_two_and_what_a_deployment_changes() -> None:
     assert not any(any(gains) for gains in table[State.IDLE].reactions.values())
     changed = {"load": {"speed_rad_s": 0.02, "areas": {"contact": {"force_gain": 0.5}}}}
     own = merge_state_parameters(
-        small(controller={"session": {"states": changed}}).controller.teach_and_grasp
+        small(controller={"teach_and_grasp": {"states": changed}}).controller.teach_and_grasp
     )
     assert own[State.LOAD].speed_rad_s == 0.02
     assert own[State.LOAD].reactions[Area.CONTACT].force_gain == 0.5
@@ -439,14 +439,14 @@ def test_table_two_and_what_a_deployment_changes() -> None:
 
 def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
     robot = Robot(
-        operator=(
-            {"state": "idle", "request": "guide", "argument": "force", "after_s": 0.1},
+        operator_requests=(
+            {"state": "idle", "request": "guide", "argument": "force", "delay_s": 0.1},
             {
                 "state": "guide_force",
                 "request": "guide",
                 "argument": "off",
                 "contact_free_s": 0.2,
-                "after_s": 0.1,
+                "delay_s": 0.1,
             },
             {"state": "idle", "request": "end"},
         )
@@ -466,8 +466,8 @@ def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
 
 def test_an_operator_who_waits_in_vain_ends_the_session() -> None:
     robot = Robot(
-        operator=({"state": "idle", "request": "grasp"}, {"state": "hold", "request": "release"}),
-        timeout_s=2.0,
+        operator_requests=({"state": "idle", "request": "grasp"}, {"state": "hold", "request": "release"}),
+        operator_timeout_s=2.0,
     )
     robot.until(State.SAFE)  # there is no object
     robot.until(State.ENDED, ticks=2000)

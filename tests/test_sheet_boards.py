@@ -73,7 +73,7 @@ def test_a_bus_carries_one_message_at_a_time() -> None:
 
 def test_a_star_has_no_waiting_and_a_chain_a_hop_for_each_board() -> None:
     for kind, hops in (("star", [1] * 5), ("chain", [1, 2, 3, 4, 5])):
-        some = boards(5, kind=kind, delay_us=10.0)
+        some = boards(5, kind=kind, propagation_delay_us=10.0)
         alone = 4 if kind == "chain" else None
         for board in range(5):
             if alone is not None and board != alone:

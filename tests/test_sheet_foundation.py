@@ -81,7 +81,7 @@ class Scene:
 
     def press(self) -> tuple[Floats, Floats]:
         """Force [N] and moment [N m] about the base's origin on the tool at the present state, base frame."""
-        self.body._compute_contact()
+        self.body.dynamics.compute_contact()
         return self.on(self.tool)
 
     def on(self, body: int) -> tuple[Floats, Floats]:
@@ -108,14 +108,14 @@ def test_a_plate_pressed_at_a_point_in_any_pose(
     scene.put((0.0, 0.0, THICK_M))
     load_n = scene.R.apply((0.0, 0.0, -60.0))
     for _ in range(800):
-        arm_m = BASE_M + scene.R.apply((*at_m, THICK_M)) - scene.data.xpos[scene.tool]
+        arm_m = BASE_M + scene.R.apply((*position_m, THICK_M)) - scene.data.xpos[scene.tool]
         scene.data.qfrc_applied[:3] = load_n
         scene.data.qfrc_applied[3:6] = scene.data.xmat[scene.tool].reshape(3, 3).T @ np.cross(arm_m, load_n)
         scene.body.advance(scene.body.t_ns + 1_000_000)
     assert np.abs(scene.data.qvel[:6]).max() < 1e-4, "at rest"
     pressure_kpa = scene.body.pressures()
     assert pressure_kpa.sum() * 1e3 * PITCH_M**2 == pytest.approx(60.0, rel=0.01)
-    assert scene.centre_m() == pytest.approx(np.array(at_m), abs=1e-3)
+    assert scene.centre_m() == pytest.approx(np.array(position_m), abs=1e-3)
 
 
 def test_depth_times_stiffness_times_area_is_the_force(tmp_path: Path) -> None:

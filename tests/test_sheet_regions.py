@@ -277,18 +277,18 @@ def test_numbers_stay_under_small_motion(seed: int) -> None:
     position_m = dice.uniform(-0.05, 0.05, 2)
     out = np.empty(64)
     for frame in range(100):
-        pressure = 25.0 * np.exp(-((SHEET.xi_m - at_m) ** 2).sum(axis=1) / (2 * 0.02**2))
+        pressure = 25.0 * np.exp(-((SHEET.xi_m - position_m) ** 2).sum(axis=1) / (2 * 0.02**2))
         transducers.scan(frame, pressure, pressure, out)
         regions.update(out)
         assert regions.n_rows.tolist() == [1]
         row = regions.rows[0, 0]
         assert row["region_id"] == 1
-        assert xi_m(row) == pytest.approx(at_m, abs=0.012)
-        position_m = np.clip(at_m + dice.uniform(-0.002, 0.002, 2), -0.06, 0.06)
+        assert xi_m(row) == pytest.approx(position_m, abs=0.012)
+        position_m = np.clip(position_m + dice.uniform(-0.002, 0.002, 2), -0.06, 0.06)
 
 
 def test_thresholds_in_the_wrong_order_are_refused() -> None:
-    with pytest.raises(DeploymentError, match="may not be above on_kpa"):
+    with pytest.raises(DeploymentError, match="may not be above activation_kpa"):
         tracker(activation_kpa=1.0, deactivation_kpa=1.1)
 
 
@@ -325,11 +325,11 @@ def test_a_plane_pressed_at_a_point(force_n: float, share: float, angle: float) 
     position_m = share * SIDE_M * np.array([math.cos(angle), math.sin(angle)])
 
     def field(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(force_n / SIDE_M**2 * 1e-3 * (1.0 + 12.0 * (points_m @ at_m) / SIDE_M**2))
+        return np.asarray(force_n / SIDE_M**2 * 1e-3 * (1.0 + 12.0 * (points_m @ position_m) / SIDE_M**2))
 
     found_n, found_m = felt(field, bits=24)
     assert found_n == pytest.approx(force_n, rel=0.001)
-    assert np.hypot(*(found_m - at_m)) < 0.0005
+    assert np.hypot(*(found_m - position_m)) < 0.0005
 
 
 def cylinder(dice: np.random.Generator) -> Field:
@@ -342,7 +342,7 @@ def cylinder(dice: np.random.Generator) -> Field:
     )
 
     def field(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y = (points_m - at_m) @ across, (points_m - at_m) @ along
+        x, y = (points_m - position_m) @ across, (points_m - position_m) @ along
         return np.asarray(STIFFNESS_KPA_M * np.maximum(0.0, depth_m + tilt * y - x * x / 0.14))
 
     return field

@@ -237,7 +237,7 @@ def test_what_falls_off_the_stand_is_dropped(tmp_path):
 
 
 def test_a_stuck_object_cannot_be_moved(tmp_path):
-    body = rig(tmp_path, stuck=True, rise_m=0.2, rise_stage="guide", lower_delay_s=0.1)
+    body = rig(tmp_path, fix_object=True, rise_m=0.2, rise_stage="guide", lower_delay_s=0.1)
     body.begin_stage("guide")
     body.advance(3 * S)
     start_m = body.data.body("object").xpos.copy()
@@ -271,7 +271,7 @@ def test_what_cannot_stand_there_is_refused(tmp_path, stand, says):
     ("changes", "says"),
     [
         ({"stand": None}, r'object = "delivery_box": nothing presents it'),
-        ({"script": {}}, "stand, script: do not go together"),
+        ({"scripted_stimuli": {}}, "stand, scripted_stimuli: do not go together"),
         ({"stand": {"rise_m": 0.2}}, "rise_m = 0.2: it would stay there"),
         ({"stand": {"lower_stage": "hold"}}, "lower_stage = 'hold': unknown stage; there are guide"),
         ({"stand": {"rise_m": 0.1, "rise_stage": "grasp.open"}}, "rise_stage = 'grasp.open': unknown"),

@@ -24,7 +24,7 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.checks import check
 from skinnet.deployment.experiment.stress import PublishedRateSpec, StressSpec
 from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
-from skinnet.run.launch import RunOptions, load_and_check
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.usage import USAGE_ROW, UsageTrace
 from skinnet.tools.stress.measurement import MeasurementWindow, measure_point, usage_within
@@ -46,7 +46,7 @@ def row_of_patches(**tables: Any) -> Deployment:
     patches = [patch(name) for name in ("a", "b", "c")]
     for i, one in enumerate(patches):
         one["lattice"]["origin_m"] = (0.3 * i, 0.0, 0.0)
-    return small(*patches, scripted_stimuli={"stimulated": 0.5}, **tables)
+    return small(*patches, scripted_stimuli={"stimulated_fraction": 0.5}, **tables)
 
 
 # What is varied
@@ -101,7 +101,17 @@ def test_a_smaller_skin_forgets_whatever_names_the_patches_that_are_gone() -> No
 def test_a_point_without_wishes_changes_what_is_run_and_nothing_else() -> None:
     deployment = row_of_patches()
     derived = derive_deployment(deployment, Point(18, "level_crossing"), StressSpec())
-    for name in ("name", "robot", "seed", "hosts", "body", "cells", "network", "patches", "script"):
+    for name in (
+        "name",
+        "robot",
+        "seed",
+        "cell_processes",
+        "body",
+        "cells",
+        "network",
+        "patches",
+        "scripted_stimuli",
+    ):
         assert getattr(derived, name) == getattr(deployment, name)
     assert derived.controller.program == ("listen",)
     assert derived.controller.stages["listen"].duration_s == StressSpec().warm_up_s + StressSpec().duration_s
@@ -130,7 +140,7 @@ def test_what_cannot_be_is_refused_before_anything_runs(tmp_path: Path) -> None:
 
     refused(row_of_patches(), "has 18 cells, at most that", cells=(6, 19))
     refused(row_of_patches(), "gateways: allowed are 1 to", gateways=(1, 100))
-    refused(small(), r"need a \[script\]", stimulated=(0.0, 0.5))
+    refused(small(), r"need \[scripted_stimuli\]", stimulated_fractions=(0.0, 0.5))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -213,7 +223,15 @@ def small_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[st
     """Two points of 15 cells, through real processes."""
     out = tmp_path_factory.mktemp("sweep")
     done = stress(
-        "--quick", "--encodings", "clock,delta", "--stimulated", "0.5", "--out", str(out), "--json", "-"
+        "--quick",
+        "--encodings",
+        "periodic,send_on_delta",
+        "--stimulated",
+        "0.5",
+        "--out",
+        str(out),
+        "--json",
+        "-",
     )
     assert done.returncode == 0, done.stderr
     return out, json.loads(done.stdout)
@@ -223,7 +241,7 @@ def small_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[st
 def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, dict[str, Any]]) -> None:
     out, report = small_sweep
     figures = report["metrics"]
-    assert report["points"] == ["c15-clock-s0.5", "c15-delta-s0.5"]
+    assert report["points"] == ["c15-periodic-s0.5", "c15-send_on_delta-s0.5"]
     assert report == json.loads((out / "stress.json").read_text())
     for name in report["points"]:
         f = {key.removeprefix(f"{name}."): value for key, value in figures.items() if key.startswith(name)}
@@ -242,12 +260,12 @@ def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, d
         # each packet takes 60 bytes of a stream, or more as an event
         assert f["zenoh_bytes_per_s"] > 60 * f["packets_per_s"]
     clock = 15 * 250
-    assert figures["clock.stimulated.packets_per_s"] == pytest.approx(clock, rel=1e-3)
-    assert figures["clock.stimulated.share.packets"] == pytest.approx(1.0, rel=1e-3)
-    assert figures["clock.stimulated.share.bytes"] == pytest.approx(1.0, rel=1e-3)
-    share = figures["delta.stimulated.share.packets"]
+    assert figures["periodic.stimulated.packets_per_s"] == pytest.approx(clock, rel=1e-3)
+    assert figures["periodic.stimulated.fraction.packets"] == pytest.approx(1.0, rel=1e-3)
+    assert figures["periodic.stimulated.fraction.bytes"] == pytest.approx(1.0, rel=1e-3)
+    share = figures["send_on_delta.stimulated.fraction.packets"]
     assert 0.0 < share < 1.0
-    assert figures["delta.stimulated.share.bytes"] == pytest.approx(share * 8 / 23)
+    assert figures["send_on_delta.stimulated.fraction.bytes"] == pytest.approx(share * 8 / 23)
     assert {path.name for path in out.glob("*.png")} == {
         f"{n}.png" for n in ("rates", "latency", "cpu", "event_driven")
     }
@@ -256,7 +274,7 @@ def test_a_sweep_through_real_processes_loses_nothing(small_sweep: tuple[Path, d
     assert results.summary.points == tuple(report["points"])
     assert results.metrics["size.cells"] == 15
     assert len(results.files.pictures) == 4
-    assert "c15-delta-s0.5" in render_html(results)
+    assert "c15-send_on_delta-s0.5" in render_html(results)
 
 
 @pytest.mark.processes
@@ -264,7 +282,7 @@ def test_a_sweep_goes_on_where_it_was_killed(
     small_sweep: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, report = small_sweep
-    deployment = load_and_check(RunOptions(ARM, SCRIPTED))
+    deployment = prepare_run(RunOptions(ARM, SCRIPTED)).deployment
     spec = StressSpec(
         **{name: tuple(v) if isinstance(v, list) else v for name, v in report["stress"].items()}
     )
@@ -276,11 +294,11 @@ def test_a_sweep_goes_on_where_it_was_killed(
     told: list[str] = []
     kept = run_sweep(ARM, deployment, spec, out, resume=True, progress=told.append)
     assert [result.failure for result in kept] == [None, None]
-    assert kept[0].metrics == json.loads((out / "c15-clock-s0.5" / "point.json").read_text())["metrics"]
+    assert kept[0].metrics == json.loads((out / "c15-periodic-s0.5" / "point.json").read_text())["metrics"]
     # another seed makes other points
     other = run_sweep(
         ARM,
-        load_and_check(RunOptions(ARM, (*SCRIPTED, "seed=2"))),
+        prepare_run(RunOptions(ARM, (*SCRIPTED, "seed=2"))).deployment,
         spec,
         out,
         resume=True,
@@ -296,9 +314,9 @@ def test_a_sweep_goes_on_where_it_was_killed(
 @pytest.mark.processes
 def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, dict[str, Any]]) -> None:
     out, _ = small_sweep
-    folder = out / "c15-clock-s0.5"
+    folder = out / "c15-periodic-s0.5"
     names = ["body", "cells0", "cells1", "controller"]
-    deployment = load_and_check(RunOptions(ARM, SCRIPTED))
+    deployment = prepare_run(RunOptions(ARM, SCRIPTED)).deployment
     with pytest.raises(SkinnetError, match="did not form"):
         measure_point(deployment, StressSpec(warm_up_s=1000.0), folder, names)
 

@@ -472,7 +472,7 @@ def test_a_joint_slows_down_before_its_limit_and_may_come_back() -> None:
 def test_a_clamp_refuses_limits_that_are_none() -> None:
     for limits in (
         SafetyLimits(speed_rad_s=0.0),
-        SafetyLimits(max_joint_acceleration_rad_s2=math.nan),
+        SafetyLimits(acceleration_rad_s2=math.nan),
         SafetyLimits(ramp_ns=0),
     ):
         with pytest.raises(ValueError, match="positive and finite"):

@@ -14,10 +14,12 @@ import pytest
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 from skinnet.protocol.channels import Keys
 from skinnet.transport.in_memory import InMemoryHub
-from skinnet.transport.interface import Delivery, Query, Transport
-from skinnet.transport.loop_transport import ZenohTransport
+from skinnet.transport.interface import Delivery, PublicSession, Query, Reply
+from skinnet.transport.loop_transport import LoopTransport
 from skinnet.transport.mailbox import TaskMailbox, ThreadMailbox
-from skinnet.transport.queries import Reply, query
+from skinnet.transport.queries import query
+from skinnet.transport.zenoh_loop import join_loop, listen_for_loop
+from skinnet.transport.zenoh_session import ZenohSession
 
 KEYS = Keys("bot")
 LONG_S = 30.0
@@ -29,22 +31,22 @@ class Star:
 
     def __init__(self, kind: str, endpoint: str) -> None:
         self._kind, self._endpoint = kind, endpoint
-        self._memory = InMemoryHub()
-        self.members: dict[str, Transport] = {}
+        self._memory = InMemoryHub(KEYS)
+        self.members: dict[str, LoopTransport] = {}
 
-    def join(self, name: str) -> Transport:
-        member: Transport
+    def join(self, name: str) -> LoopTransport:
+        member: LoopTransport
         if self._kind == "memory":
             member = self._memory.connect(name)
         elif not self.members:
-            member = ZenohTransport(KEYS, name, listen=self._endpoint)
+            member = listen_for_loop(KEYS, name, self._endpoint)
         else:
-            member = ZenohTransport(KEYS, name, connect=self._endpoint)
+            member = join_loop(KEYS, name, self._endpoint)
         member.enable_recording(1)
         self.members[name] = member
         return member
 
-    async def gather(self, *names: str) -> list[Transport]:
+    async def gather(self, *names: str) -> list[LoopTransport]:
         """Members that hear all that each of them puts; as in a run, subscriptions come before the token."""
         for name in names:
             member = self.join(name)
@@ -56,7 +58,7 @@ class Star:
     async def agree(self, step: str) -> dict[str, list[Delivery]]:
         """Everybody knows what each has declared and has heard what each has put before; returns that."""
         for name, member in self.members.items():
-            member.declare_token(KEYS.liveliness(step, name))
+            member.session.declare_token(KEYS.liveliness(step, name))
         tokens = {KEYS.liveliness(step, name) for name in self.members}
         heard = {name: await self._until(name, tokens) for name in self.members}
         for name, member in self.members.items():
@@ -98,7 +100,7 @@ def key(word: str) -> str:
     return KEYS.of("period_end", word)
 
 
-async def hear(transport: Transport, n: int) -> list[Delivery]:
+async def hear(transport: LoopTransport, n: int) -> list[Delivery]:
     """Deliveries until there are `n`."""
     heard: list[Delivery] = []
     while len(heard) < n:
@@ -143,7 +145,7 @@ async def test_a_sender_knows_whether_it_is_heard(star: Star) -> None:
     until_it_is(body, world, False)
 
 
-def until_it_is(member: Transport, asked: str, wanted: bool) -> None:
+def until_it_is(member: LoopTransport, asked: str, wanted: bool) -> None:
     """Returns when `member` is heard, or is not: the news may take its time, and another thread."""
     deadline_s = time.monotonic() + LONG_S
     while member.has_subscribers(asked) != wanted:
@@ -222,12 +224,12 @@ async def test_what_is_put_is_overheard_and_what_is_told_is_tapped(star: Star) -
 
     undo = (
         hub.declare_loop_subscriber(key("p"), note(overheard)),
-        hub.declare_subscriber(key("p"), note(tapped)),
+        hub.session.declare_subscriber(key("p"), note(tapped)),
     )
     for step in ("listen", "go on"):
         await star.agree(step)
         for _ in range(2):
-            a.publish_best_effort(key("p"), b"told")
+            a.session.put(key("p"), b"told")
             a.put(key("p"), b"put")
         a.flush()
         heard = await star.agree(f"after {step}")
@@ -244,12 +246,12 @@ async def test_what_is_put_is_overheard_and_what_is_told_is_tapped(star: Star) -
 
 async def test_liveliness_tells_who_was_there_who_comes_and_who_goes(star: Star) -> None:
     hub = star.join("hub")
-    hub.declare_token(KEYS.liveliness("body", "hub"))
+    hub.session.declare_token(KEYS.liveliness("body", "hub"))
     a = star.join("a")
     a.subscribe_liveliness(KEYS.liveliness("*", "*"))
     assert await hear(a, 1) == [Delivery(KEYS.liveliness("body", "hub"), b"")]
     hub.subscribe_liveliness(KEYS.liveliness("cells", "*"))
-    a.declare_token(KEYS.liveliness("cells", "a"))
+    a.session.declare_token(KEYS.liveliness("cells", "a"))
     assert await hear(hub, 1) == [Delivery(KEYS.liveliness("cells", "a"), b"")]
     assert await hear(a, 1) == [Delivery(KEYS.liveliness("cells", "a"), b"")]
     star.leave("a")
@@ -261,30 +263,58 @@ async def test_who_is_there_can_be_asked_and_is_told(star: Star) -> None:
     hub, a = await star.gather("hub", "a")
     changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
     tokens = {name: KEYS.name_claim("one", name) for name in ("hub", "a", "b")}
-    hub.declare_token(tokens["hub"])
-    a.declare_token(tokens["a"])
+    hub.session.declare_token(tokens["hub"])
+    a.session.declare_token(tokens["a"])
     await star.agree("claimed")
     for member in (hub, a):
-        assert member.liveliness_tokens(KEYS.name_claim("one", "*")) == {tokens["hub"], tokens["a"]}
-        assert member.liveliness_tokens(tokens["a"]) == {tokens["a"]}
-        assert member.liveliness_tokens(KEYS.name_claim("other", "*")) == frozenset()
-    hub.declare_liveliness_subscriber(
+        assert member.session.liveliness_tokens(KEYS.name_claim("one", "*")) == {tokens["hub"], tokens["a"]}
+        assert member.session.liveliness_tokens(tokens["a"]) == {tokens["a"]}
+        assert member.session.liveliness_tokens(KEYS.name_claim("other", "*")) == frozenset()
+    hub.session.declare_liveliness_subscriber(
         KEYS.name_claim("one", "*"), lambda key, there: changes.put((key, there))
     )
     assert {changes.get(timeout=LONG_S) for _ in range(2)} == {(tokens["hub"], True), (tokens["a"], True)}
-    star.join("b").declare_token(tokens["b"])
+    star.join("b").session.declare_token(tokens["b"])
     assert changes.get(timeout=LONG_S) == (tokens["b"], True)
     star.leave("b")
     assert changes.get(timeout=LONG_S) == (tokens["b"], False)
-    assert hub.liveliness_tokens(KEYS.name_claim("one", "*")) == {tokens["hub"], tokens["a"]}
+    assert hub.session.liveliness_tokens(KEYS.name_claim("one", "*")) == {tokens["hub"], tokens["a"]}
+
+
+async def test_what_is_undeclared_is_gone_and_may_be_undeclared_again(star: Star) -> None:
+    hub, a = await star.gather("hub", "a")
+    changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
+    first, second = KEYS.name_claim("one", "a"), KEYS.name_claim("two", "a")
+    watched = KEYS.prefix + "claim/**"
+    stop = hub.session.declare_liveliness_subscriber(watched, lambda key, there: changes.put((key, there)))
+    withdraw = a.session.declare_token(first)
+    assert changes.get(timeout=LONG_S) == (first, True)
+    for _ in range(2):
+        withdraw()
+    assert changes.get(timeout=LONG_S) == (first, False)
+    assert hub.session.liveliness_tokens(watched) == frozenset()
+    for _ in range(2):
+        stop()
+    a.session.declare_token(second)
+    await star.agree("claimed")
+    assert changes.empty()
+    assert hub.session.liveliness_tokens(watched) == {second}
+
+
+def test_a_session_in_memory_has_the_interface_and_nothing_else() -> None:
+    def public(of: object) -> set[str]:
+        return {name for name in dir(of) if not name.startswith("_")}
+
+    assert public(InMemoryHub(KEYS).connect("a").session) == public(PublicSession)
+    assert public(ZenohSession) > public(PublicSession)
 
 
 async def test_more_tokens_than_zenohs_own_handler_takes(star: Star) -> None:
     hub, a = await star.gather("hub", "a")
     for number in range(300):
-        hub.declare_token(KEYS.name_claim("one", str(number)))
+        hub.session.declare_token(KEYS.name_claim("one", str(number)))
     await star.agree("claimed")
-    assert len(a.liveliness_tokens(KEYS.name_claim("one", "*"))) == 300
+    assert len(a.session.liveliness_tokens(KEYS.name_claim("one", "*"))) == 300
 
 
 async def test_last_words_arrive(star: Star) -> None:
@@ -398,7 +428,7 @@ async def test_what_another_thread_posts_wakes_the_reader() -> None:
 
 def test_an_endpoint_that_is_none_is_named() -> None:
     with pytest.raises(SkinnetError, match="cannot listen on nonsense"):
-        ZenohTransport(KEYS, "hub", listen="nonsense")
+        ZenohSession.open_hub("nonsense")
     with pytest.raises(UnreachableError, match="nonsense: no Zenoh endpoint"):
         query("nonsense", "a", b"", LONG_S)
 
@@ -410,7 +440,7 @@ def test_an_endpoint_where_nobody_is(endpoint: str) -> None:
 
 def test_questions_are_answered_when_the_answer_is_known(endpoint: str) -> None:
     """Out of their order, by another thread than asked, with payloads, errors, or by others."""
-    hub = ZenohTransport(KEYS, "hub", listen=endpoint)
+    hub = ZenohSession.open_hub(endpoint)
     asked: dict[bytes, Query] = {}
     all_there = threading.Semaphore(0)
     go = KEYS.of("request", "go")
@@ -461,28 +491,28 @@ def test_a_taken_port_is_named() -> None:
         holder.listen()
         taken = f"tcp/127.0.0.1:{holder.getsockname()[1]}"
         with pytest.raises(PortInUseError, match=taken):
-            ZenohTransport(KEYS, "hub", listen=taken)
+            ZenohSession.open_hub(taken)
 
 
 async def test_an_envelope_that_cannot_be_opened_is_counted(endpoint: str) -> None:
-    hub = ZenohTransport(KEYS, "hub", listen=endpoint)
+    hub = listen_for_loop(KEYS, "hub", endpoint)
     try:
         hub.subscribe([key("*")], ["hub"])
-        hub.publish_best_effort(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
+        hub.session.put(f"{KEYS.prefix}loop/hub/controller", b"no envelope")
         hub.put(key("x"), b"1")
         hub.flush()
         assert await hear(hub, 1) == [Delivery(key("x"), b"1")]
-        assert hub.malformed_batches == 1
+        assert hub.statistics.malformed_batches == 1
     finally:
         hub.close()
 
 
 async def test_every_envelope_is_weighed_and_timed(endpoint: str) -> None:
-    hub = ZenohTransport(KEYS, "hub", listen=endpoint)
-    a = ZenohTransport(KEYS, "a", connect=endpoint)
+    hub = listen_for_loop(KEYS, "hub", endpoint)
+    a = join_loop(KEYS, "a", endpoint)
     try:
         hub.subscribe([key("*")], ["a"])
-        hub.declare_token(KEYS.liveliness("here", "hub"))
+        hub.session.declare_token(KEYS.liveliness("here", "hub"))
         a.subscribe_liveliness(KEYS.liveliness("*", "*"))  # its coming follows the hub's subscription
         assert await hear(a, 1) == [Delivery(KEYS.liveliness("here", "hub"), b"")]
         for n in range(1, 6):
@@ -490,9 +520,9 @@ async def test_every_envelope_is_weighed_and_timed(endpoint: str) -> None:
                 a.put(key(f"x{i}"), bytes(n))
             a.flush()
         await hear(hub, 15)
-        assert hub.transit_histogram.sum() == 5
-        assert hub.received_bytes == a.sent_bytes > sum(n * n for n in range(1, 6))
-        assert hub.malformed_batches == a.received_bytes == 0
+        assert hub.statistics.transit_histogram.sum() == 5
+        assert hub.statistics.received_bytes == a.statistics.sent_bytes > sum(n * n for n in range(1, 6))
+        assert hub.statistics.malformed_batches == a.statistics.received_bytes == 0
     finally:
         a.close()
         hub.close()

@@ -13,12 +13,13 @@ from test_host_node import Host
 from test_transport import KEYS, LONG_S, Star, endpoint, star  # noqa: F401 -- fixtures
 
 from cells.networking.link_telemetry import LinkTelemetry
-from controller.capabilities import FORMING, describe_nursing, describe_program
+from controller.capabilities import describe_nursing, describe_program
 from controller.grasping import state_machine
 from controller.grasping.teach_and_grasp import request_arguments
 from controller.nursing import state_machine as nursing
 from skinnet.deployment import load
 from skinnet.protocol.messages import decode, unpack
+from skinnet.protocol.states import FORMING
 from skinnet.protocol.telemetry_messages import (
     LINK_INTO_CELL,
     LINK_ROW,
@@ -96,7 +97,7 @@ def test_a_report_needs_no_patch_of_its_own_wiring() -> None:
 
 async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None:  # noqa: F811
     hub, member = star.join("hub"), star.join("a")
-    wanted = member.matching_listener(LINKS)
+    wanted = member.session.matching_listener(LINKS)
 
     async def until(there: bool) -> None:
         async with asyncio.timeout(LONG_S):
@@ -104,7 +105,7 @@ async def test_an_audience_is_noticed_when_it_comes_and_goes(star: Star) -> None
                 await asyncio.to_thread(lambda: None)  # others have their turn
 
     await until(False)
-    undo = hub.declare_subscriber(LINKS, lambda _key, _payload: None)
+    undo = hub.session.declare_subscriber(LINKS, lambda _key, _payload: None)
     await until(True)
     undo()
     await until(False)

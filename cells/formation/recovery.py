@@ -41,7 +41,7 @@ class RecoveryLog:
     """
 
     def __init__(self, wiring: Wiring, driver: FormationDriver, undeliverable: NDArray[np.int64]) -> None:
-        """Start an empty log; `undeliverable` (g,) is the live `Deliveries.undeliverable`, by group."""
+        """Start an empty log; `undeliverable` (g,) is the live count of undeliverable packets, by group."""
         self.recoveries: list[Recovery] = []
         self._undeliverable = undeliverable
         self._counted = undeliverable.copy()

@@ -34,7 +34,7 @@ class SensorFaults:
 
     A drifting sensor adds an offset that grows linearly with time, quantised and clipped to its range. A
     stuck sensor repeats its first reading during the fault, or the value of its rule; stuck-at overrides
-    drift. A babbling-idiot cell sends spurious events. Dead cells are handled elsewhere (`outages_of`).
+    drift. A babbling-idiot cell sends spurious events. Dead cells are handled elsewhere.
     """
 
     def __init__(

@@ -5,7 +5,6 @@ reach the main PC before the period ends are published in one message, which is 
 """
 
 import hashlib
-from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +14,14 @@ from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import ProtocolError
-from skinnet.protocol.channels import Keys, Role
+from skinnet.protocol.channels import BODY, Keys
 from skinnet.protocol.messages import Config, decode, encode, unpack
 from skinnet.protocol.recorded_messages import Counters
 from skinnet.protocol.sheet_messages import Pressures, Regions
 from skinnet.runtime.loop import Put
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.wiring import WiredProcess, wiring_of
 from skinnet.skin.tactile_sheets import place_sheets
 
 __all__ = ["BoardProcess"]
@@ -32,22 +32,13 @@ _LATENCY_BINS = 100_001
 """Latency bins of 1 µs up to 0.1 s; the last bin holds all longer latencies."""
 
 
-class BoardProcess:
+class BoardProcess(WiredProcess):
     """Logical process of all boards of a robot and their network."""
 
-    role = Role.CELLS.value
-    follows_wall_clock = False
-
-    def __init__(self, deployment: Deployment, name: str) -> None:
-        self.name = name
+    def __init__(self, deployment: Deployment, name: str, *, recorded: bool = False) -> None:
+        super().__init__(wiring_of(deployment, name, recorded=recorded))
         keys = Keys(deployment.robot)
-        self.subscriptions = (keys.of("pressures"), keys.of("config", BOARD_PROCESS, "*"))
-        self._body = Upstream("body", "body", watermark_ns=-1)
-        self.upstreams = {"body": self._body}
-        self.senders = frozenset({"body"})
-        self.peers = frozenset({"body", "controller", *deployment.skin_processes()})
-        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
-        self.counters: Counter[str] = Counter()
+        self._body = self.upstreams[BODY]
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
         self._n_boards = len(sheets)
         self._pattern_requests: list[tuple[int, int]] = []
@@ -71,7 +62,7 @@ class BoardProcess:
     def needs(self) -> dict[str, int] | None:
         """Return the watermark [ns] that the next step needs: pressures up to the end of its period."""
         end_ns = self.due_ns()
-        return None if end_ns > self._end_ns else {"body": end_ns}
+        return None if end_ns > self._end_ns else {BODY: end_ns}
 
     def due_ns(self) -> int:
         """Return the end of the next period [ns]."""
@@ -87,7 +78,7 @@ class BoardProcess:
             self._accept_pattern_request(decode(payload, Config))
             return
         if channel != "pressures":
-            raise ProtocolError(f"a host of boards does not read {channel}")
+            raise ProtocolError(f"the board process does not read {channel}")
         pressures = decode(payload, Pressures)
         values = unpack(pressures.values, "<f4")
         if len(values) != self._n_elements:
@@ -101,7 +92,7 @@ class BoardProcess:
         if config.patch != BOARD_PROCESS or not 0 <= config.cell < self._n_boards:
             raise ProtocolError(f"config of board {config.cell}: there are boards 0 to {self._n_boards - 1}")
         if config.pattern_interval_scans is None or config.pattern_interval_scans < 0:
-            raise ProtocolError(f"config of board {config.cell}: give pattern_every, 0 or more frames")
+            raise ProtocolError(f"config of board {config.cell}: give pattern_interval_scans, 0 or more")
         self.counters["external_configs"] += 1
         self._pattern_requests.append((config.cell, config.pattern_interval_scans))
 
@@ -161,4 +152,4 @@ class BoardProcess:
             "pattern_t_ns": np.array([t_ns for t_ns, _ in self._kept_patterns], dtype=np.int64),
             "pattern_kpa": np.array([kpa for _, kpa in self._kept_patterns]).reshape(-1, self._n_elements),
         }
-        return ProcessResult(self.name, "boards", facts, arrays)
+        return ProcessResult(self.name, self.role, facts, arrays)

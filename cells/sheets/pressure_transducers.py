@@ -44,8 +44,8 @@ class PressureTransducers:
             spare_ns = spec.period_ns - sheet.n_elements * element_ns
             if spare_ns < 0:
                 raise DeploymentError(
-                    f"sheets.{sheet.name}: {sheet.n_elements} elements of {spec.pressure.element_read_us} µs each "
-                    f"take longer than the period of {spec.period_ms} ms; lower element_us"
+                    f"sheets.{sheet.name}: {sheet.n_elements} elements of {spec.pressure.element_read_us} µs "
+                    f"each take longer than the period of {spec.period_ms} ms; lower element_read_us"
                 )
             begin_ns = int(
                 uniform(stream_key(seed, sheet.name, StreamName.SAMPLING_PHASE), np.uint64(0)) * spare_ns

@@ -1,10 +1,10 @@
 """Contact regions of tactile sheets: segmentation, features, and tracking over frames.
 
-An element (taxel) is active from `activation_kpa` until it falls below `deactivation_kpa` (hysteresis thresholding). A region
-is a connected component of active elements. Its rim, inactive neighbours with a reading above zero, also
-counts for its force: several per cent for a cylinder. The force is the sum of pressure times area, the
-centre of pressure ξ the pressure-weighted mean of coordinates [R11, III]; area, peak and number of elements
-are those of the active elements. `matching` keeps the region's ID from frame to frame.
+An element (taxel) is active from `activation_kpa` until it falls below `deactivation_kpa` (hysteresis
+thresholding). A region is a connected component of active elements. Its rim, inactive neighbours with a
+reading above zero, also counts for its force: several per cent for a cylinder. The force is the sum of
+pressure times area, the centre of pressure ξ the pressure-weighted mean of coordinates [R11, III]; area, peak
+and number of elements are those of the active elements. `matching` keeps the region's ID from frame to frame.
 """
 
 from collections.abc import Sequence
@@ -57,7 +57,8 @@ class RegionTracker:
         """
         if spec.deactivation_kpa > spec.activation_kpa:
             raise DeploymentError(
-                f"regions.off_kpa = {spec.deactivation_kpa}: may not be above on_kpa = {spec.activation_kpa}"
+                f"regions.deactivation_kpa = {spec.deactivation_kpa}: may not be above "
+                f"activation_kpa = {spec.activation_kpa}"
             )
         boards = len(sheets)
         self._graph = _element_graph(sheets)

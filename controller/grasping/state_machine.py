@@ -6,6 +6,8 @@ that a state's row does not list causes no transition: it is ignored or, if it i
 
 from enum import Enum
 
+from skinnet.protocol.states import TeachAndGraspState as State
+
 __all__ = [
     "CARRYING_STATES",
     "GRASPING_STATES",
@@ -17,27 +19,6 @@ __all__ = [
     "mermaid_diagram",
     "next_state",
 ]
-
-
-class State(Enum):
-    """States of teaching and grasping; values are the names in deployments, messages and plots."""
-
-    IDLE = "idle"
-    GUIDE_FORCE = "guide_force"
-    GUIDE_PROXIMITY = "guide_proximity"
-    ATTEND = "attend"
-    REMEMBER = "remember"
-    GO = "go"
-    OPEN = "open"
-    APPROACH = "approach"
-    CONTACT = "contact"
-    LOAD = "load"
-    PULL = "pull"
-    HOLD = "hold"
-    SET_DOWN = "set_down"
-    RELEASE = "release"
-    SAFE = "safe"
-    ENDED = "ended"
 
 
 class Event(Enum):

@@ -196,7 +196,8 @@ class NursingProgram:
         if share >= self._spec.min_mobility:
             return None
         return Event.SINGULAR_POSTURE, (
-            f"the contacts can follow {share:.2f} of a shift in some direction, not {self._spec.min_mobility:g}"
+            f"the contacts can follow {share:.2f} of a shift in some direction, "
+            f"not {self._spec.min_mobility:g}"
         )
 
     def _check_reachable(self, names: tuple[str, ...], step: TrajectoryStep) -> tuple[Event, str] | None:

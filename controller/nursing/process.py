@@ -2,8 +2,6 @@
 
 import hashlib
 import time
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,12 +21,13 @@ from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import DeploymentError, ProtocolError
-from skinnet.protocol.channels import RECORDER, Keys, Role
+from skinnet.protocol.channels import BODY, Keys
 from skinnet.protocol.messages import FOREVER_NS, Command, ControllerState, Joints, Request, decode, encode
 from skinnet.protocol.sheet_messages import Regions
 from skinnet.runtime.loop import Put
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.wiring import WiredProcess, wiring_of
 from skinnet.skin.tactile_sheets import place_sheets
 
 __all__ = ["NursingProcess"]
@@ -38,40 +37,26 @@ _HOLD_AFTER_DONE_NS = 1_000_000_000
 """Time for which the object is still held after the program is done [ns]."""
 
 
-class NursingProcess:
+class NursingProcess(WiredProcess):
     """Nursing controller, stepped once per control period on joint feedback and delivered board frames."""
 
-    role = Role.CONTROLLER.value
-    follows_wall_clock = False
-
-    def __init__(self, deployment: Deployment, name: str, base: Path) -> None:
+    def __init__(self, deployment: Deployment, name: str, base: Path, *, recorded: bool = False) -> None:
         """Build the nursing program of `deployment` on the controller's own model of the robot.
 
         Raises:
             DeploymentError: the program does not match the robot.
         """
         assert deployment.nursing is not None
-        self.name = name
+        super().__init__(wiring_of(deployment, name, recorded=recorded))
         keys = Keys(deployment.robot)
-        self.subscriptions: tuple[str, ...] = (
-            keys.of("joints"),
-            keys.of("regions", "*"),
-            keys.of("request", "*"),
-        )
-        self._body = Upstream("body", "body", watermark_ns=-1)
-        self._boards = Upstream(BOARD_PROCESS, BOARD_PROCESS)
-        self.upstreams: Mapping[str, Upstream] = {"body": self._body, BOARD_PROCESS: self._boards}
-        self.senders = frozenset({"body", BOARD_PROCESS})
-        self.peers: frozenset[str] = frozenset({"body", name, *deployment.skin_processes()})
-        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
-        self.counters: Counter[str] = Counter()
+        self._body, self._boards = self.upstreams[BODY], self.upstreams[BOARD_PROCESS]
         self._state_key, self._command_key = keys.of("state"), keys.of("command")
         self._state_machine_key = keys.of("state_machine")
         control, spec = deployment.controller, deployment.nursing
         self._period_ns, self._delay_ns = control.period_ns, control.command_delay_ns
         self._hyperperiod_ns, self._max_ns = deployment.hyperperiod_ns, deployment.max_duration_ns
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
-        body = load_model(deployment.body, base, deployment.teacher.tip_radius_m, 0.0)
+        body = load_model(deployment, base, with_environment=False)
         self._board_input = BoardInput(sheets, merge_distance_m=spec.association_distance_m)
         try:
             self._program = NursingProgram(
@@ -109,7 +94,7 @@ class NursingProcess:
         """Return the watermarks due: joint feedback of this period, and board frames delivered before it."""
         if self._finished or self._t_ns >= self._max_ns:
             return None
-        return {"body": self._t_ns, BOARD_PROCESS: self._t_ns}
+        return {BODY: self._t_ns, BOARD_PROCESS: self._t_ns}
 
     def due_ns(self) -> int:
         """Return the time of the next control period [ns]."""
@@ -162,7 +147,7 @@ class NursingProcess:
             stage=said.state.value,
             end_ns=next_multiple(effect_ns, self._hyperperiod_ns) if self._finished else None,
         )
-        if RECORDER in self.peers:
+        if self.recorded:
             machine = () if t_ns else ((self._state_machine_key, encode(describe_nursing(0))),)
             news = (*self._requests.pending_answers, *machine)
             self._record.tick(put, self._state(t_ns), news, last=self._finished)

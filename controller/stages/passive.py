@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from controller.stages.timed import TimedStage
 from controller.touch.tactile_state import TactileState
 
-__all__ = ["ListenOnlyStage"]
+__all__ = ["PassiveStage"]
 
 
-class ListenOnlyStage(TimedStage):
+class PassiveStage(TimedStage):
     """Passive stage: collects skin data while the robot holds still."""
 
     gains = None

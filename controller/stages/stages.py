@@ -16,7 +16,7 @@ from controller.selforganisation.structural_exploration import (
     StructuralExplorationConfig,
 )
 from controller.stages.guidance import GuidanceStage
-from controller.stages.passive import ListenOnlyStage
+from controller.stages.passive import PassiveStage
 from controller.touch.posture import PoseTarget, PostureControl
 from controller.touch.tactile_state import TactileState
 from skinnet.deployment.controller.controller import ControllerSpec
@@ -204,7 +204,7 @@ def make_stage(
             return GuidanceStage(spec, control, self_model, n_cells, t_ns)
         case "passive":
             assert spec.duration_s is not None
-            return ListenOnlyStage(spec.duration_s, t_ns)
+            return PassiveStage(spec.duration_s, t_ns)
         case "teach_and_grasp":
             return TeachAndGrasp(
                 control, self_model, memory, _map_config(control.map), tactile_state, n_dofs, n_cells, t_ns

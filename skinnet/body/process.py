@@ -17,39 +17,35 @@ from skinnet.body.simulation import BodySimulation
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
-from skinnet.protocol.channels import RECORDER, Keys, Role
+from skinnet.protocol.channels import CONTROLLER, Keys
 from skinnet.protocol.messages import Command, Joints, Stimulus, decode, encode
 from skinnet.protocol.recorded_messages import FreeBodyPoses
 from skinnet.protocol.sheet_messages import Pressures
 from skinnet.runtime.loop import Put
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.wiring import WiredProcess, wiring_of
 
 __all__ = ["BodyProcess", "build"]
 
 
-class BodyProcess:
+class BodyProcess(WiredProcess):
     """Logical process of the body: steps the plant from event to event (publications, command effects).
 
     A command is in effect from its `effect_ns` until the next one's. In lockstep the body waits for every
     command; in real time it continues with the newest one, and the loop counts a deadline miss.
     """
 
-    role = Role.BODY.value
     follows_wall_clock = True
 
-    def __init__(self, deployment: Deployment, name: str, plant: BodyWorld) -> None:
-        self.name = name
+    def __init__(
+        self, deployment: Deployment, name: str, plant: BodyWorld, *, recorded: bool = False
+    ) -> None:
+        super().__init__(wiring_of(deployment, name, recorded=recorded))
         keys = Keys(deployment.robot)
-        self.subscriptions = (keys.of("command"),)
         control = deployment.controller
-        self._controller = Upstream("controller", "controller", watermark_ns=control.command_delay_ns)
-        self.upstreams = {"controller": self._controller}
-        self.senders = frozenset({"controller"})
+        self._controller = self.upstreams[CONTROLLER]
         hosts = deployment.patches_by_process()
-        self.peers: frozenset[str] = frozenset({"body", "controller", *deployment.skin_processes()})
-        self.tolerated_losses = frozenset(deployment.run.tolerated_losses)
-        self.counters: Counter[str] = Counter()
         self._plant = plant
         self._stimulus_ns, self._joints_ns = (
             deployment.body.stimulus_period_ns,
@@ -92,7 +88,7 @@ class BodyProcess:
         """Required watermark [ns] of the controller for the next step; None at the end of the run."""
         if self._plant.t_ns >= self._end_ns:
             return None
-        return {"controller": self.due_ns()}
+        return {CONTROLLER: self.due_ns()}
 
     def due_ns(self) -> int:
         """Time [ns] of the next event: a publication, a command's effect, or the end of the run."""
@@ -170,7 +166,7 @@ class BodyProcess:
                 put(self._pressures_key, encode(pressures))
                 self._digest.update(values)
         if t_ns % self._joints_ns == 0:
-            if RECORDER in self.peers or self._has_subscribers(self._free_bodies_key):
+            if self.recorded or self._has_subscribers(self._free_bodies_key):
                 poses = self._plant.free_bodies()
                 if poses:
                     put(
@@ -215,12 +211,14 @@ def _no_subscribers(_key: str) -> bool:
     return False
 
 
-def build(deployment: Deployment, name: str, base_dir: Path, out_dir: Path | None) -> BodyProcess:
+def build(
+    deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
+) -> BodyProcess:
     """Build the body process of `deployment`: scripted if it has a script, else simulated."""
     body = (
-        BodySimulation(deployment, base_dir)
+        BodySimulation(deployment, base)
         if deployment.scripted_stimuli is None
-        else ScriptedBody(deployment, base_dir)
+        else ScriptedBody(deployment, base)
     )
     body.stimulus()  # warm-up: compiles before others wait; no side effect on the state
-    return BodyProcess(deployment, name, body)
+    return BodyProcess(deployment, name, body, recorded=recorded)

@@ -115,8 +115,8 @@ class Deployment(Table, frozen=True, kw_only=True):
             order = {patch: i for i, patch in enumerate(itertools.chain(*groups))}
             place = len(order)
             return {
-                host: tuple(sorted(patches, key=lambda patch: order.get(patch, place)))
-                for host, patches in self.cell_processes.items()
+                process: tuple(sorted(patches, key=lambda patch: order.get(patch, place)))
+                for process, patches in self.cell_processes.items()
             }
         count = (
             len(groups) if self.cell_processes == "per_patch" else min(int(self.cell_processes), len(groups))

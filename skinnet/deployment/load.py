@@ -1,7 +1,6 @@
 """Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
 import copy
-import logging
 import re
 import tomllib
 from collections.abc import Callable
@@ -15,11 +14,10 @@ from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of,
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
+from skinnet.migration.renaming import remark_old_format
 from skinnet.suggestions import known_names
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]
-
-log = logging.getLogger(__name__)
 
 _LEADING_KEY = re.compile(r"[\w.\[\]\-]+")
 
@@ -50,12 +48,7 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
 def _log_old_formats(layers: tuple[Layer, ...]) -> None:
     for layer in layers:
         if layer.n_renamed:
-            log.warning(
-                "%s: %d names of an earlier format are read by their new names; "
-                "skinnet migrate rewrites the file",
-                layer.path,
-                layer.n_renamed,
-            )
+            remark_old_format(layer.path, "deployment")
 
 
 def from_document(raw: dict[str, Any], source: str) -> Deployment:
@@ -146,7 +139,7 @@ def _entry_index(node: list[Any], step: str, override: str) -> int:
         return names.index(step)
     if step.isdecimal() and int(step) < len(node):
         return int(step)
-    known = [name for name in names if name] or [f"0 to {len(node) - 1}"]
+    known = [str(name) for name in names if name] or [f"0 to {len(node) - 1}"]
     raise DeploymentError(f"--set {override}: no entry {step}; {known_names(step, known)}")
 
 

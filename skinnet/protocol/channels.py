@@ -29,7 +29,9 @@ from skinnet.protocol.telemetry_messages import LinkLoad, ProcessLoad, StateMach
 
 __all__ = [
     "ALIVE",
+    "BODY",
     "CHANNELS",
+    "CONTROLLER",
     "DEPLOYMENT",
     "EXTERNAL",
     "OBSERVERS",
@@ -46,6 +48,7 @@ class Role(Enum):
 
     BODY = "body"
     CELLS = "cells"
+    BOARDS = "boards"
     CONTROLLER = "controller"
     LAUNCHER = "launcher"
     RECORDER = "recorder"
@@ -89,7 +92,7 @@ CHANNELS = (
     Channel(
         "stimulus", "body/stimulus/<process>", Stimulus, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH
     ),
-    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.CELLS,), "stimulus", **_GROUND_TRUTH),
+    Channel("pressures", "body/pressures", Pressures, Role.BODY, (Role.BOARDS,), "stimulus", **_GROUND_TRUTH),
     Channel("free_bodies", "body/free_bodies", FreeBodyPoses, Role.BODY, (), "joints"),
     Channel("joints", "body/joints", Joints, Role.BODY, (Role.CONTROLLER,), "joints"),
     Channel("command", "body/command", Command, Role.CONTROLLER, (Role.BODY,), "control"),
@@ -97,9 +100,16 @@ CHANNELS = (
     Channel("bundle", "skin/<patch>/events", Events, Role.CELLS, (Role.CONTROLLER,), "on change"),
     Channel("stream", "skin/<patch>/stream", Stream, Role.CELLS, (Role.CONTROLLER,), "on request"),
     Channel("period_end", "skin/<patch>/period_end", PeriodEnd, Role.CELLS, (Role.CONTROLLER,), "cells"),
-    Channel("regions", "skin/<network>/regions", Regions, Role.CELLS, (Role.CONTROLLER,), "boards"),
+    Channel("regions", "skin/<network>/regions", Regions, Role.BOARDS, (Role.CONTROLLER,), "boards"),
     Channel("topology", "skin/<patch>/topology", Topology, Role.CELLS, (Role.CONTROLLER,), "on change"),
-    Channel("config", "skin/<patch>/<cell>/config", Config, Role.CONTROLLER, (Role.CELLS,), "on change"),
+    Channel(
+        "config",
+        "skin/<patch>/<cell>/config",
+        Config,
+        Role.CONTROLLER,
+        (Role.CELLS, Role.BOARDS),
+        "on change",
+    ),
     Channel("request", "controller/request/<name>", Request, None, (Role.CONTROLLER,), "on request"),
     Channel("velocity", "controller/velocity", ExternalVelocity, None, (Role.CONTROLLER,), "aperiodic"),
     Channel("answer", "controller/answer", Answer, Role.CONTROLLER, (), "on request", best_effort=True),
@@ -135,8 +145,8 @@ DEPLOYMENT = "skinnet/*/deployment"
 """Key expression that an observer endpoint answers with its deployment, for any robot."""
 EXTERNAL = "external"
 """Sender name of external clients in the loop: configurations, requests to the controller, velocities."""
-RECORDER = "recorder"
-"""Process name of the recorder."""
+BODY, CONTROLLER, RECORDER = "body", "controller", "recorder"
+"""Process names of the body, the controller and the recorder; those of the skin are the deployment's."""
 OBSERVERS = "observers"
 """Route group of channels without receivers in the loop; put only if an observer subscribes."""
 _MAX_CACHED_KEYS = 100_000
@@ -173,13 +183,13 @@ class Keys:
 
     def route_group(self, key: str) -> str:
         """Return the route group of a key or expression: its receivers, whose messages share a batch."""
-        lane = self._route_groups.get(key)
-        if lane is None:
+        group = self._route_groups.get(key)
+        if group is None:
             row = self.parse(key)[0]
-            lane = "-".join(role.value for role in row.receivers) or OBSERVERS
+            group = "-".join(role.value for role in row.receivers) or OBSERVERS
             if len(self._route_groups) < _MAX_CACHED_KEYS:
-                self._route_groups[key] = lane
-        return lane
+                self._route_groups[key] = group
+        return group
 
     def liveliness(self, role: Role | str, name: str) -> str:
         """Build the key of a liveliness token; "*" stands for any."""

@@ -16,7 +16,7 @@ class ExternalVelocity(Message, frozen=True, kw_only=True, tag="velocity"):
 
 
 class DeploymentInfo(Message, frozen=True, kw_only=True, tag="deployment_info"):
-    """Deployment of a run as JSON, as in its run folder; its relative paths start from folder `base_folder`."""
+    """Deployment of a run as JSON, as in its run folder; its relative paths start from `base_folder`."""
 
     deployment: str
     base_folder: str

@@ -3,8 +3,8 @@
 Every message is a map that names its type and its schema version, so that any MessagePack decoder reads it.
 New fields come last, with a default. Bulk numbers are little-endian bytes of the stated type.
 
-Time: `t_ns` is simulated time. A period end carries the watermark `watermark_ns`: its sender publishes nothing
-more about the time before it (the lower bound on time stamps of conservative synchronisation,
+Time: `t_ns` is simulated time. A period end carries the watermark `watermark_ns`: its sender publishes
+nothing more about the time before it (the lower bound on time stamps of conservative synchronisation,
 Chandy-Misra-Bryant).
 """
 
@@ -125,8 +125,8 @@ class Joints(Message, frozen=True, kw_only=True, tag="joints"):
 class Command(Message, frozen=True, kw_only=True, tag="command"):
     """Joint velocity command [rad/s] computed at `t_ns`, in effect from `effect_ns` until that of the next.
 
-    `config_counts` counts the configuration messages sent in this period, by patch. `end_ns`, if given, ends the
-    run.
+    `config_counts` counts the configuration messages sent in this period, by patch. `end_ns`, if given, ends
+    the run.
     """
 
     t_ns: int
@@ -202,8 +202,8 @@ class Topology(Message, frozen=True, kw_only=True, tag="topology"):
     """Network topology of a patch, as discovered by its cells: lists over its cells.
 
     `network_id` 0 means unreached; `parent` −1 is the gateway, or a cell of another patch; `neighbours` are
-    cells, by port, −1 for an open port. `bridged_neighbours` has (cell, port, cell index across all bridged patches) of
-    every neighbour in another patch. A new version replaces the one before.
+    cells, by port, −1 for an open port. `bridged_neighbours` has (cell, port, cell index across all bridged
+    patches) of every neighbour in another patch. A new version replaces the one before.
     """
 
     patch: str
@@ -230,7 +230,7 @@ class Request(Message, frozen=True, kw_only=True, tag="request"):
 
 
 class Answer(Message, frozen=True, kw_only=True, tag="answer"):
-    """Answer to request `id` at control tick `t_ns`: the state after it and, if refused, the reason `reason`."""
+    """Answer to request `id` at control tick `t_ns`: the state after it and, if refused, the `reason`."""
 
     id: int
     t_ns: int

@@ -24,9 +24,9 @@ REGION_ROW = np.dtype(
 )
 """Contact region in one scan frame of a board: 44 bytes, no padding.
 
-`number` is the region id, from 1, constant over its lifetime. In the first frame of a region that split off,
-`kin` is the id of the region that it split from. A region that ends has one last row with 0 `elements`; there
-`kin` is the id of the region that it merged into. Otherwise `kin` is 0.
+`region_id` counts from 1 and is constant over the lifetime of the region. In the first frame of a region that
+split off, `lineage_id` is the id of the region that it split from. A region that ends has one last row with 0
+`n_elements`; there `lineage_id` is the id of the region that it merged into. Otherwise `lineage_id` is 0.
 """
 
 SCAN_FRAME_ROW = np.dtype(

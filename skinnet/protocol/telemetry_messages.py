@@ -33,7 +33,7 @@ out of the cell's port. `queue_high_water` is the largest number of packets queu
 
 
 class LinkLoad(Message, frozen=True, kw_only=True, tag="link_load"):
-    """Link load of a patch up to `t_ns`: bytes of `LINK_ROW`; `unpowered_cells` lists its cells without power."""
+    """Link load of a patch up to `t_ns`: bytes of `LINK_ROW`, and its cells without power."""
 
     patch: str
     t_ns: int

@@ -10,26 +10,24 @@ from typing import Any
 
 import msgspec
 
-from skinnet.protocol.channels import CHANNELS, Channel, Keys
+from skinnet.migration.recordings import FORMAT
+from skinnet.protocol.channels import CHANNELS, Channel
 from skinnet.protocol.messages import Message
 
 __all__ = [
     "DEPLOYMENT_ATTACHMENT",
     "FILE_NAME",
-    "FORMAT_VERSION",
+    "FORMAT",
     "MEMORY_PREFIX",
     "MESSAGE_ENCODING",
     "METADATA_NAME",
     "PROFILE",
     "SCHEMA_ENCODING",
     "json_schema",
-    "key_expression",
     "recorded_channels",
     "schema_name",
 ]
 
-FORMAT_VERSION = 1
-"""Format version; a reader accepts versions up to its own."""
 PROFILE = "skinnet"
 FILE_NAME = "run.mcap"
 """Recording's file name in the run folder."""
@@ -45,11 +43,6 @@ MEMORY_PREFIX = "memory/"
 def recorded_channels() -> tuple[Channel, ...]:
     """Recorded rows of the channel table."""
     return tuple(row for row in CHANNELS if row.recorded)
-
-
-def key_expression(keys: Keys, row: Channel) -> str:
-    """Key expression that matches all messages of a channel."""
-    return keys.of(row.name, *["*"] * row.pattern.count("<"))
 
 
 def schema_name(kind: type[Message]) -> str:

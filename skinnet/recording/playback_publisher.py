@@ -9,11 +9,11 @@ from typing import NamedTuple
 import msgspec
 
 from skinnet.clock import NS_PER_S
-from skinnet.protocol.channels import EXTERNAL, Keys
+from skinnet.protocol.channels import Keys
 from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.protocol.messages import encode
 from skinnet.recording.reader import RecordedMessage, Recording
-from skinnet.transport.loop_transport import ZenohTransport
+from skinnet.transport.zenoh_session import ZenohSession
 
 __all__ = ["PlaybackOptions", "PlaybackSchedule", "publish_recording"]
 
@@ -96,7 +96,7 @@ def publish_recording(
         recording: Recording to play.
         options: Range and rate.
         listen: Endpoint to listen on.
-        base_folder: Folder that relative paths in the deployment start from, as reported to observers.
+        base: Folder that relative paths in the deployment start from, as reported to observers.
         wait_for_subscriber: Start when the first observer has subscribed.
         log: Called with each line for the user.
 
@@ -106,32 +106,30 @@ def publish_recording(
     """
     keys = Keys(recording.robot)
     playback = PlaybackSchedule(recording, options)
-    transport = ZenohTransport(keys, EXTERNAL, listen=listen)
+    session = ZenohSession.open_hub(listen)
     try:
         text = msgspec.json.encode(recording.deployment_dict).decode()
         deployed = {keys.deployment: encode(DeploymentInfo(deployment=text, base_folder=str(base)))}
-        transport.serve_values(keys.deployment, lambda: deployed)
+        session.declare_queryable(keys.deployment, lambda query: query.reply_values(deployed))
         for expression in (keys.of("topology", "*"), keys.of("state"), keys.of("state_machine")):
-            transport.serve_values(expression, playback.latched.copy)
+            session.declare_queryable(expression, lambda query: query.reply_values(playback.latched.copy()))
         somebody = threading.Event()
-        transport.declare_matching_listener(
-            f"{keys.prefix}**", lambda there: somebody.set() if there else None
-        )
+        session.declare_matching_listener(f"{keys.prefix}**", lambda there: somebody.set() if there else None)
         log(f"watch with any Zenoh client: connect to {listen}, subscribe to {keys.prefix}**")
         if wait_for_subscriber:
             somebody.wait()
-        return _play(playback, transport)
+        return _play(playback, session)
     finally:
-        transport.close()
+        session.close()
 
 
-def _play(playback: PlaybackSchedule, transport: ZenohTransport) -> int:
+def _play(playback: PlaybackSchedule, session: ZenohSession) -> int:
     begin_s = time.monotonic()
     count = 0
     for due_s, message in playback.scheduled_messages():
         early_s = begin_s + due_s - time.monotonic()
         if early_s > _MIN_WAIT_S:
             time.sleep(early_s)
-        transport.publish_best_effort(message.key, message.payload)
+        session.put(message.key, message.payload)
         count += 1
     return count

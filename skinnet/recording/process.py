@@ -8,8 +8,7 @@ on how the run was spread over processes.
 
 import os
 from bisect import bisect_left
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,16 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import ProtocolError
 from skinnet.network.faults.fault_schedule import fault_schedule
-from skinnet.protocol.channels import EXTERNAL, Keys, Role
+from skinnet.protocol.channels import BODY, CONTROLLER, EXTERNAL, Keys
 from skinnet.protocol.messages import FOREVER_NS, encode
 from skinnet.protocol.recorded_messages import FaultEvent
-from skinnet.recording.format import FILE_NAME, key_expression, recorded_channels
+from skinnet.recording.format import FILE_NAME, recorded_channels
 from skinnet.recording.foxglove import FoxgloveConverter
 from skinnet.recording.writer import RecordingWriter
 from skinnet.runtime.loop import Put
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.wiring import WiredProcess, wiring_of
 from skinnet.skin.placement import place_patches
 
 __all__ = ["RecorderProcess", "build"]
@@ -41,15 +41,15 @@ _OTHER_CHANNELS = [
 _CHANNEL_ORDER = ("topology", *_OTHER_CHANNELS, *_PERIOD_END_CHANNELS)
 """Channel order at equal time and source; channels that end a period come last."""
 _CHANNEL_RANK = {name: i for i, name in enumerate(_CHANNEL_ORDER)}
-_SENDER_OF = {"free_bodies": "body", "state": "controller", "state_machine": "controller"}
+_SENDER_OF = {"free_bodies": BODY, "state": CONTROLLER, "state_machine": CONTROLLER}
 
 
 class _MessageHeader(msgspec.Struct):
     """Message fields that the recorder needs; all others are skipped in decoding."""
 
     t_ns: int = 0
-    covered_ns: int = 0
-    events: int = 0
+    watermark_ns: int = 0
+    n_events: int = 0
     id: int = 0
     end_ns: int | None = None
 
@@ -70,47 +70,19 @@ The sort order of these tuples is the order of the file.
 """
 
 
-class RecorderProcess:
+class RecorderProcess(WiredProcess):
     """Recorder as a logical process; others wait only for its start and for room in its queue."""
-
-    role = Role.RECORDER.value
-    follows_wall_clock = False
 
     def __init__(
         self, deployment: Deployment, name: str, writer: RecordingWriter, conversion: FoxgloveConverter
     ) -> None:
-        self.name = name
+        super().__init__(wiring_of(deployment, name))
         keys = Keys(deployment.robot)
-        self.subscriptions = tuple(
-            key_expression(keys, row) for row in recorded_channels() if row.sender is not Role.RECORDER
-        )
-        hosts = deployment.patches_by_process()
-        self._body = Upstream("body", "body", watermark_ns=-1)
-        self._controller = Upstream("controller", "controller")
-        self._skin = {patch: Upstream(patch, host) for host, patches in hosts.items() for patch in patches}
-        if deployment.sheets:
-            self._skin[BOARD_PROCESS] = Upstream(BOARD_PROCESS, BOARD_PROCESS)
-        self.upstreams: Mapping[str, Upstream] = {
-            "body": self._body,
-            "controller": self._controller,
-            **self._skin,
-        }
-        others = {"body", "controller", *deployment.skin_processes()}
-        self.senders = frozenset(others)
-        self.peers: frozenset[str] = frozenset({name, *others})
-        # it tolerates every loss: a process that does not ends the run, and the file shows how far it came
-        self.tolerated_losses = frozenset(others)
-        self.counters: Counter[str] = Counter()
+        self._skin = dict(self.upstreams)
+        self._body, self._controller = self._skin.pop(BODY), self._skin.pop(CONTROLLER)
         patches = [patch.name for patch in deployment.patches]
-        sources = [
-            EXTERNAL,
-            "body",
-            *patches,
-            BOARD_PROCESS,
-            *deployment.patches_by_process(),
-            "controller",
-            name,
-        ]
+        processes = deployment.patches_by_process()
+        sources = [EXTERNAL, BODY, *patches, BOARD_PROCESS, *processes, CONTROLLER, name]
         self._rank = {source: i for i, source in enumerate(sources)}
         self._writer, self._converter = writer, conversion
         self._span_ns = _HYPERPERIODS_PER_WRITE * deployment.hyperperiod_ns
@@ -144,7 +116,7 @@ class RecorderProcess:
             return None
         until_ns = self._span_end_ns()
         last = until_ns == self._end_ns
-        return dict.fromkeys(self.upstreams, until_ns) | {"body": until_ns + last}
+        return dict.fromkeys(self.upstreams, until_ns) | {BODY: until_ns + last}
 
     def due_ns(self) -> int:
         """End of the next span to be written [ns]."""
@@ -175,17 +147,17 @@ class RecorderProcess:
                 self._skin_upstream(fields[0]).count_arrivals()
                 self._events[fields[0]].append((channel, key, payload))
             case "joints":
-                self._enqueue(head.t_ns, "body", channel, key, payload)
+                self._enqueue(head.t_ns, BODY, channel, key, payload)
                 self._body.end_period(head.t_ns + self._joints_ns)
             case "command":
-                self._enqueue(head.t_ns, "controller", channel, key, payload)
+                self._enqueue(head.t_ns, CONTROLLER, channel, key, payload)
                 over = head.end_ns is not None
                 if head.end_ns is not None:
                     self._end_ns = min(self._end_ns, head.end_ns)
                 self._controller.end_period(FOREVER_NS if over else head.t_ns + self._control_ns)
             case "config":
                 # a configuration of an external client takes effect on arrival
-                source_name = "controller" if head.t_ns else EXTERNAL
+                source_name = CONTROLLER if head.t_ns else EXTERNAL
                 self._enqueue(head.t_ns or self._t_ns, source_name, channel, key, payload)
             case "request":
                 self._requests[head.id] = (key, payload)
@@ -193,7 +165,7 @@ class RecorderProcess:
                 asked = self._requests.pop(head.id, None)
                 if asked is not None:
                     self._enqueue(head.t_ns, EXTERNAL, "request", *asked)
-                self._enqueue(head.t_ns, "controller", channel, key, payload)
+                self._enqueue(head.t_ns, CONTROLLER, channel, key, payload)
             case "counters":
                 self._enqueue(head.t_ns, fields[0], channel, key, payload)
             case _:
@@ -215,7 +187,7 @@ class RecorderProcess:
             self._enqueue(head.t_ns, source, *event)
         self._events[source].clear()
         self._enqueue(head.t_ns, source, channel, key, payload)
-        upstream.end_period(head.covered_ns, head.events)
+        upstream.end_period(head.watermark_ns, head.n_events)
 
     def _skin_upstream(self, name: str) -> Upstream:
         upstream = self._skin.get(name)
@@ -313,7 +285,9 @@ def _fault_events(deployment: Deployment) -> Iterator[FaultEvent]:
                 )
 
 
-def build(deployment: Deployment, name: str, base: Path, out: Path | None) -> RecorderProcess:
+def build(
+    deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = True
+) -> RecorderProcess:
     """Build the recorder process, which writes into the run folder `out`."""
     assert out is not None, "a recorder without a run folder"
     writer = RecordingWriter(out / FILE_NAME, deployment, base)

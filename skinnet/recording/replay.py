@@ -19,7 +19,7 @@ from skinnet.protocol.messages import Command, decode
 from skinnet.recording.reader import Recording
 from skinnet.runtime.loop import LogicalProcess
 from skinnet.runtime.worker import build_process
-from skinnet.transport.interface import key_matches
+from skinnet.transport.key_expressions import key_matches
 
 __all__ = ["CommandDifference", "ReplayResult", "replay_into", "require_same_robot", "with_memory"]
 

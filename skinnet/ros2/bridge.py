@@ -23,8 +23,8 @@ from skinnet.ros2.message_builder import SUBSCRIBED_CHANNELS, RosMessageBuilder
 from skinnet.ros2.node import RosNode, RosPublisher
 from skinnet.ros2.qos import Durability, QosProfile, Reliability
 from skinnet.ros2.velocity_commands import VelocityCommandParser
-from skinnet.transport.public_session import PublicSession
-from skinnet.transport.queries import query_deployment
+from skinnet.transport.queries import query_deployment, query_values
+from skinnet.transport.zenoh_session import ZenohSession
 
 __all__ = ["NODE_NAME", "BridgeOptions", "bridge"]
 
@@ -90,12 +90,13 @@ def bridge(options: BridgeOptions, log: Log) -> dict[str, int]:
         SkinnetError: the run or the ROS 2 router is unreachable, or the run is of an unknown format.
     """
     with contextlib.ExitStack() as stack:
-        watch = PublicSession("client", options.endpoint)
+        watch = ZenohSession.open_client(options.endpoint)
         stack.callback(watch.close)
         deployment, told_base = query_deployment(watch, options.endpoint)
         if options.accept_velocities and not deployment.controller.external_velocity:
             raise SkinnetError(
-                "--control: the run takes no velocities; start it with --set controller.external_velocity=true"
+                "--control: the run takes no velocities; start it with "
+                "--set controller.external_velocity=true"
             )
         mirror = RosMessageBuilder(deployment, LinkKinematics(deployment, options.base or told_base))
         ros = _open_ros_session(options)
@@ -106,11 +107,11 @@ def bridge(options: BridgeOptions, log: Log) -> dict[str, int]:
         return _Bridge(options, mirror, node, watch, Keys(deployment.robot), log).run()
 
 
-def _open_ros_session(options: BridgeOptions) -> PublicSession:
+def _open_ros_session(options: BridgeOptions) -> ZenohSession:
     if options.listen is not None:
-        return PublicSession("router", options.listen)
+        return ZenohSession.open_router(options.listen)
     try:
-        return PublicSession("client", options.router)
+        return ZenohSession.open_client(options.router)
     except SkinnetError as error:
         hint = "start a router with ros2 run rmw_zenoh_cpp rmw_zenohd, or give --listen"
         raise SkinnetError(f"{error}; {hint}") from error
@@ -122,7 +123,7 @@ class _Bridge:
         options: BridgeOptions,
         messages: RosMessageBuilder,
         node: RosNode,
-        observer: PublicSession,
+        observer: ZenohSession,
         keys: Keys,
         log: Log,
     ) -> None:
@@ -144,7 +145,7 @@ class _Bridge:
             observer.declare_subscriber(
                 keys.of(name, *["*"] * channel(name).pattern.count("<")), self._enqueue
             )
-        for key, payload in observer.query(keys.of("topology", "*"), _QUERY_TIMEOUT_S).items():
+        for key, payload in query_values(observer, keys.of("topology", "*"), _QUERY_TIMEOUT_S).items():
             self._enqueue(key, payload)
         self._control = VelocityCommandParser(messages.n_dofs)
         self._velocity_key = keys.of("velocity")
@@ -204,7 +205,7 @@ class _Bridge:
             ignores_simulated_time,
         )
 
-    def _enqueue(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:
+    def _enqueue(self, key: str, payload: bytes) -> None:
         self._inbox.append((key, payload))
 
     def run(self) -> dict[str, int]:
@@ -237,7 +238,7 @@ class _Bridge:
         except ProtocolError as error:
             velocity = ExternalVelocity(velocity_rad_s=[0.0] * self._messages.n_dofs)
             self._refusal_queue.append(str(error))
-        self._observer.publish_best_effort(self._velocity_key, encode(velocity))
+        self._observer.put(self._velocity_key, encode(velocity))
 
     def _process_inbox(self) -> None:
         """Process the queued messages of the run."""

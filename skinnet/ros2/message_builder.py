@@ -13,6 +13,7 @@ from skinnet.errors import ProtocolError
 from skinnet.protocol.channels import Keys
 from skinnet.protocol.messages import ControllerState, Events, Joints, Stream, Topology, decode, unpack
 from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
+from skinnet.protocol.states import FORMING
 from skinnet.ros2 import conversion as convert
 from skinnet.ros2.cell_poses import CellPoses
 from skinnet.ros2.conversion import ComponentStatus, DiagnosticLevel
@@ -158,7 +159,7 @@ class RosMessageBuilder:
             return ComponentStatus(
                 "run", DiagnosticLevel.STALE, f"nothing heard for {silent_s:.0f} s", figures
             )
-        return ComponentStatus("run", DiagnosticLevel.OK, self._stage or "forming", figures)
+        return ComponentStatus("run", DiagnosticLevel.OK, self._stage or FORMING, figures)
 
     def _patch_status(self) -> Iterator[ComponentStatus]:
         for name, tally in self._readings.deliveries.items():

@@ -15,7 +15,7 @@ from skinnet.ros2.rmw_zenoh_keys import (
     dds_type_name,
     publisher_tokens_expression,
 )
-from skinnet.transport.public_session import OnSample, PublicSession, Publisher
+from skinnet.transport.zenoh_session import OnSample, Publisher, ZenohSession
 
 __all__ = ["RosNode", "RosPublisher"]
 
@@ -60,7 +60,7 @@ class RosNode:
         SkinnetError: the domain already has a node of this name.
     """
 
-    def __init__(self, session: PublicSession, domain: int, namespace: str, name: str) -> None:
+    def __init__(self, session: ZenohSession, domain: int, namespace: str, name: str) -> None:
         self._session = session
         self._node = NodeInfo(domain, session.zid, 0, namespace, name)
         self._n_endpoints = 0
@@ -86,7 +86,7 @@ class RosNode:
     def create_subscription(self, topic: str, type_name: str, qos: QosProfile, on_sample: OnSample) -> None:
         """Declare a subscription to `topic`; `on_sample` gets the encoded messages."""
         entity = self._new_entity(EntityType.SUBSCRIPTION, topic, type_name, qos)
-        self._session.declare_subscriber(entity.topic_key, on_sample)
+        self._session.declare_sample_subscriber(entity.topic_key, on_sample)
         self._session.declare_token(entity.liveliness_token)
 
     def on_publisher_liveliness(self, topic: str, on_change: Callable[[str, bool], None]) -> None:

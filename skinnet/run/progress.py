@@ -9,7 +9,7 @@ from rich.text import Text
 from skinnet.errors import ProtocolError
 from skinnet.protocol.channels import Keys
 from skinnet.protocol.messages import ControllerState, decode
-from skinnet.transport.interface import Transport
+from skinnet.transport.interface import PublicSession
 
 __all__ = ["ProgressDisplay"]
 
@@ -40,9 +40,9 @@ class ProgressDisplay:
         if self._live is not None:
             self._live.stop()
 
-    def subscribe(self, transport: Transport, keys: Keys) -> None:
+    def subscribe(self, session: PublicSession, keys: Keys) -> None:
         """Subscribe to the controller state and show each one."""
-        transport.declare_subscriber(keys.of("state"), self._on_state)
+        session.declare_subscriber(keys.of("state"), self._on_state)
 
     def print_line(self, text: str) -> None:
         """Print a line above the live one."""

@@ -18,7 +18,8 @@ from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
 from skinnet.protocol.channels import ALIVE, EXTERNAL, RECORDER, Keys
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
-from skinnet.transport.interface import Delivery, Transport
+from skinnet.transport.interface import Delivery, PublicSession
+from skinnet.transport.loop_transport import LoopTransport
 
 __all__ = ["Closeable", "LogicalProcess", "Put", "SubscriptionAware", "TelemetrySource", "run_loop"]
 
@@ -120,7 +121,9 @@ _LIVELINESS_GRACE_S = 0.2
 
 
 class _Loop:
-    def __init__(self, process: LogicalProcess, transport: Transport, keys: Keys, deadline_s: float) -> None:
+    def __init__(
+        self, process: LogicalProcess, transport: LoopTransport, keys: Keys, deadline_s: float
+    ) -> None:
         self.process = process
         self.transport = transport
         self.keys = keys
@@ -220,7 +223,7 @@ class _Loop:
         log.warning("%s; going on without it", text)
 
 
-def _claim_name(name: str, transport: Transport, keys: Keys) -> None:
+def _claim_name(name: str, session: PublicSession, keys: Keys) -> None:
     """Claim the process name `name` by a liveliness token.
 
     The token is declared before the others are read: of several simultaneous claimants at most one succeeds,
@@ -230,8 +233,8 @@ def _claim_name(name: str, transport: Transport, keys: Keys) -> None:
         NameTakenError: another process holds the name.
     """
     own = keys.name_claim(name, uuid.uuid4().hex)
-    transport.declare_token(own)
-    if transport.liveliness_tokens(keys.name_claim(name, "*")) - {own}:
+    session.declare_token(own)
+    if session.liveliness_tokens(keys.name_claim(name, "*")) - {own}:
         raise NameTakenError(
             f"{name}: there is a process of this name in the loop already; only one may speak in it, "
             f"so this one leaves (end the other first)"
@@ -241,11 +244,11 @@ def _claim_name(name: str, transport: Transport, keys: Keys) -> None:
 class _TelemetryPublisher:
     """Telemetry publisher of a process that is a `TelemetrySource`."""
 
-    def __init__(self, process: LogicalProcess, transport: Transport) -> None:
-        self._publish_best_effort = transport.publish_best_effort
+    def __init__(self, process: LogicalProcess, session: PublicSession) -> None:
+        self._session = session
         self._source = process if isinstance(process, TelemetrySource) else None
         if self._source is not None:
-            self._has_subscribers = transport.matching_listener(self._source.telemetry_key)
+            self._has_subscribers = session.matching_listener(self._source.telemetry_key)
         self._due_s = time.monotonic()
 
     def publish_if_due(self) -> None:
@@ -255,12 +258,12 @@ class _TelemetryPublisher:
         self._due_s = now_s + _TELEMETRY_PERIOD_S
         if self._has_subscribers():
             for key, payload in self._source.telemetry():
-                self._publish_best_effort(key, payload)
+                self._session.put(key, payload)
 
 
 async def run_loop(
     process: LogicalProcess,
-    transport: Transport,
+    transport: LoopTransport,
     keys: Keys,
     *,
     deadline_s: float,
@@ -278,18 +281,19 @@ async def run_loop(
         NameTakenError: a process of this name is in the loop; it is not disturbed.
         UpstreamLostError: an upstream whose loss is not tolerated is gone or silent.
     """
-    _claim_name(process.name, transport, keys)
+    session = transport.session
+    _claim_name(process.name, session, keys)
     transport.subscribe(process.subscriptions, sorted(process.senders | {EXTERNAL}))
     transport.subscribe_liveliness(keys.liveliness("*", "*"))
     if isinstance(process, SubscriptionAware):
         process.use_subscriber_check(transport.has_subscribers)
-    transport.declare_token(keys.liveliness(process.role, process.name))
+    session.declare_token(keys.liveliness(process.role, process.name))
     if RECORDER in process.peers:
         transport.enable_recording(_RECORDER_BATCH_PERIODS)
     loop = _Loop(process, transport, keys, deadline_s)
     await loop.wait_for_peers()
     pace = WallClockPace() if realtime and process.follows_wall_clock else None
-    reports = _TelemetryPublisher(process, transport)
+    reports = _TelemetryPublisher(process, session)
     process.start(transport.put)
     transport.flush()
     while True:
@@ -303,5 +307,5 @@ async def run_loop(
         if on_period is not None:
             on_period(due_ns)
         for key, payload in process.best_effort_messages():
-            transport.publish_best_effort(key, payload)
+            session.put(key, payload)
         reports.publish_if_due()

@@ -27,7 +27,8 @@ from skinnet.protocol.channels import Keys
 from skinnet.runtime.loop import Closeable, LogicalProcess, run_loop
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.usage import UsageTrace
-from skinnet.transport.loop_transport import ZenohTransport
+from skinnet.transport.loop_transport import LoopTransport
+from skinnet.transport.zenoh_loop import join_loop, listen_for_loop
 
 __all__ = ["EXIT_STOPPED", "ProcessModule", "build_process", "main", "result_of"]
 
@@ -42,20 +43,22 @@ log = logging.getLogger(__name__)
 class ProcessModule(Protocol):
     """Process package: `python -m <package>` runs its logical process."""
 
-    def build(self, deployment: Deployment, name: str, base: Path, out: Path | None) -> LogicalProcess:
+    def build(
+        self, deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
+    ) -> LogicalProcess:
         """Build the logical process `name` of `deployment`, compiled and ready.
 
         `base` is the deployment's folder, `out` the run folder, to which the process may write files of its
-        own. Without one it writes none.
+        own. Without one it writes none. `recorded` is true if a recorder takes part in the run.
         """
 
 
 def build_process(
-    module: str, deployment: Deployment, name: str, base: Path, out: Path | None
+    module: str, deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
 ) -> LogicalProcess:
     """Import `<module>.process` and build its logical process."""
     process: ProcessModule = importlib.import_module(f"{module}.process")
-    return process.build(deployment, name, base, out)
+    return process.build(deployment, name, base, out, recorded=recorded)
 
 
 def _arguments(module: str) -> argparse.Namespace:
@@ -67,9 +70,7 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
     )
-    parser.add_argument(
-        "--also", action="append", default=[], help="one more process to wait for at the start"
-    )
+    parser.add_argument("--recorded", action="store_true", help="a recorder takes part in the run")
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint: be the hub")
     end.add_argument("--connect", help="Zenoh endpoint of the hub")
@@ -128,12 +129,17 @@ def _install_stop_handlers() -> None:
 async def _run(module: str, args: argparse.Namespace) -> None:
     deployment = from_document(msgspec.json.decode(args.deployment.read_bytes()), str(args.deployment))
     keys = Keys(deployment.robot)
-    transport = ZenohTransport(keys, args.name, listen=args.listen, connect=args.connect)
+    if args.listen:
+        transport = listen_for_loop(keys, args.name, args.listen)
+    else:
+        transport = join_loop(keys, args.name, args.connect)
+    statistics = transport.statistics
     node: LogicalProcess | None = None
     try:
-        node = build_process(module, deployment, args.name, args.base, args.parts.parent)
-        node.peers |= frozenset(args.also)
-        usage = UsageTrace(lambda: (transport.received_bytes, transport.sent_bytes))
+        node = build_process(
+            module, deployment, args.name, args.base, args.parts.parent, recorded=args.recorded
+        )
+        usage = UsageTrace(lambda: (statistics.received_bytes, statistics.sent_bytes))
         gc.freeze()
         gc.set_threshold(_GC_THRESHOLD)
         present = await run_loop(
@@ -144,10 +150,10 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             realtime=deployment.run.pace == "realtime",
             on_period=usage.sample,
         )
-        if transport.malformed_batches:
-            node.counters["malformed_batches"] += transport.malformed_batches
+        if statistics.malformed_batches:
+            node.counters["malformed_batches"] += statistics.malformed_batches
         part = result_of(node)
-        part.arrays |= {"usage": usage.rows, "transit_us": transport.transit_histogram}
+        part.arrays |= {"usage": usage.rows, "transit_us": statistics.transit_histogram}
         part.save(args.parts)
         if args.listen:
             await _wait_for_clients(transport, present - {node.name})
@@ -157,7 +163,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
         transport.close()
 
 
-async def _wait_for_clients(transport: ZenohTransport, present: set[str]) -> None:
+async def _wait_for_clients(transport: LoopTransport, present: set[str]) -> None:
     """Keep the hub, which relays for the others, open until their liveliness tokens are gone."""
     deadline_s = time.monotonic() + _HUB_LINGER_S
     while present and time.monotonic() < deadline_s:

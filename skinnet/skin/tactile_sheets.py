@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["PlacedSheet", "Surface", "build_surface", "place_sheets"]
 
@@ -159,9 +160,8 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
         if sheet.name in placed:
             raise DeploymentError(f"sheets.{sheet.name}: the name is given twice")
         if sheet.surface not in known:
-            raise DeploymentError(
-                f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; there are {', '.join(known)}"
-            )
+            names = known_names(sheet.surface, known)
+            raise DeploymentError(f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; {names}")
         placed[sheet.name] = _place_sheet(sheet, known[sheet.surface])
     for one, other in combinations(placed.values(), 2):
         if one.surface.body == other.surface.body:
@@ -187,7 +187,7 @@ def _place_sheet(spec: SheetSpec, surface: Surface) -> PlacedSheet:
             f"{surface.name} reaches to {surface.max_xi1_m:.4f} m, half around on both sides; use fewer"
         )
     position_m, rotation = surface.frame_at(xi_m)
-    neighbours = _neighbours(grid, joins_gaps=spec.connect_across_gaps)
+    neighbours = _neighbours(grid, connect_across_gaps=spec.connect_across_gaps)
     return PlacedSheet(spec.name, surface, grid, xi_m, position_m, rotation, neighbours, spec.pitch_m**2)
 
 
@@ -205,8 +205,8 @@ def _element_grid(spec: SheetSpec) -> Ints:
     return grid
 
 
-def _neighbours(grid: Ints, *, joins_gaps: bool) -> Ints:
-    """Return neighbour pairs (m, 2) in the 8-neighbourhood; with `connect_across_gaps`, also across gaps of one."""
+def _neighbours(grid: Ints, *, connect_across_gaps: bool) -> Ints:
+    """Return neighbour pairs (m, 2) in the 8-neighbourhood; if asked, also across gaps of one."""
     number = {(row, column): i for i, (row, column) in enumerate(grid.tolist())}
     pairs = set()
     for (row, column), i in number.items():
@@ -214,7 +214,7 @@ def _neighbours(grid: Ints, *, joins_gaps: bool) -> Ints:
             to = number.get((row + down, column + right))
             if to is not None:
                 pairs.add((i, to))
-            if not joins_gaps:
+            if not connect_across_gaps:
                 continue
             if (row, column + 1) not in number and (row + down, column + 1) not in number:
                 pairs.add((i, number.get((row + down, column + 2), i)))

@@ -8,12 +8,15 @@ import time
 from collections.abc import Callable
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from skinnet.transport.interface import Delivery, key_matches
+from skinnet.transport.interface import Delivery
+from skinnet.transport.key_expressions import key_matches
 
-__all__ = ["N_TRANSIT_BINS", "BatchReader", "Messages", "encode_batch"]
+__all__ = ["BatchReader", "BatchStatistics", "Messages", "encode_batch"]
 
-N_TRANSIT_BINS = 100_001
+_N_TRANSIT_BINS = 100_001
 """Transit-time histogram bins of 1 µs, up to 0.1 s."""
 _MAX_CACHED_KEYS = 100_000
 
@@ -58,7 +61,7 @@ class BatchReader:
         except msgspec.DecodeError:
             self.malformed += 1
             return
-        transit_us = min(max(time.monotonic_ns() - t_sent_ns, 0) // 1000, N_TRANSIT_BINS - 1)
+        transit_us = min(max(time.monotonic_ns() - t_sent_ns, 0) // 1000, _N_TRANSIT_BINS - 1)
         self.transit_us_counts[transit_us] = self.transit_us_counts.get(transit_us, 0) + 1
         self.received_bytes += len(batch)
         wanted = self._match_cache
@@ -75,3 +78,41 @@ class BatchReader:
         if len(self._match_cache) < _MAX_CACHED_KEYS:
             self._match_cache[key] = wanted
         return wanted
+
+
+class BatchStatistics:
+    """Batch statistics of one process.
+
+    Attributes:
+        sent_bytes: Bytes of the batches sent.
+    """
+
+    def __init__(self) -> None:
+        self.sent_bytes = 0
+        self._readers: list[BatchReader] = []
+
+    def add(self, reader: BatchReader) -> None:
+        """Include the counts of `reader`."""
+        self._readers.append(reader)
+
+    @property
+    def received_bytes(self) -> int:
+        """Bytes of the batches received."""
+        return sum(reader.received_bytes for reader in self._readers)
+
+    @property
+    def malformed_batches(self) -> int:
+        """Number of batches that did not decode."""
+        return sum(reader.malformed for reader in self._readers)
+
+    @property
+    def transit_histogram(self) -> NDArray[np.int64]:
+        """Transit-time histogram of the batches, (100001,) bins of 1 µs; the last bin counts all longer ones.
+
+        Valid only between processes of one computer, which share the monotonic clock.
+        """
+        histogram = np.zeros(_N_TRANSIT_BINS, dtype=np.int64)
+        for reader in self._readers:
+            for transit_us, count in reader.transit_us_counts.copy().items():
+                histogram[transit_us] += count
+        return histogram

@@ -1,18 +1,20 @@
-"""Transport interface between a process and its peers.
+"""Session interface between a process and its peers, with Zenoh's verbs, over Zenoh or in memory.
 
-In the loop, a process puts the messages of one period and then flushes: they are sent as batches and arrive
-in order. There is no order between senders, and no caller may depend on one. Outside the loop, a process
-publishes best-effort to observers and never waits for them.
+A session has two kinds of publication. Those of the loop (`LoopTransport`) wait for slow subscribers and
+arrive in order. Those outside the loop are best-effort: observers may lose them and never delay the run.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
-__all__ = ["Delivery", "OnMessage", "Query", "Transport", "Undeclare", "key_matches"]
+__all__ = ["Delivery", "OnLiveliness", "OnMessage", "PublicSession", "Query", "Reply", "Undeclare"]
 
 OnMessage = Callable[[str, bytes], None]
 """Message callback (key, payload), possibly in another thread; must not block."""
+OnLiveliness = Callable[[str, bool], None]
+"""Liveliness callback (key of the token, True if present, False if lost); as `OnMessage`."""
 Undeclare = Callable[[], None]
+"""Undeclaration of what a call has declared; a second call has no effect."""
 
 
 class Delivery(NamedTuple):
@@ -22,44 +24,14 @@ class Delivery(NamedTuple):
     payload: bytes | None
 
 
-class Transport(Protocol):
-    """Transport of one process, implemented over Zenoh and in memory with the same behaviour."""
+class PublicSession(Protocol):
+    """Session of one process, implemented over Zenoh and in memory with the same behaviour."""
 
-    def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
-        """Subscribe to messages that `senders` put on keys matching one of `expressions`.
-
-        Messages of one sender arrive in order within a route group; at the recorder, in order altogether.
-        """
-
-    def subscribe_liveliness(self, expression: str) -> None:
-        """Subscribe to liveliness as deliveries: payload empty for a present or new token, None if lost."""
-
-    def declare_liveliness_subscriber(self, expression: str, on_change: Callable[[str, bool], None]) -> None:
-        """Subscribe to liveliness by callback: each present or new token (True), each lost one (False)."""
-
-    def declare_token(self, key: str) -> None:
-        """Declare the liveliness token `key`; that of `Keys.alive` only after all subscriptions."""
-
-    def liveliness_tokens(self, expression: str) -> frozenset[str]:
-        """Query the liveliness tokens present now, including this process's; waits for the hub."""
-
-    def has_subscribers(self, key: str) -> bool:
-        """Return whether the route group of `key` has a subscriber; changes show after a short delay."""
-
-    def enable_recording(self, periods_per_batch: int) -> None:
-        """Send recorded channels to the recorder too, in batches of `periods_per_batch` periods."""
-
-    def put(self, key: str, payload: bytes) -> None:
-        """Add a message to the batch of this period."""
-
-    def flush(self, *, last: bool = False) -> None:
-        """Send the messages of this period; with `last`, also those pending for the recorder."""
-
-    def publish_best_effort(self, key: str, payload: bytes) -> None:
-        """Publish best-effort to observers, at once and outside the loop."""
+    def put(self, key: str, payload: bytes, *, lossless: bool = False) -> None:
+        """Publish at once: best-effort or, with `lossless`, waiting for slow subscribers."""
 
     def declare_subscriber(self, expression: str, on_message: OnMessage) -> Undeclare:
-        """Declare a subscriber to best-effort publications; the returned function undeclares it."""
+        """Declare a subscriber to publications on matching keys, those of this session included."""
 
     def matching_listener(self, expression: str) -> Callable[[], bool]:
         """Declare a matching listener; the returned function tells whether `expression` has a subscriber.
@@ -67,18 +39,25 @@ class Transport(Protocol):
         Changes show after a short delay.
         """
 
-    def declare_loop_subscriber(self, expression: str, on_message: OnMessage) -> Undeclare:
-        """Declare a subscriber to messages put in the loop by any sender; else as `declare_subscriber`."""
+    def declare_token(self, key: str) -> Undeclare:
+        """Declare the liveliness token `key`; that of `Keys.liveliness` only after all subscriptions."""
 
-    async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
-        """Receive all deliveries since the last call; wait for at least `min_count`, at most `timeout_s` [s].
+    def declare_liveliness_subscriber(self, expression: str, on_change: OnLiveliness) -> Undeclare:
+        """Declare a liveliness subscriber: each present or new token (True), each lost one (False)."""
 
-        A lost token ends the wait at once. A caller that needs several messages saves wake-ups by
-        `min_count`.
-        """
+    def liveliness_tokens(self, expression: str) -> frozenset[str]:
+        """Query the liveliness tokens present now, including this session's; waits for the hub."""
 
     def close(self) -> None:
-        """Send pending messages and close; the liveliness tokens are undeclared."""
+        """Close the session; its liveliness tokens are undeclared."""
+
+
+class Reply(NamedTuple):
+    """Reply to a query: a payload on a key, or else an error text."""
+
+    key: str
+    payload: bytes
+    error: str
 
 
 class Query(Protocol):
@@ -102,21 +81,11 @@ class Query(Protocol):
     def reply(self, key: str, payload: bytes) -> None:
         """Reply with `payload` on `key`, which `self.key` matches."""
 
+    def reply_values(self, values: Mapping[str, bytes]) -> None:
+        """Reply with those payloads of `values`, by key, whose key `self.key` matches; there may be none."""
+
     def reply_error(self, reason: str) -> None:
         """Reply with an error text."""
 
     def drop(self) -> None:
         """Drop the query without a reply, for other queryables to answer."""
-
-
-def key_matches(expression: str, key: str) -> bool:
-    """Match `key` against a Zenoh key expression: `*` is one segment, `**` any number of them."""
-    return _segments_match(expression.split("/"), key.split("/"))
-
-
-def _segments_match(expression: list[str], key: list[str]) -> bool:
-    if not expression:
-        return not key
-    if expression[0] == "**":
-        return any(_segments_match(expression[1:], key[i:]) for i in range(len(key) + 1))
-    return bool(key) and expression[0] in ("*", key[0]) and _segments_match(expression[1:], key[1:])

@@ -6,10 +6,24 @@ Both wake their reader once per burst, and only when it has the number of delive
 import asyncio
 import threading
 from collections import deque
+from typing import Protocol
 
 from skinnet.transport.interface import Delivery
 
-__all__ = ["TaskMailbox", "ThreadMailbox"]
+__all__ = ["Mailbox", "TaskMailbox", "ThreadMailbox"]
+
+
+class Mailbox(Protocol):
+    """Mailbox with one reader."""
+
+    def post(self, delivery: Delivery) -> None:
+        """Add a delivery, from any thread."""
+
+    def post_all(self, deliveries: list[Delivery]) -> None:
+        """Add the deliveries of one batch, from any thread."""
+
+    async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
+        """Receive all deliveries since the last call; see `LoopTransport.receive`."""
 
 
 def _running_loop() -> tuple[int, asyncio.AbstractEventLoop] | None:
@@ -32,19 +46,24 @@ class TaskMailbox:
 
     def post(self, delivery: Delivery) -> None:
         """Add a delivery."""
-        if self._reader is not None and self._reader[0] != threading.get_ident():
-            self._reader[1].call_soon_threadsafe(self._post, delivery)
-        else:
-            self._post(delivery)
+        self.post_all([delivery])
 
-    def _post(self, delivery: Delivery) -> None:
-        self._pending.append(delivery)
-        self._urgent |= delivery.payload is None
+    def post_all(self, deliveries: list[Delivery]) -> None:
+        """Add the deliveries of one batch."""
+        if self._reader is not None and self._reader[0] != threading.get_ident():
+            self._reader[1].call_soon_threadsafe(self._post_all, deliveries)
+        else:
+            self._post_all(deliveries)
+
+    def _post_all(self, deliveries: list[Delivery]) -> None:
+        self._pending.extend(deliveries)
+        if any(payload is None for _, payload in deliveries):
+            self._urgent = True
         if self._urgent or len(self._pending) >= self._min_count:
             self._wake.set()
 
     async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
-        """See `Transport.receive`."""
+        """See `LoopTransport.receive`."""
         self._reader = self._reader or _running_loop()
         self._min_count = min_count
         if len(self._pending) < min_count and not self._urgent:
@@ -84,7 +103,7 @@ class ThreadMailbox:
             self._wake.release()
 
     async def receive(self, timeout_s: float | None = None, min_count: int = 1) -> list[Delivery]:
-        """See `Transport.receive`."""
+        """See `LoopTransport.receive`."""
         if len(self._pending) < min_count:
             self._wait(timeout_s, min_count)
         self._urgent = False

@@ -1,7 +1,6 @@
 """Zenoh queries of a client to an endpoint, as functions."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
@@ -11,23 +10,15 @@ from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
 from skinnet.protocol.channels import DEPLOYMENT
 from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.protocol.messages import decode
-from skinnet.transport.public_session import PublicSession
-from skinnet.transport.zenoh_session import collect_replies, open_session
+from skinnet.transport.interface import Reply
+from skinnet.transport.zenoh_session import ZenohSession
 
-__all__ = ["Reply", "query", "query_deployment"]
+__all__ = ["query", "query_deployment", "query_values"]
 
 _DEPLOYMENT_TIMEOUT_S = 5.0
 """Timeout [s] for the deployment query."""
 _CONNECT_TIMEOUT_S = 2.0
 """Timeout [s] to connect to an endpoint."""
-
-
-class Reply(NamedTuple):
-    """Reply to a query: a payload on a key, or else an error text."""
-
-    key: str
-    payload: bytes
-    error: str
 
 
 def query(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> list[Reply]:
@@ -45,25 +36,19 @@ def query(endpoint: str, expression: str, payload: bytes, timeout_s: float) -> l
     Raises:
         UnreachableError: nobody answers at the endpoint.
     """
-    connect_ms = max(1, round(1000 * min(timeout_s, _CONNECT_TIMEOUT_S)))
-    with open_session(None, endpoint, connect_ms) as session:
-        replies = collect_replies(
-            lambda handler: session.get(expression, handler, payload=payload, timeout=timeout_s)
-        )
-    found, late = [], False
-    for reply in replies:
-        if reply.ok is not None:
-            found.append(Reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), ""))
-        else:
-            error = reply.err.payload.to_bytes().decode(errors="replace")
-            if error == "Timeout":
-                late = True  # each hop of the query may report it
-            else:
-                found.append(Reply("", b"", error))
-    return [*found, Reply("", b"", f"no answer within {timeout_s:g} s")] if late else found
+    session = ZenohSession.open_client(endpoint, min(timeout_s, _CONNECT_TIMEOUT_S))
+    try:
+        return session.get(expression, timeout_s, payload)
+    finally:
+        session.close()
 
 
-def query_deployment(session: PublicSession, endpoint: str) -> tuple[Deployment, Path]:
+def query_values(session: ZenohSession, expression: str, timeout_s: float) -> dict[str, bytes]:
+    """Query `expression`; return the payloads by key, empty if nobody answers within `timeout_s` [s]."""
+    return {reply.key: reply.payload for reply in session.get(expression, timeout_s) if not reply.error}
+
+
+def query_deployment(session: ZenohSession, endpoint: str) -> tuple[Deployment, Path]:
     """Query the deployment of the run at an observer endpoint, and the base folder of its relative paths.
 
     Args:
@@ -74,7 +59,7 @@ def query_deployment(session: PublicSession, endpoint: str) -> tuple[Deployment,
         UnreachableError: no run answers there.
         SkinnetError: the run has another version of this program.
     """
-    answers = session.query(DEPLOYMENT, _DEPLOYMENT_TIMEOUT_S)
+    answers = query_values(session, DEPLOYMENT, _DEPLOYMENT_TIMEOUT_S)
     if not answers:
         raise UnreachableError(
             f"{endpoint}: nobody there tells what runs; give an endpoint that a run prints"

@@ -8,12 +8,11 @@ import numpy as np
 from skinnet.analysis.metrics.teach_and_grasp import StateInterval, state_intervals
 from skinnet.deployment import Deployment
 from skinnet.deployment.skin.cells import ForceSpec
+from skinnet.protocol.states import GRASP_STATES
 from skinnet.runtime.process_result import ProcessResult
 
-__all__ = ["GRASP_STATES", "grasp_metrics", "object_metrics"]
+__all__ = ["grasp_metrics", "object_metrics"]
 
-GRASP_STATES = ("open", "approach", "contact", "load", "pull", "hold", "set_down", "release", "safe")
-"""States of a grasp, including those that end it."""
 _MIN_HOLD_S = 5.0
 _SUPPORTED_WEIGHT_FRACTION = 0.5
 """Fraction of its weight that the stand carries at the end if the object is back."""

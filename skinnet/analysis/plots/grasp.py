@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skinnet.analysis.metrics.grasp import GRASP_STATES
 from skinnet.analysis.metrics.teach_and_grasp import StateInterval, state_intervals
 from skinnet.deployment import Deployment
+from skinnet.protocol.states import GRASP_STATES
 from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["plot_grasp"]

@@ -34,8 +34,8 @@ _SEGMENT_UNITS = {
     "cores": "cores",
     "cpu": "CPU s per s",
     "delta_sigmas": "σ",
+    "fraction": "%",
     "rtf": "× real time",
-    "share": "%",
     "sign_agreement": "%",
 }
 """Units of segments that are a quantity without a unit suffix."""

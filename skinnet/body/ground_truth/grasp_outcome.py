@@ -124,7 +124,8 @@ class GraspGroundTruth:
         if touched:
             raise DeploymentError(
                 f"stand: object or stand touch {', '.join(sorted(set(touched)))} at the start; present them "
-                "from farther below (stand.rise_m) or farther away (stand.object_face_x_m), or change body.home_rad"
+                "from farther below (stand.rise_m) or farther away (stand.object_face_x_m), or change "
+                "body.home_rad"
             )
 
     def begin_stage(self, name: str) -> None:

@@ -1,11 +1,9 @@
 """Checks of the controller: its program, its stages and named poses, and nursing."""
 
-from typing import get_args
-
 from skinnet.deployment.controller.controller import ControllerSpec
-from skinnet.deployment.controller.teach_and_grasp import StateName
 from skinnet.deployment.deployment import Deployment
 from skinnet.errors import DeploymentError
+from skinnet.protocol.states import CONFIGURABLE_STATES
 from skinnet.suggestions import known_names
 
 __all__ = ["check_controller", "check_stage_name"]
@@ -32,7 +30,7 @@ def check_stage_name(key: str, name: str, controller: ControllerSpec) -> None:
     known = list(controller.stages)
     for stage, spec in controller.stages.items():
         if spec.kind == "teach_and_grasp":
-            known += [f"{stage}.{state}" for state in get_args(StateName)]
+            known += [f"{stage}.{state}" for state in CONFIGURABLE_STATES]
     if name not in known:
         raise DeploymentError(f"{key} = {name!r}: unknown stage; {known_names(name, known)}")
 
@@ -73,8 +71,10 @@ def _check_stages(control: ControllerSpec) -> None:
         if stage.kind in ("guide", "passive") and stage.duration_s is None:
             raise DeploymentError(f"{key}.duration_s: a {stage.kind} stage needs its duration")
         if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
-            known = known_names(stage.pose, ["home", *control.poses_rad])
-            raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; {known}")
+            known = ["home", *control.poses_rad]
+            raise DeploymentError(
+                f"{key}.pose = {stage.pose!r}: unknown pose; {known_names(stage.pose, known)}"
+            )
 
 
 def _check_nursing(deployment: Deployment) -> None:
@@ -97,8 +97,10 @@ def _check_nursing(deployment: Deployment) -> None:
             )
     for contact in nursing.assumed_contacts:
         if contact.surface not in surfaces:
-            there = known_names(contact.surface, sorted(surfaces))
-            raise DeploymentError(f"nursing.assumed_contacts: unknown surface {contact.surface!r}; {there}")
+            there = ", ".join(sorted(surfaces))
+            raise DeploymentError(
+                f"nursing.assumed_contacts: unknown surface {contact.surface!r}; there are {there}"
+            )
     released_s = 0.0 if payload is None else payload.release_delay_s + payload.release_ramp_s
     if payload is not None and payload.release_stage == "hold" and nursing.hold_s <= released_s:
         raise DeploymentError(

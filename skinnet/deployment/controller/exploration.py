@@ -20,7 +20,7 @@ class StructureExplorationSpec(Table, frozen=True, kw_only=True):
 
 
 class MapExplorationSpec(Table, frozen=True, kw_only=True):
-    """Sensory-motor map exploration by velocity sines of 0.3 rad/s (frequency: FACTS.md)."""
+    """Sensory-motor map exploration by velocity sines of 0.3 rad/s (frequency: docs/assumptions.md)."""
 
     amplitude_rad_s: Positive = 0.3
     frequency_hz: Positive = 4.0

@@ -1,31 +1,19 @@
 """Teach-and-grasp spec: teaching by touch and grasping, on request [M14, IV and V]."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from msgspec import Meta, field
 
 from skinnet.deployment.types import Fraction, NonNegative, Positive, Table, ns_of_ms, ns_of_s
+from skinnet.protocol.states import CONFIGURABLE_STATES
 
 __all__ = ["AreaReactionSpec", "OperatorRequestSpec", "StateName", "StateParametersSpec", "TeachAndGraspSpec"]
 
 AreaName = Literal["pat", "contact", "chest", "other"]
-StateName = Literal[
-    "idle",
-    "guide_force",
-    "guide_proximity",
-    "attend",
-    "remember",
-    "go",
-    "open",
-    "approach",
-    "contact",
-    "load",
-    "pull",
-    "hold",
-    "set_down",
-    "release",
-    "safe",
-]
+if TYPE_CHECKING:
+    StateName: TypeAlias = str
+else:
+    StateName = Literal[CONFIGURABLE_STATES]
 LevelNumber = Annotated[int, Meta(ge=1, le=4)]
 
 

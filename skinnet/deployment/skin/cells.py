@@ -16,7 +16,7 @@ class ForceSpec(Table, frozen=True, kw_only=True):
     calibration_n: tuple[float, ...] = (0.0, 0.6, 1.0, 4.822)
     calibration_reading: tuple[float, ...] = (0.0, 0.05, 0.14, 1.0)
     noise: NonNegative = 0.004
-    """Standard deviation of a reading: idle noise 0.003–0.005 (field report in FACTS.md)."""
+    """Standard deviation of a reading: idle noise 0.003–0.005 (field report, docs/assumptions.md)."""
     lsb: Positive = 0.0009765625
     levels: LevelThresholds = (0.04, 0.10, 0.30, 0.45)
     """Low, medium, high and pain force: Table I [M14]."""

@@ -9,17 +9,19 @@ joint velocities, and requests to the controller, as queries that its answers re
 import socket
 import threading
 from collections.abc import Callable
+from typing import Self
 
 import msgspec
 
 from skinnet.errors import PortInUseError, ProtocolError
-from skinnet.protocol.channels import CHANNELS, EXTERNAL, Channel, Keys, Role
+from skinnet.protocol.channels import CHANNELS, Channel, Keys, Role
 from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.protocol.messages import Config, decode, encode
 from skinnet.protocol.telemetry_messages import ProcessLoad
 from skinnet.run.observers.request_server import RequestServer, RequestWorker
-from skinnet.transport.interface import OnMessage, Transport
-from skinnet.transport.loop_transport import ZenohTransport
+from skinnet.transport.interface import OnMessage, Query, Undeclare
+from skinnet.transport.loop_transport import LoopTransport
+from skinnet.transport.zenoh_session import ZenohSession
 
 __all__ = ["ObserverEndpoint", "free_endpoint"]
 
@@ -33,11 +35,11 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def _listen_on(keys: Keys, listen: str | None) -> tuple[str, ZenohTransport]:
+def _listen_on(listen: str | None) -> tuple[str, ZenohSession]:
     for attempt in range(_MAX_ATTEMPTS):
         endpoint = listen or free_endpoint()
         try:
-            return endpoint, ZenohTransport(keys, EXTERNAL, listen=endpoint)
+            return endpoint, ZenohSession.open_hub(endpoint)
         except PortInUseError:
             if listen or attempt == _MAX_ATTEMPTS - 1:
                 raise
@@ -63,18 +65,24 @@ class ObserverEndpoint:
 
     def __init__(self, keys: Keys, listen: str | None = None) -> None:
         self._keys = keys
-        self.endpoint, self._public = _listen_on(keys, listen)
+        self.endpoint, self._public = _listen_on(listen)
         self.copied_messages = 0
         self.external_configs = 0
         self.external_velocities = 0
         self._latest_topologies: dict[str, bytes] = {}
         self._latest_values: dict[str, bytes] = {}
         self._load_subscribed = False
-        self._loop: Transport | None = None
+        self._loop: LoopTransport | None = None
         self._lock = threading.Lock()
         self._request_server = RequestServer(keys, self._put_external)
         self._request_worker = RequestWorker(self._request_server)
         self._public.declare_queryable(keys.of("request", "*"), self._request_worker.handle_query)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     @property
     def counters(self) -> dict[str, int]:
@@ -90,9 +98,9 @@ class ObserverEndpoint:
     def serve_deployment(self, deployment_info: DeploymentInfo) -> None:
         """Declare a queryable that replies with the deployment."""
         answer = {self._keys.deployment: encode(deployment_info)}
-        self._public.serve_values(self._keys.deployment, lambda: answer)
+        self._public.declare_queryable(self._keys.deployment, lambda query: query.reply_values(answer))
 
-    def attach(self, loop: Transport) -> None:
+    def attach(self, loop: LoopTransport) -> None:
         """Subscribe to the loop at `loop` on demand of observers, and accept external messages."""
         self._loop = loop
         keys = self._keys
@@ -104,21 +112,27 @@ class ObserverEndpoint:
                 self._public.declare_subscriber(expression, self._forward_velocity)
             elif row.name == "links":
                 self._public.declare_matching_listener(
-                    expression, _CopyOnDemand(loop.declare_subscriber, self, expression)
+                    expression, _CopyOnDemand(loop.session.declare_subscriber, self, expression)
                 )
             elif row.public and not row.best_effort:
                 self._public.declare_matching_listener(
                     expression, _CopyOnDemand(loop.declare_loop_subscriber, self, expression)
                 )
-        loop.declare_subscriber(keys.of("topology", "*"), self._latest_topologies.__setitem__)
-        loop.declare_subscriber(keys.of("state"), self._on_state)
-        loop.declare_subscriber(keys.of("answer"), self._on_answer)
-        loop.declare_liveliness_subscriber(keys.liveliness(Role.CONTROLLER, "*"), self._on_controller)
-        self._public.serve_values(keys.of("topology", "*"), self._latest_topologies.copy)
-        loop.declare_subscriber(keys.of("state_machine"), self._on_state_machine)
+        loop.session.declare_subscriber(keys.of("topology", "*"), self._latest_topologies.__setitem__)
+        loop.session.declare_subscriber(keys.of("state"), self._on_state)
+        loop.session.declare_subscriber(keys.of("answer"), self._on_answer)
+        loop.session.declare_liveliness_subscriber(keys.liveliness(Role.CONTROLLER, "*"), self._on_controller)
+        self._public.declare_queryable(keys.of("topology", "*"), self._reply_topologies)
+        loop.session.declare_subscriber(keys.of("state_machine"), self._on_state_machine)
         self._public.declare_matching_listener(keys.of("processes"), self._on_load_subscribed)
         for name in ("state", "state_machine"):
-            self._public.serve_values(keys.of(name), self._latest_values.copy)
+            self._public.declare_queryable(keys.of(name), self._reply_latest)
+
+    def _reply_topologies(self, query: Query) -> None:
+        query.reply_values(self._latest_topologies.copy())
+
+    def _reply_latest(self, query: Query) -> None:
+        query.reply_values(self._latest_values.copy())
 
     def _expression(self, row: Channel) -> str:
         return self._keys.of(row.name, *["*"] * row.pattern.count("<"))
@@ -126,7 +140,7 @@ class ObserverEndpoint:
     def publish_copy(self, key: str, payload: bytes) -> None:
         """Publish a copy to observers, best-effort."""
         self.copied_messages += 1
-        self._public.publish_best_effort(key, payload)
+        self._public.put(key, payload)
 
     def _forward_config(self, key: str, payload: bytes) -> None:
         """Forward an external configuration, without a send time: only the controller's have one."""
@@ -192,12 +206,12 @@ class _CopyOnDemand:
 
     def __init__(
         self,
-        declare_subscriber: Callable[[str, OnMessage], Callable[[], None]],
+        declare_subscriber: Callable[[str, OnMessage], Undeclare],
         endpoint: ObserverEndpoint,
         expression: str,
     ) -> None:
         self._declare_subscriber, self._endpoint, self._expression = declare_subscriber, endpoint, expression
-        self._undeclare: Callable[[], None] | None = None
+        self._undeclare: Undeclare | None = None
 
     def __call__(self, matching: bool) -> None:
         if matching and self._undeclare is None:

@@ -12,7 +12,7 @@ from skinnet.tools.bench.workload import Workload
 
 __all__ = ["OUTPUTS", "Ns3Run", "build", "run", "write_inputs"]
 
-_SOURCE = Path(__file__).parents[2] / "tests" / "ns3" / "skin_network.cc"
+_SOURCE = Path(__file__).parents[3] / "tests" / "ns3" / "skin_network.cc"
 OUTPUTS = ("ns3_delivered.csv", "ns3_drops.csv", "ns3_counters.csv")
 _LIBRARIES = ("ns3-point-to-point", "ns3-network", "ns3-core")
 

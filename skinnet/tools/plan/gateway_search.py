@@ -93,12 +93,12 @@ def search_fewest_gateways(
         max(_load_lower_bound(n_cells, limits, traffic), _connected_components(n_cells, group.wires)), most
     )
 
-    def judge(gateways: NDArray[np.int64]) -> SearchResult:
+    def evaluate(gateways: NDArray[np.int64]) -> SearchResult:
         feeds = gateways[:, 0] if group.feeds is None else group.feeds
         budget = compute_budget(n_cells, group.wires, gateways, feeds, traffic, network, power)
         return SearchResult(gateways, at_least, breaches(budget, limits), budget)
 
-    best = judge(choose_gateway_ports(n_cells, group.wires, ports, most))
+    best = evaluate(choose_gateway_ports(n_cells, group.wires, ports, most))
     if best.breaches:
         return best
     for k in range(at_least, most):
@@ -106,7 +106,7 @@ def search_fewest_gateways(
         if k == len(group.gateways):
             tries.append(group.gateways)  # the deployment's places may be better
         for gateways in tries:
-            if not (found := judge(gateways)).breaches:
+            if not (found := evaluate(gateways)).breaches:
                 return found
     return best
 

@@ -58,10 +58,10 @@ def _metrics(plan: Plan) -> dict[str, Any]:
         "plan.fewest_gateways": None if impossible else sum(len(s.gateways) for s in plan.searches),
         "plan.packets_per_s": plan.traffic.packets_per_s * skin.n_cells,
         "plan.dropped_per_s": float(budget.dropped_per_s.sum()),
-        "plan.max_utilisation": float(budget.utilisation.max()),
+        "plan.utilisation": float(budget.utilisation.max()),
         "plan.depth": int(budget.forest.depth.max()),
-        "plan.max_latency_ms.worst": _finite(budget.worst_latency_ns.max(), 1e-6),
-        "plan.max_latency_ms.expected": _finite(budget.mean_latency_ns.mean(), 1e-6),
+        "plan.latency_ms.worst": _finite(budget.worst_latency_ns.max(), 1e-6),
+        "plan.latency_ms.expected": _finite(budget.mean_latency_ns.mean(), 1e-6),
         "plan.backlog_packets": _finite(budget.worst_backlog_packets.max()),
         "plan.unreached_cells": int((budget.forest.parent == UNREACHED).sum()),
     }

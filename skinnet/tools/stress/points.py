@@ -65,7 +65,7 @@ def sweep_points(deployment: Deployment, spec: StressSpec) -> list[Point]:
             raise DeploymentError(f"stress.cells: {cells}; {deployment.name} has {total} cells, at most that")
     if deployment.scripted_stimuli is None and any(spec.stimulated_fractions):
         raise DeploymentError(
-            "stress.stimulated_fractions: shares of stimulated cells need a [script]; add one, or leave them out"
+            "stress.stimulated_fractions: stimulated cells need [scripted_stimuli]; add it, or leave them out"
         )
     gateways = spec.gateways or (None,)
     stimulated = _stimulated(deployment, spec)

@@ -8,8 +8,8 @@ from skinnet.errors import ProtocolError, SkinnetError, UnreachableError
 from skinnet.protocol.channels import CHANNELS, Keys
 from skinnet.protocol.channels import channel as row_of
 from skinnet.protocol.messages import Answer, decode
-from skinnet.transport.public_session import PublicSession
-from skinnet.transport.queries import query, query_deployment
+from skinnet.transport.queries import query, query_deployment, query_values
+from skinnet.transport.zenoh_session import ZenohSession
 from skinnet.view.state.run_state import ReceivedMessage, RunState
 
 __all__ = ["SUBSCRIBED_CHANNELS", "LiveSource"]
@@ -56,7 +56,7 @@ class LiveSource:
         self.end_reason = ""
         self._endpoint = endpoint
         try:
-            self._session = PublicSession("client", endpoint)
+            self._session = ZenohSession.open_client(endpoint)
         except UnreachableError:
             raise
         except SkinnetError as error:
@@ -76,7 +76,8 @@ class LiveSource:
                 self._session.declare_subscriber(self._expression(row.name), self._enqueue)
         for name in _QUERIED_CHANNELS:
             if any(row.name == name for row in CHANNELS):
-                for key, payload in self._session.query(self._expression(name), _QUERY_TIMEOUT_S).items():
+                values = query_values(self._session, self._expression(name), _QUERY_TIMEOUT_S)
+                for key, payload in values.items():
                     self._enqueue(key, payload)
 
     @property
@@ -135,7 +136,7 @@ class LiveSource:
         """Close the session."""
         self._session.close()
 
-    def _enqueue(self, key: str, payload: bytes, _attachment: bytes | None = None) -> None:
+    def _enqueue(self, key: str, payload: bytes) -> None:
         self._n_received += 1
         self._queue.append((key, payload))
 

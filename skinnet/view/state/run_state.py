@@ -5,11 +5,10 @@ import copy
 from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from skinnet.deployment.controller.teach_and_grasp import StateName
 from skinnet.deployment.deployment import BOARD_PROCESS, Deployment
 from skinnet.errors import ProtocolError
 from skinnet.network.records import Outcome
@@ -27,6 +26,7 @@ from skinnet.protocol.messages import (
 )
 from skinnet.protocol.recorded_messages import Counters, FreeBodyPoses
 from skinnet.protocol.sheet_messages import Regions
+from skinnet.protocol.states import CONFIGURABLE_STATES, FORMING
 from skinnet.protocol.telemetry_messages import LinkLoad, ProcessLoad, StateMachineDescription
 from skinnet.view.state.controller_view import ControllerView
 from skinnet.view.state.event_history import FULL_READING_KIND, EventHistory, TrafficStatistics
@@ -271,9 +271,9 @@ def _state_names(deployment: Deployment) -> Iterator[str]:
     """State names of a program of stages, as its controller names them."""
     control = deployment.controller
     if control.program:
-        yield "forming"
+        yield FORMING
     for stage in control.program:
         if control.stages[stage].kind == "teach_and_grasp":
-            yield from (f"{stage}.{state}" for state in get_args(StateName))
+            yield from (f"{stage}.{state}" for state in CONFIGURABLE_STATES)
         else:
             yield stage
