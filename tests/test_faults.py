@@ -101,7 +101,10 @@ def interrupts() -> Iterator[None]:
         ("kind='burst_loss', target='*', mean_good_s=1, mean_bad_s=0", ("mean_bad_s = 0", ">= 0.0001")),
         ("kind='loss', target='*', probability=1.1", ("probability = 1.1", "<= 1.0")),
         ("kind='loss', target='*'", ("faults[0]", "missing required field `probability`")),
-        ("kind='lnk_cut', target='*'", ("faults[0].kind = 'lnk_cut': allowed: 'link_cut', 'cell_dead'",)),
+        (
+            "kind='lnk_cut', target='*'",
+            ("faults[0].kind = 'lnk_cut': did you mean 'link_cut'? allowed: 'link_cut', 'cell_dead'",),
+        ),
         ("target='*'", ("faults[0]", "missing required field `kind`; allowed: 'link_cut'")),
         ("kind=3", ("faults[0].kind = 3", "expected `str`")),
         (

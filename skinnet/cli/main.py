@@ -62,6 +62,7 @@ _COMMANDS = (
     request,
     view,
     replay,
+    schema,
     migrate,
     schema,
     network,

@@ -3,20 +3,14 @@
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
-from skinnet.cli.console import console
-from skinnet.errors import DeploymentError
-from skinnet.files import write_bytes
+from skinnet.cli.console import console, examples, line_printer
+from skinnet.errors import UsageError
 
-__all__ = ["register", "schema"]
+__all__ = ["register"]
 
-_EXAMPLES = """
-Examples:
-
-  skinnet schema --out skinnet.schema.json
-"""
+_EXAMPLES = examples("skinnet schema", "skinnet schema --out skinnet.schema.json")
 
 
 def register(app: typer.Typer) -> None:
@@ -26,17 +20,24 @@ def register(app: typer.Typer) -> None:
 
 def schema(
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="File; standard output unless given.")
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="JSON file to write; standard output unless given."),
     ] = None,
 ) -> None:
-    """Write the JSON Schema of deployment files, with which editors complete and check them."""
+    """Write the JSON Schema of deployments.
+
+    Editors complete and check deployments by it.
+    """
+    import msgspec
+
     from skinnet.deployment.json_schema import deployment_schema
+    from skinnet.files import write_bytes
 
     text = msgspec.json.format(msgspec.json.encode(deployment_schema()), indent=1) + b"\n"
     if out is None:
         typer.echo(text.decode(), nl=False)
         return
     if out.is_dir():
-        raise DeploymentError(f"--out {out}: that is a folder; give a file in it")
+        raise UsageError(f"--out {out}: that is a folder; give a file in it")
     write_bytes(out, text)
-    console().print(f"the schema is {out}", highlight=False, markup=False, soft_wrap=True)
+    line_printer(console())(f"the schema is {out}")

@@ -51,7 +51,9 @@ def describe_error(raw: dict[str, Any], message: str) -> str:
         return _describe_unknown_key(key, _select_table(kind, value), unknown["field"])
     if problem.startswith(("Invalid enum value", "Invalid value")):
         allowed = _allowed_values(kind)
-        problem = f"{did_you_mean(repr(value), allowed)}allowed: {', '.join(allowed)}"
+        near = did_you_mean(str(value), [text.strip("'") for text in allowed])  # quotes make all alike
+        hint = did_you_mean(repr(value), allowed) if near else ""
+        problem = f"{hint}allowed: {', '.join(allowed)}"
     tag = _tag_field(kind)
     if tag is not None and problem == f"Object missing required field `{tag}`":
         problem = f"{problem}; allowed: {', '.join(_allowed_values(_tag_annotation(kind)))}"
