@@ -164,7 +164,7 @@ def test_foxglove_shows_the_body_and_a_primitive_for_each_cell(recorded: Any) ->
 
     (robot,) = shown("/robot")
     frames = {t["child_frame_id"] for t in shown("/tf")[0]["transforms"]}
-    assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"free_bodies"}
+    assert {entity["frame_id"] for entity in robot["entities"]} <= frames | {"world"}
     looks = VisualModel(deployment, own.base).shapes
     primitives_of = ("cubes", "spheres", "cylinders", "triangles")
     drawn = [p["color"] for e in robot["entities"] for kind in primitives_of for p in e.get(kind, ())]

@@ -467,14 +467,14 @@ def test_the_operator_waits_for_its_state_and_for_quiet() -> None:
 def test_an_operator_who_waits_in_vain_ends_the_session() -> None:
     robot = Robot(
         operator_requests=({"state": "idle", "request": "grasp"}, {"state": "hold", "request": "release"}),
-        timeout_s=2.0,
+        operator_timeout_s=2.0,
     )
     robot.until(State.SAFE)  # there is no object
     robot.until(State.ENDED, ticks=2000)
 
 
 def test_without_an_operator_a_session_lasts() -> None:
-    robot = Robot(timeout_s=0.1)
+    robot = Robot(operator_timeout_s=0.1)
     robot.tick(200)
     assert robot.session.state is State.IDLE
 

@@ -203,7 +203,7 @@ def regions(frames: list[tuple[int, list[tuple[float, ...]]]], seq: int = 0) -> 
     bodies = np.zeros(sum(len(found) for _, found in frames), dtype=REGION_ROW)
     row = 0
     for head, (board, found) in zip(heads, frames, strict=True):
-        head["board"], head["rows"] = board, len(found)
+        head["board"], head["n_regions"] = board, len(found)
         head["t_sampled_ns"], head["t_delivered_ns"] = 4 * MS, 5 * MS
         for values in found:
             names = ("force_n", "xi1_m", "xi2_m", "area_m2", "peak_kpa", "n_elements")

@@ -11,6 +11,7 @@ from skinnet.deployment import Deployment, load
 from skinnet.deployment.checks.checks import check
 from skinnet.deployment.load import apply_override, from_document
 from skinnet.errors import DeploymentError
+from skinnet.migration.deployments import FORMAT, FORMAT_KEY, translate
 from skinnet.run.observers.observer_endpoint import free_endpoint
 
 __all__ = ["EXAMPLES", "replay"]
@@ -109,7 +110,8 @@ def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) ->
     if changes.file is not None:
         deployment = load(changes.file, changes.settings)
     else:
-        changed = msgspec.json.decode(msgspec.json.encode(raw))
+        current, _ = translate(msgspec.json.decode(msgspec.json.encode(raw)), str(path))
+        changed = {FORMAT_KEY: FORMAT, **current}
         for setting in changes.settings:
             apply_override(changed, setting)
         deployment = from_document(changed, str(path))

@@ -48,8 +48,8 @@ class _MessageHeader(msgspec.Struct):
     """Message fields that the recorder needs; all others are skipped in decoding."""
 
     t_ns: int = 0
-    covered_ns: int = 0
-    events: int = 0
+    watermark_ns: int = 0
+    n_events: int = 0
     id: int = 0
     end_ns: int | None = None
 
@@ -215,7 +215,7 @@ class RecorderProcess:
             self._enqueue(head.t_ns, source, *event)
         self._events[source].clear()
         self._enqueue(head.t_ns, source, channel, key, payload)
-        upstream.end_period(head.covered_ns, head.events)
+        upstream.end_period(head.watermark_ns, head.n_events)
 
     def _skin_upstream(self, name: str) -> Upstream:
         upstream = self._skin.get(name)

@@ -11,7 +11,8 @@ from skinnet.analysis.report.deployment_metrics import deployment_metrics
 from skinnet.analysis.report.papers import CLAIMS
 from skinnet.analysis.report.pictures import Picture, read_pictures
 from skinnet.deployment import Deployment
-from skinnet.errors import RunFolderError
+from skinnet.errors import FormatError, RunFolderError
+from skinnet.migration.deployments import translate
 from skinnet.runtime.outcome import ProcessFailure, ProcessReport
 
 __all__ = [
@@ -186,8 +187,9 @@ def _read_files(folder: Path) -> RunFiles:
         return RunFiles(None, {}, tuple(pictures), tuple(damaged))
     keys = _read(source)
     try:
+        keys, _ = translate(keys, str(source))
         deployment = msgspec.convert(keys, Deployment)
-    except msgspec.ValidationError:
+    except (FormatError, msgspec.ValidationError):
         deployment = None
     return RunFiles(deployment, keys, tuple(pictures), tuple(damaged))
 
