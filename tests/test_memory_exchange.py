@@ -63,9 +63,9 @@ OPEN = ("poses", "open")
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "another format": (
         changed("format", to="x"),
-        "format = 'x', version = 1: 'skinnet memory', version 1 is",
+        "format = 'x', version = 2: 'skinnet memory', version 1 to 2 is",
     ),
-    "another version": (changed("version", to=2), "version = 2: 'skinnet memory', version 1 is"),
+    "another version": (changed("version", to=3), "version = 3: 'skinnet memory', version 1 to 2 is"),
     "no poses": (changed("poses"), "the file: poses is missing"),
     "more keys": (changed("posses", to={}), "the file.posses: unknown key"),
     "list of poses": (changed("poses", to=[]), "poses: expected `object`, got `array`"),

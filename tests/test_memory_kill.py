@@ -84,7 +84,7 @@ def test_a_kill_while_a_file_is_made_leaves_none_or_the_old(tmp_path: Path) -> N
     """A file is made beside its place and moved there as a whole; what is half made has another name."""
     code = (
         "import os, sys; from pathlib import Path; from memory_robot import numbered;"
-        "from test_memory_kill import ROBOT; from skinnet.memory import store;"
+        "from test_memory_kill import ROBOT; from skinnet.memory import sqlite_store as store;"
         "os.fsync = lambda _: os.kill(os.getpid(), 9);"
         "store.write_memory(Path(sys.argv[1]), numbered(1, ROBOT))"
     )

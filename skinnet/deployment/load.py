@@ -1,7 +1,6 @@
 """Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
 import difflib
-import logging
 import math
 import re
 import tomllib
@@ -15,10 +14,9 @@ from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of, read_layers
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
+from skinnet.migration.renaming import remark_old_format
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]
-
-log = logging.getLogger(__name__)
 
 _LEADING_KEY = re.compile(r"[\w.\[\]\-]+")
 _ERROR_LOCATION = re.compile(r"^(?P<what>.*?)(?: - at (?P<in_key>`key` in )?`\$(?P<path>.*)`)?$", re.DOTALL)
@@ -51,12 +49,7 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
 def _log_old_formats(layers: tuple[Layer, ...]) -> None:
     for layer in layers:
         if layer.n_renamed:
-            log.warning(
-                "%s: %d names of an earlier format, read by their new names; skinnet migrate "
-                "rewrites the file",
-                layer.path,
-                layer.n_renamed,
-            )
+            remark_old_format(layer.path, "deployment")
 
 
 def from_document(raw: dict[str, Any], source: str) -> Deployment:

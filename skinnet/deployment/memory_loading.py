@@ -5,8 +5,9 @@ from pathlib import Path
 from skinnet.deployment.deployment import Deployment
 from skinnet.errors import MemoryFileError
 from skinnet.memory.contents import Floats, MemoryContents, RobotIdentity, check_joint_limits
-from skinnet.memory.json_export import from_json
+from skinnet.memory.json_export import stored_from_json
 from skinnet.memory.sqlite_store import read_memory
+from skinnet.migration.renaming import remark_old_format
 
 __all__ = ["check_compatible", "load_memory", "read_memory_json", "robot_description"]
 
@@ -42,17 +43,20 @@ def load_memory(
 
 
 def read_memory_json(path: Path) -> MemoryContents:
-    """Read a memory from the JSON of `skinnet memory export`.
+    """Read a memory from the JSON of `skinnet memory export`; an earlier version is remarked upon once.
 
     Raises:
         MemoryFileError: the file does not exist or is invalid.
     """
     try:
-        return from_json(path.read_bytes())
+        stored = stored_from_json(path.read_bytes())
     except FileNotFoundError:
         raise MemoryFileError(f"{path}: there is no such file") from None
     except MemoryFileError as error:
         raise MemoryFileError(f"{path}: {error}") from None
+    if stored.is_old:
+        remark_old_format(path, "memory")
+    return stored.contents
 
 
 def check_compatible(

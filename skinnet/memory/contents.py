@@ -7,16 +7,17 @@ unsigned: SQLite does not keep the sign, and what is read equals what was writte
 import hashlib
 import re
 from collections import Counter
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.errors import MemoryFileError
+from skinnet.errors import FormatError, MemoryFileError
+from skinnet.migration.memories import VERSION, translate_parameters
 
-__all__ = ["KeyPose", "MemoryContents", "RobotIdentity", "check_joint_limits"]
+__all__ = ["KeyPose", "MemoryContents", "RobotIdentity", "StoredMemory", "check_joint_limits"]
 
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9_\-]{1,64}")
 _PARAMETER_PATTERN = re.compile(r"[A-Za-z0-9_\-.]{1,128}")
@@ -202,6 +203,40 @@ class MemoryContents:
         outside = cells[(cells < 0) | (cells >= self.robot.n_cells)]
         if len(outside):
             raise MemoryFileError(f"{key}: there is no cell {outside[0]}; {self.robot.n_cells} are there")
+
+
+class StoredMemory(NamedTuple):
+    """Stored memory as read: its contents under present names, and the version of the file.
+
+    Attributes:
+        contents: Contents under present names.
+        version: Version of the file.
+        n_renamed: Number of names that its version called otherwise.
+    """
+
+    contents: MemoryContents
+    version: int
+    n_renamed: int
+
+    @property
+    def is_old(self) -> bool:
+        """Test whether the file is of an earlier version."""
+        return self.version < VERSION
+
+    @classmethod
+    def of_version(cls, contents: MemoryContents, version: int) -> "StoredMemory":
+        """Translate contents that were read from a file of `version`.
+
+        Raises:
+            MemoryFileError: an old name stands beside its new one.
+        """
+        if version == VERSION:
+            return cls(contents, version, 0)
+        try:
+            parameters, n_renamed = translate_parameters(contents.parameters)
+        except FormatError as error:
+            raise MemoryFileError(str(error)) from None
+        return cls(replace(contents, parameters=parameters), version, n_renamed)
 
 
 def check_joint_limits(memory: MemoryContents, range_rad: Floats) -> None:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.errors import MemoryFileError
-from skinnet.memory.contents import Floats, KeyPose, MemoryContents, RobotIdentity
+from skinnet.memory.contents import Floats, KeyPose, MemoryContents, RobotIdentity, StoredMemory
+from skinnet.migration.memories import VERSION
 
-__all__ = ["FORMAT", "VERSION", "from_json", "to_json"]
+__all__ = ["FORMAT", "from_json", "stored_from_json", "to_json"]
 
 FORMAT = "skinnet memory"
-VERSION = 1
 _KEYS = ("format", "version", "robot", "activity", "poses", "areas", "parameters")
 
 T = TypeVar("T")
@@ -50,21 +50,22 @@ def to_json(memory: MemoryContents) -> bytes:
 
 
 def from_json(text: bytes) -> MemoryContents:
-    """Decode a memory from JSON in the format of `to_json`.
+    """Decode a memory from JSON, as `stored_from_json`, without the version of the text."""
+    return stored_from_json(text).contents
+
+
+def stored_from_json(text: bytes) -> StoredMemory:
+    """Decode a memory from JSON in the format of `to_json`, of any version up to the present one.
 
     Raises:
-        MemoryFileError: invalid JSON; names the key, the error and what is allowed.
+        MemoryFileError: invalid JSON, or a newer version; names the key, the error and what is allowed.
     """
     try:
         raw = msgspec.json.decode(text)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise MemoryFileError(f"no valid JSON: {error}") from None
     fields = _object(raw, "the file", _KEYS)
-    if fields["format"] != FORMAT or fields["version"] != VERSION:
-        raise MemoryFileError(
-            f"format = {fields['format']!r}, version = {fields['version']!r}: "
-            f"{FORMAT!r}, version {VERSION} is what this skinnet reads"
-        )
+    version = _read_version(fields)
     robot = _read_robot(fields["robot"])
     number = {f"{patch}/{cell}": i for i, (patch, cell) in enumerate(robot.cells())}
     activity, unmeasured = None, np.zeros(0, dtype=np.int64)
@@ -73,7 +74,7 @@ def from_json(text: bytes) -> MemoryContents:
     poses = _convert(fields["poses"], dict[str, Any], "poses")
     areas = _convert(fields["areas"], dict[str, Any], "areas")
     parameters = _convert(fields["parameters"], dict[str, Any], "parameters")
-    return MemoryContents(
+    contents = MemoryContents(
         robot=robot,
         activity=activity,
         poses={name: _read_pose(pose, robot, number, f"poses.{name}") for name, pose in poses.items()},
@@ -81,6 +82,18 @@ def from_json(text: bytes) -> MemoryContents:
         parameters={name: _convert(value, float, f"parameters.{name}") for name, value in parameters.items()},
         unmeasured=unmeasured,
     )
+    return StoredMemory.of_version(contents, version)
+
+
+def _read_version(fields: dict[str, Any]) -> int:
+    version = fields["version"]
+    known = isinstance(version, int) and not isinstance(version, bool) and 1 <= version <= VERSION
+    if fields["format"] != FORMAT or not known:
+        raise MemoryFileError(
+            f"format = {fields['format']!r}, version = {version!r}: "
+            f"{FORMAT!r}, version 1 to {VERSION} is what this skinnet reads"
+        )
+    return int(version)
 
 
 def _pose_object(robot: RobotIdentity, names: list[str], pose: KeyPose) -> dict[str, Any]:

@@ -19,14 +19,23 @@ from numpy.typing import NDArray
 from skinnet.errors import MemoryFileError
 from skinnet.files import write_bytes
 from skinnet.memory import sqlite_tables as tables
-from skinnet.memory.contents import KeyPose, MemoryContents, RobotIdentity
+from skinnet.memory.contents import KeyPose, MemoryContents, RobotIdentity, StoredMemory
+from skinnet.migration.memories import VERSION
+from skinnet.migration.renaming import remark_old_format
 
-__all__ = ["APPLICATION_ID", "VERSION", "MemoryStore", "read_memory", "write_memory"]
+__all__ = [
+    "APPLICATION_ID",
+    "VERSION",
+    "MemoryStore",
+    "read_memory",
+    "read_stored",
+    "stored_from_sqlite",
+    "to_sqlite",
+    "write_memory",
+]
 
 APPLICATION_ID = 0x736B696E
 """SQLite application id 'skin', which identifies memory files."""
-VERSION = 1
-"""Schema version, `user_version` in the file."""
 _LOCK_TIMEOUT_S = 0.5
 """Lock timeout [s]: readers hold the file for some milliseconds, writers for a run."""
 _JOURNAL_SUFFIXES = ("-journal", "-wal", "-shm")
@@ -63,7 +72,7 @@ class MemoryStore:
 
     @classmethod
     def open(cls, path: Path, robot: RobotIdentity) -> Self:
-        """Open an existing memory file for writing.
+        """Open an existing memory file for writing, and rewrite it if it is of an earlier version.
 
         Raises:
             MemoryFileError: the file is missing, not a memory, of another version or robot, damaged, or in
@@ -76,11 +85,13 @@ class MemoryStore:
                 db.execute("PRAGMA foreign_keys = ON")
                 db.execute("PRAGMA synchronous = EXTRA")
                 db.execute("BEGIN EXCLUSIVE")
-                memory = _read_contents(db)
+                stored = _read_contents(db)
+                stored.contents.robot.require_match(robot)
+                if stored.is_old:
+                    _upgrade(db, stored.contents)
                 db.execute("COMMIT")  # in this mode, it keeps the lock
-                memory.robot.require_match(robot)
             undo.pop_all()
-        return cls(path, db, memory)
+        return cls(path, db, stored.contents)
 
     @property
     def contents(self) -> MemoryContents:
@@ -149,7 +160,19 @@ class MemoryStore:
 
 
 def read_memory(path: Path) -> MemoryContents:
-    """Read the memory contents of a file.
+    """Read the memory contents of a file; an earlier version is remarked upon once.
+
+    Raises:
+        MemoryFileError: as for `MemoryStore.open`.
+    """
+    stored = read_stored(path)
+    if stored.is_old:
+        remark_old_format(path, "memory")
+    return stored.contents
+
+
+def read_stored(path: Path) -> StoredMemory:
+    """Read the memory contents of a file with its version.
 
     Raises:
         MemoryFileError: as for `MemoryStore.open`.
@@ -165,15 +188,34 @@ def write_memory(path: Path, memory: MemoryContents) -> None:
     Raises:
         MemoryFileError: the previous file is in use.
     """
+    content = to_sqlite(memory)
+    file = path.resolve()
+    with _locked_for_replacement(file):
+        write_bytes(file, content)
+
+
+def to_sqlite(memory: MemoryContents) -> bytes:
+    """Encode a memory as the bytes of an SQLite file."""
     with contextlib.closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
         db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         db.execute(f"PRAGMA user_version = {VERSION}")
         db.executescript(tables.SCHEMA)
         tables.put_all(db, memory)
-        content = db.serialize()
-    file = path.resolve()
-    with _locked_for_replacement(file):
-        write_bytes(file, content)
+        return db.serialize()
+
+
+def stored_from_sqlite(content: bytes, source: str) -> StoredMemory:
+    """Decode a memory from the bytes of an SQLite file; `source` names it in errors.
+
+    Raises:
+        MemoryFileError: as for `MemoryStore.open`.
+    """
+    with (
+        contextlib.closing(sqlite3.connect(":memory:", isolation_level=None)) as db,
+        _translated_errors(Path(source)),
+    ):
+        db.deserialize(content)
+        return _read_contents(db)
 
 
 @contextlib.contextmanager
@@ -204,21 +246,24 @@ def _connect(path: Path) -> sqlite3.Connection:
         return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_LOCK_TIMEOUT_S)
 
 
-def _read_contents(db: sqlite3.Connection) -> MemoryContents:
-    """Read the memory contents of a database after all checks."""
+def _upgrade(db: sqlite3.Connection, memory: MemoryContents) -> None:
+    """Rewrite a database of an earlier version, within the transaction of the caller."""
+    tables.put_content(db, memory)
+    tables.store_digest(db, memory)
+    db.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def _read_contents(db: sqlite3.Connection) -> StoredMemory:
+    """Read the memory contents of a database after all checks, that of the digest included."""
     db.execute("PRAGMA trusted_schema = OFF")
     (application,) = db.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION_ID:
         raise MemoryFileError("is a database of another program, no memory of a robot")
     (version,) = db.execute("PRAGMA user_version").fetchone()
-    if version != VERSION:
-        what = (
-            "newer; update skinnet"
-            if version > VERSION
-            else "older; export it with the skinnet that wrote it"
-        )
+    if not 1 <= version <= VERSION:
+        what = "newer; update skinnet" if version > VERSION else "of no skinnet that was ever published"
         raise MemoryFileError(
-            f"has version {version} of the schema, and this skinnet reads {VERSION}: it is {what}"
+            f"has version {version} of the schema, and this skinnet reads 1 to {VERSION}: it is {what}"
         )
     try:
         problems = db.execute("PRAGMA integrity_check (1)").fetchone()
@@ -226,7 +271,7 @@ def _read_contents(db: sqlite3.Connection) -> MemoryContents:
             raise MemoryFileError(str(problems[0]))
         if tables.schema_statements(db) != _expected_schema():
             raise MemoryFileError("its tables are not those of this version")
-        return tables.read_tables(db)
+        return StoredMemory.of_version(tables.read_tables(db), version)
     except (MemoryFileError, ValueError, TypeError, OverflowError) as error:
         # rows that no version of this program would write
         raise MemoryFileError(f"is damaged: {_one_line(error)}") from None

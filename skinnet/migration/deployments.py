@@ -1,5 +1,6 @@
 """Deployments of earlier formats, translated key by key to the present one."""
 
+import copy
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -41,7 +42,7 @@ def require_known(raw: Mapping[str, Any], source: str) -> int:
     return version
 
 
-def translate(raw: dict[str, Any], source: str) -> tuple[dict[str, Any], int]:
+def translate(raw: Mapping[str, Any], source: str) -> tuple[dict[str, Any], int]:
     """Translate a document of any known format to the present one; return it and the number of changes.
 
     The key that names the format is taken out.
@@ -50,7 +51,7 @@ def translate(raw: dict[str, Any], source: str) -> tuple[dict[str, Any], int]:
         FormatError: as `require_known`; or an old key stands beside its new name.
     """
     version = require_known(raw, source)
-    document = {key: value for key, value in raw.items() if key != FORMAT_KEY}
+    document = copy.deepcopy({key: value for key, value in raw.items() if key != FORMAT_KEY})
     if version == FORMAT:
         return document, 0
     changes = list(renames(document))
@@ -127,6 +128,7 @@ def _matches(path: str, patterns: tuple[str, ...]) -> bool:
     return any(_compiled(pattern).fullmatch(path) for pattern in patterns)
 
 
+@cache
 def _new_name(path: str) -> str | None:
     return next((new for old, new in DEPLOYMENT_KEYS.items() if _compiled(old).fullmatch(path)), None)
 

@@ -13,13 +13,16 @@ __all__ = [
     "DEPLOYMENT_KEYS",
     "DEPLOYMENT_VALUES",
     "ENCODINGS",
+    "ENCODING_METRIC",
     "FAULT_KINDS",
     "MESSAGE_FIELDS",
     "MESSAGE_TYPES",
     "METRICS",
     "PARAMETERS",
-    "PROCESS_FAILURE_KEYS",
+    "POINT",
+    "PROCESS_FAILURE_FIELDS",
     "STAGE_KINDS",
+    "STRESS_METRICS",
     "SUMMARY_KEYS",
 ]
 
@@ -204,9 +207,8 @@ SUMMARY_KEYS: Mapping[str, str] = MappingProxyType(
     {"figures": "metrics", "late_frames": "deadline_misses", "faults": "process_failures"}
 )
 """New name of a key of a summary."""
-
-PROCESS_FAILURE_KEYS: Mapping[str, str] = MappingProxyType({"what": "cause"})
-"""New name of a key of a process failure in a summary."""
+PROCESS_FAILURE_FIELDS: Mapping[str, str] = MappingProxyType({"what": "cause"})
+"""New name of a field of an entry of `process_failures`."""
 
 METRICS: tuple[tuple[str, str], ...] = (
     (r"grasp\.peak_reading_told", r"grasp.peak_reading_received"),
@@ -232,9 +234,15 @@ METRICS: tuple[tuple[str, str], ...] = (
     (r"recording\.messages\.world", r"recording.messages.free_bodies"),
     (r"plan\.lowest_v", r"plan.min_voltage_v"),
     (r"plan\.browned_out", r"plan.browned_out_cells"),
-    (r"(?:(.*)\.)?share\.(packets|bytes)", r"\1.fraction.\2"),
-    (r"(.*\.)?clock\.(.*)", r"\1periodic.\2"),
-    (r"(.*\.)?levels\.(.*)", r"\1level_crossing.\2"),
-    (r"(.*\.)?delta\.(unstimulated|stimulated)\.(.*)", r"\1send_on_delta.\2.\3"),
 )
-"""Names of metrics as a pattern, and what they are now; those that match apply in turn."""
+"""Names of metrics of a run as a pattern, and what they are now."""
+STRESS_METRICS: tuple[tuple[str, str], ...] = (
+    (r"(.*\.)?share\.(packets|bytes)", r"\1fraction.\2"),
+    (r"(published\..*)\.share", r"\1.fraction"),
+    (r"(c\d+-[^.].*)\.malformed", r"\1.malformed_messages"),
+)
+"""Names of metrics of a sweep as a pattern; names of points in them are translated beside (`POINT`)."""
+POINT = r"(c\d+-)(levels|delta|clock)((?:-.*)?)"
+"""Name of a point of a sweep: cells, encoding, and what else it sets."""
+ENCODING_METRIC = r"(levels|delta|clock)(\.(?:un)?stimulated\..*)"
+"""Name of a metric of the largest points of a sweep: encoding, stimulation, metric."""
