@@ -255,8 +255,8 @@ def test_what_is_no_recording_is_refused_in_one_line(recording: Path, tmp_path: 
         (text, "no recording: it is not an MCAP file"),
         (foreign(tmp_path / "other.mcap", None), "no recording of skinnet: an MCAP file of another program"),
         (
-            foreign(tmp_path / "new.mcap", {"format": "2", "skinnet": "9.1"}),
-            "a recording of format 2, by skinnet 9.1",
+            foreign(tmp_path / "new.mcap", {"format": "3", "skinnet": "9.1"}),
+            "a recording of format 3, by skinnet 9.1",
         ),
         (foreign(tmp_path / "bare.mcap", {"format": "1"}), "it ends before it says what was run"),
         (cut, "no recording of skinnet: an MCAP file of another program, or one that ends before it begins"),

@@ -10,13 +10,14 @@ from typing import Any
 
 import msgspec
 
+from skinnet.migration.recordings import FORMAT
 from skinnet.protocol.channels import CHANNELS, Channel, Keys
 from skinnet.protocol.messages import Message
 
 __all__ = [
     "DEPLOYMENT_ATTACHMENT",
     "FILE_NAME",
-    "FORMAT_VERSION",
+    "FORMAT",
     "MEMORY_PREFIX",
     "MESSAGE_ENCODING",
     "METADATA_NAME",
@@ -28,8 +29,6 @@ __all__ = [
     "schema_name",
 ]
 
-FORMAT_VERSION = 1
-"""Format version; a reader accepts versions up to its own."""
 PROFILE = "skinnet"
 FILE_NAME = "run.mcap"
 """Recording's file name in the run folder."""

@@ -1,4 +1,7 @@
-"""Recording reader; reads files without a summary up to their last whole chunk."""
+"""Recording reader; reads files without a summary up to their last whole chunk.
+
+Earlier formats are read under the present names: keys, messages, deployment and memory are translated.
+"""
 
 import struct
 import zlib
@@ -15,9 +18,13 @@ from mcap.records import Attachment, Channel, Chunk, Metadata
 
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
-from skinnet.errors import ProtocolError, RecordingError
+from skinnet.errors import FormatError, ProtocolError, RecordingError
+from skinnet.memory.conversion import to_present_version
+from skinnet.migration import deployments
+from skinnet.migration.recordings import is_channel_key, translate_key, translate_message
+from skinnet.migration.renaming import remark_old_format
 from skinnet.protocol.channels import Keys
-from skinnet.recording.format import DEPLOYMENT_ATTACHMENT, FORMAT_VERSION, MEMORY_PREFIX, METADATA_NAME
+from skinnet.recording.format import DEPLOYMENT_ATTACHMENT, FORMAT, MEMORY_PREFIX, METADATA_NAME
 from skinnet.recording.mcap_writer import MAGIC, MESSAGE_HEADER
 
 __all__ = ["RecordedMessage", "Recording"]
@@ -70,6 +77,7 @@ class Recording:
         path: Path of the file.
         metadata: Format, version of skinnet, robot, deployment, seed, pace and base folder.
         complete: Whether the file has its footer; if not, it ends with its last whole chunk.
+        is_old: Whether the file is of an earlier format; then it is read under the present names.
         deployment_dict: Resolved deployment of the run, with every default.
         end_ns: Time of the last message [ns]; 0 if there is none.
     """
@@ -82,7 +90,7 @@ class Recording:
         """
         self.path = path
         self.metadata: dict[str, str] = {}
-        self.complete = False
+        self.complete = self.is_old = False
         self.deployment_dict: dict[str, Any] = {}
         self._chunks: list[_ChunkLocation] = []
         self._topics: dict[int, str] = {}
@@ -94,6 +102,8 @@ class Recording:
         except _DECODE_ERRORS as error:
             raise RecordingError(f"{path}: damaged: {error}") from error
         self._check_format()
+        if self.is_old:
+            remark_old_format(path, "recording")
         self.end_ns = max((place.last_ns for place in self._chunks), default=0)
 
     @property
@@ -108,8 +118,15 @@ class Recording:
 
     @property
     def memory(self) -> tuple[str, bytes] | None:
-        """Long-term memory (name, content) that the controller started with; None if it had none."""
-        return self._memory
+        """Long-term memory (name, content) that the controller started with; None if it had none.
+
+        Raises:
+            MemoryFileError: it is of an earlier version, and damaged.
+        """
+        if self._memory is None or not self.is_old:
+            return self._memory
+        name, content = self._memory
+        return name, to_present_version(name, content)[0]
 
     def deployment(self) -> Deployment:
         """Deployment of the run.
@@ -147,7 +164,14 @@ class Recording:
                     found = list(self._messages_of_chunk(content))
                 except _DECODE_ERRORS as error:
                     raise RecordingError(f"{self.path}: damaged at byte {place.offset}: {error}") from error
-                yield from (message for message in found if from_ns <= message[0] <= last_ns)
+                yield from (self._present(message) for message in found if from_ns <= message[0] <= last_ns)
+
+    def _present(self, message: tuple[int, str, bytes]) -> tuple[int, str, bytes]:
+        """Message under its present names."""
+        t_ns, topic, payload = message
+        if not self.is_old or not is_channel_key(topic):
+            return message
+        return t_ns, translate_key(topic), translate_message(payload)
 
     def _messages_of_chunk(self, content: bytes) -> Iterator[tuple[int, str, bytes]]:
         at, topics, unpack = 0, self._topics, MESSAGE_HEADER.unpack_from
@@ -211,14 +235,20 @@ class Recording:
                 f"{self.path}: no recording of skinnet: an MCAP file of another program{cut}"
             )
         version = self.metadata.get("format", "")
-        if not version.isdecimal() or int(version) > FORMAT_VERSION:
+        if not version.isdecimal() or not 1 <= int(version) <= FORMAT:
             raise RecordingError(
                 f"{self.path}: a recording of format {version}, "
                 f"by skinnet {self.metadata.get('skinnet', '?')}; "
-                f"this program reads up to {FORMAT_VERSION}: update it"
+                f"this program reads up to {FORMAT}: update it"
             )
         if not self.deployment_dict:
             raise RecordingError(f"{self.path}: it ends before it says what was run: nothing to see")
+        self.is_old = int(version) < FORMAT
+        try:
+            document, _ = deployments.translate(self.deployment_dict, str(self.path))
+        except FormatError as error:
+            raise RecordingError(str(error)) from None
+        self.deployment_dict = {deployments.FORMAT_KEY: deployments.FORMAT, **document}
 
 
 def _decompress(content: bytes) -> bytes:

@@ -11,7 +11,7 @@ from skinnet.errors import RecorderError
 from skinnet.protocol.channels import Channel, Keys
 from skinnet.recording.format import (
     DEPLOYMENT_ATTACHMENT,
-    FORMAT_VERSION,
+    FORMAT,
     MEMORY_PREFIX,
     MESSAGE_ENCODING,
     METADATA_NAME,
@@ -135,7 +135,7 @@ class RecordingWriter:
 
 def _metadata(deployment: Deployment, base: Path) -> dict[str, str]:
     return {
-        "format": str(FORMAT_VERSION),
+        "format": str(FORMAT),
         "skinnet": __version__,
         "robot": deployment.robot,
         "deployment": deployment.name,
