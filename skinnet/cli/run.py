@@ -22,6 +22,7 @@ from skinnet.cli.deployment_listing import print_deployment
 from skinnet.cli.summary_table import print_summary
 from skinnet.errors import DeploymentError
 from skinnet.files import write_json
+from skinnet.migration.summaries import FORMAT
 from skinnet.run.launch import RunOptions, load_and_check, run_once
 from skinnet.run.observers.page_process import PageProcess
 from skinnet.run.progress import ProgressDisplay
@@ -101,7 +102,7 @@ def run(
             reports = [run_seed(number, folder / f"seed-{number}") for number in seed_range(seeds)]
             for number, single in zip(seed_range(seeds), reports, strict=True):
                 print_summary(terminal, single, folder / f"seed-{number}")
-            report = {"runs": reports}
+            report = {"format": FORMAT, "runs": reports}
             write_json(folder / "summary.json", report)
         write_report(report, json)
 

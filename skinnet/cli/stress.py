@@ -21,6 +21,7 @@ from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import DeploymentError, SkinnetError
 from skinnet.files import write_bytes, write_json
+from skinnet.migration.summaries import FORMAT
 from skinnet.run.environment import environment
 from skinnet.run.launch import RunOptions, load_and_check
 from skinnet.tools.stress.sweep import PointResult, run_sweep
@@ -87,6 +88,7 @@ def stress(
     terminal = console(stderr=json == "-")
     results = run_sweep(file, deployment, spec, folder, resume=resume, progress=_line_printer(terminal))
     report = {
+        "format": FORMAT,
         "deployment": deployment.name,
         "stress": to_builtins(spec),
         "points": [result.point.name for result in results],

@@ -13,7 +13,7 @@ from skinnet.migration.format_1 import (
     ENCODINGS,
     METRICS,
     POINT,
-    PROCESS_FAILURE_FIELDS,
+    PROCESS_FAILURE_KEYS,
     STRESS_METRICS,
     SUMMARY_KEYS,
 )
@@ -23,6 +23,7 @@ __all__ = ["FORMAT", "current_metric", "current_point", "translate_summary"]
 
 FORMAT = 2
 """Format of summaries, of runs and of sweeps; format 1 has no key that says so."""
+_FORMAT_KEY = "format"
 _STRESS = "stress"
 _PATTERNS = tuple((re.compile(old), new) for old, new in (*METRICS, *STRESS_METRICS))
 _POINT = re.compile(POINT)
@@ -59,16 +60,20 @@ def translate_summary(raw: Mapping[str, Any], source: str) -> tuple[dict[str, An
     Raises:
         FormatError: a newer format, or an old name stands beside its new one.
     """
-    version = raw.get("format", 1)
-    if version == FORMAT and not isinstance(version, bool):
+    if _require_known(raw, source) == FORMAT:
         return dict(raw), None
-    if version != 1 or isinstance(version, bool):
-        raise FormatError(
-            f"{source}: format = {version!r}: this program reads up to {FORMAT}; update it to read this file"
-        )
     translation = _Translation(source)
-    summary = translation.of_summary({key: value for key, value in raw.items() if key != "format"})
-    return {"format": FORMAT} | summary, translation.n_renamed
+    return translation.of_file(raw), translation.n_renamed
+
+
+def _require_known(raw: Mapping[str, Any], source: str) -> int:
+    version = raw.get(_FORMAT_KEY, 1)
+    if isinstance(version, bool) or version not in (1, FORMAT):
+        raise FormatError(
+            f"{source}: {_FORMAT_KEY} = {version!r}: this program reads up to {FORMAT}; "
+            "update it to read this file"
+        )
+    return int(version)
 
 
 class _Translation:
@@ -78,7 +83,14 @@ class _Translation:
         self._source = source
         self.n_renamed = 0
 
-    def of_summary(self, raw: Mapping[str, Any]) -> dict[str, Any]:
+    def of_file(self, raw: Mapping[str, Any]) -> dict[str, Any]:
+        """Translate a summary that may be of the present format, as each of several seeds says itself."""
+        if _require_known(raw, self._source) == FORMAT:
+            return dict(raw)
+        rest = {key: value for key, value in raw.items() if key != _FORMAT_KEY}
+        return {_FORMAT_KEY: FORMAT} | self._of_summary(rest)
+
+    def _of_summary(self, raw: Mapping[str, Any]) -> dict[str, Any]:
         summary = self._renamed(raw, SUMMARY_KEYS)
         match summary:
             case {"metrics": dict() as metrics}:
@@ -91,11 +103,11 @@ class _Translation:
         match summary:
             case {"process_failures": list() as failures}:
                 summary["process_failures"] = [
-                    self._renamed(failure, PROCESS_FAILURE_FIELDS) for failure in failures
+                    self._renamed(failure, PROCESS_FAILURE_KEYS) for failure in failures
                 ]
         match summary:
             case {"runs": list() as runs}:
-                summary["runs"] = [self.of_summary(run) if isinstance(run, dict) else run for run in runs]
+                summary["runs"] = [self.of_file(run) if isinstance(run, dict) else run for run in runs]
         match summary:
             case {"settings": list() as settings}:
                 summary["settings"] = [self._setting(setting) for setting in settings]

@@ -8,6 +8,7 @@ from typing import Any
 from skinnet import __version__
 from skinnet.analysis.metrics import compute_metrics
 from skinnet.deployment import Deployment
+from skinnet.migration.summaries import FORMAT
 from skinnet.protocol.channels import RECORDER
 from skinnet.run.environment import environment
 from skinnet.runtime.outcome import Outcome
@@ -35,6 +36,7 @@ def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: floa
     sim_s = parts["body"].facts["end_ns"] * 1e-9 if "body" in parts else 0.0
     loop_s = parts["body"].facts.get("loop_s", wall_s) if "body" in parts else wall_s
     return {
+        "format": FORMAT,
         "outcome": outcome.kind,
         "deployment": deployment.name,
         "version": __version__,

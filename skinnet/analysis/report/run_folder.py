@@ -1,4 +1,7 @@
-"""Run folder of `skinnet run` or `skinnet stress`, read into one frozen structure."""
+"""Run folder of `skinnet run` or `skinnet stress`, read into one frozen structure.
+
+Files of earlier formats are read under the present names, with one remark for the folder.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +15,9 @@ from skinnet.analysis.report.papers import CLAIMS
 from skinnet.analysis.report.pictures import Picture, read_pictures
 from skinnet.deployment import Deployment
 from skinnet.errors import FormatError, RunFolderError
-from skinnet.migration.deployments import translate
+from skinnet.migration import deployments
+from skinnet.migration.renaming import remark_old_format
+from skinnet.migration.summaries import FORMAT, translate_summary
 from skinnet.runtime.outcome import ProcessFailure, ProcessReport
 
 __all__ = [
@@ -28,6 +33,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+_REMARK = "run folder"
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,6 +56,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     metrics: dict[str, Any]
     environment: dict[str, Any] = {}
     settings: tuple[str, ...] = ()
+    format: int = FORMAT
 
 
 class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,6 +69,7 @@ class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
     metrics: dict[str, Any]
     environment: dict[str, Any] = {}
     settings: tuple[str, ...] = ()
+    format: int = FORMAT
 
 
 @dataclass(frozen=True)
@@ -129,7 +137,7 @@ def read_run_folder(folder: Path) -> Results:
     if not (folder / "summary.json").exists():
         raise RunFolderError(f"{folder}: {_unfinished_reason(folder)}")
     source = folder / "summary.json"
-    raw = _read(source)
+    raw = _read_summary(source)
     if "runs" not in raw:
         return _read_run(name, source, raw, _read_files(folder))
     rows = raw["runs"]
@@ -172,7 +180,7 @@ def _read_run(name: str, source: Path, raw: dict[str, Any], files: RunFiles) -> 
 
 def _read_stress(folder: Path, name: str) -> StressResults:
     source = folder / "stress.json"
-    summary = _convert(_read(source), StressSummary, source)
+    summary = _convert(_read_summary(source), StressSummary, source)
     made = _read_files(folder)
     figures = deployment_metrics(made.deployment) | summary.metrics
     return StressResults(
@@ -185,11 +193,16 @@ def _read_files(folder: Path) -> RunFiles:
     source = folder / "deployment.json"
     if not source.exists():
         return RunFiles(None, {}, tuple(pictures), tuple(damaged))
-    keys = _read(source)
+    raw = _read(source)
     try:
-        keys, _ = translate(keys, str(source))
+        keys, n_renamed = deployments.translate(raw, str(source))
+    except FormatError as error:
+        raise RunFolderError(str(error)) from None
+    if n_renamed:
+        remark_old_format(folder, _REMARK)
+    try:
         deployment = msgspec.convert(keys, Deployment)
-    except (FormatError, msgspec.ValidationError):
+    except msgspec.ValidationError:
         deployment = None
     return RunFiles(deployment, keys, tuple(pictures), tuple(damaged))
 
@@ -210,6 +223,17 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise RunFolderError(f"{path}: damaged: it must be a JSON object")
     return raw
+
+
+def _read_summary(path: Path) -> dict[str, Any]:
+    """Read `summary.json` or `stress.json` of any known format, under the present names."""
+    try:
+        summary, n_renamed = translate_summary(_read(path), str(path))
+    except FormatError as error:
+        raise RunFolderError(str(error)) from None
+    if n_renamed is not None:
+        remark_old_format(path.parent, _REMARK)
+    return summary
 
 
 def _convert(raw: dict[str, Any], kind: type[T], source: Path) -> T:
