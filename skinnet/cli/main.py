@@ -9,6 +9,8 @@ import typer
 
 from skinnet import __version__
 from skinnet.cli import bench, bridge, memory, network, report, run
+from skinnet.cli.migrate import EXAMPLES as MIGRATE_EXAMPLES
+from skinnet.cli.migrate import migrate
 from skinnet.cli.plan import EXAMPLES, plan
 from skinnet.cli.replay import EXAMPLES as REPLAY_EXAMPLES
 from skinnet.cli.replay import replay
@@ -19,6 +21,7 @@ from skinnet.cli.view import EXAMPLES as VIEW_EXAMPLES
 from skinnet.cli.view import view
 from skinnet.errors import (
     DeploymentError,
+    FormatError,
     MemoryFileError,
     ModelError,
     PortInUseError,
@@ -33,6 +36,7 @@ __all__ = ["app", "main"]
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 _BAD_INPUT_ERRORS = (
     DeploymentError,
+    FormatError,
     MemoryFileError,
     ModelError,
     PortInUseError,
@@ -58,6 +62,7 @@ app.add_typer(memory.app, name="memory")
 app.command(epilog=REQUEST_EXAMPLES)(request)
 app.command(epilog=VIEW_EXAMPLES)(view)
 app.command(epilog=REPLAY_EXAMPLES)(replay)
+app.command(epilog=MIGRATE_EXAMPLES)(migrate)
 app.add_typer(network.app, name="network")
 app.add_typer(bench.app, name="bench")
 app.add_typer(bridge.app, name="bridge")

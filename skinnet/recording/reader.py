@@ -82,8 +82,12 @@ class Recording:
         end_ns: Time of the last message [ns]; 0 if there is none.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, remark: bool = True) -> None:
         """Open a recording.
+
+        Args:
+            path: Path of the file.
+            remark: Log one line if the file is of an earlier format.
 
         Raises:
             RecordingError: there is no such file, or this program cannot read it.
@@ -102,7 +106,7 @@ class Recording:
         except _DECODE_ERRORS as error:
             raise RecordingError(f"{path}: damaged: {error}") from error
         self._check_format()
-        if self.is_old:
+        if self.is_old and remark:
             remark_old_format(path, "recording")
         self.end_ns = max((place.last_ns for place in self._chunks), default=0)
 
