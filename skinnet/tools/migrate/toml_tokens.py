@@ -4,7 +4,7 @@ The text is known to be valid; this scanner finds its way through it and leaves 
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
 __all__ = ["Token", "tokens_of"]
@@ -62,7 +62,7 @@ class _Scanner:
                 yield from self._key_value(table)
             self._skip(_BLANK)
 
-    def _header(self) -> Iterator[Token]:
+    def _header(self) -> Generator[Token, None, Path]:
         is_list = self._text.startswith("[[", self._at)
         self._at += 2 if is_list else 1
         path: Path = ()
