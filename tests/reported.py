@@ -12,7 +12,8 @@ import pytest
 from launching import ROOT
 from rich.console import Console
 
-from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
@@ -30,7 +31,7 @@ def small_run(folder: Path, *settings: str, seed: int = 1, plots: bool = True) -
     """Three simulated seconds of the two-link arm, in this process; returns the summary."""
     order = RunOptions(ARM, (*SHORT, *settings), in_process=True, plots=plots)
     progress = ProgressDisplay(Console(quiet=True), quiet=True)
-    return run_once(order, load_and_check(order, seed), folder, progress)
+    return run_once(prepare_run(order, seed), folder, progress)
 
 
 def png(width: int = 3, height: int = 2) -> bytes:

@@ -20,7 +20,8 @@ from cells.networking.outages import Outage
 from skinnet.cli.main import main
 from skinnet.deployment.experiment.faults import FaultRule
 from skinnet.network.records import Outcome
-from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
 
 ARM = ROOT / "deployments" / "two_link_arm.toml"
@@ -53,9 +54,7 @@ EVERYTHING = (
 def played(out: Path, *settings: str, in_process: bool = True) -> dict[str, Any]:
     """Summary of a run of the two-link arm, whose cells stream all the time."""
     order = RunOptions(ARM, (*STREAM, *settings), in_process, plots=False)
-    summary = run_once(
-        order, load_and_check(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
-    )
+    summary = run_once(prepare_run(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True))
     assert summary["outcome"] == "completed"
     explain(summary["metrics"])
     return summary

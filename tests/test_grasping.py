@@ -12,7 +12,8 @@ from rich.console import Console
 
 from skinnet.memory.json_export import to_json
 from skinnet.memory.sqlite_store import read_memory
-from skinnet.run.launch import RunOptions, load_and_check, run_once
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
 
 pytestmark = pytest.mark.timeout(400)
@@ -32,7 +33,7 @@ def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
     """Figures of a run in one process; whatever happened, what must never happen did not."""
     order = RunOptions(GRASP, settings, in_process=True, plots=False)
     summary = run_once(
-        order, load_and_check(order, seed), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
+        prepare_run(order, seed), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
     )
     assert summary["outcome"] == "completed"
     figures: Figures = summary["metrics"]
@@ -152,9 +153,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Figures]:
     """A robot that knew nothing: what it was taught, and what it did with it."""
     out = tmp_path_factory.mktemp("teach")
     order = RunOptions(TEACH, (), in_process=True, plots=False)
-    summary = run_once(
-        order, load_and_check(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True)
-    )
+    summary = run_once(prepare_run(order), out, ProgressDisplay(Console(file=io.StringIO()), quiet=True))
     return out, summary["metrics"]
 
 

@@ -18,6 +18,7 @@ from skinnet.errors import MemoryFileError
 from skinnet.memory.contents import KeyPose, MemoryContents
 from skinnet.memory.sqlite_store import read_memory, write_memory
 from skinnet.run import in_process
+from skinnet.run.context import RunContext
 from skinnet.run.in_process import run_in_process
 from skinnet.run.progress import ProgressDisplay
 
@@ -151,7 +152,9 @@ async def test_nodes_learn_where_the_run_folder_is(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(in_process, "build_process", build_process)
     with pytest.raises(MemoryFileError, match="enough"):
-        await run_in_process(small(), tmp_path, tmp_path / "run", ProgressDisplay(Console(quiet=True)))
+        await run_in_process(
+            RunContext(small(), tmp_path, tmp_path / "run", ProgressDisplay(Console(quiet=True)))
+        )
     assert asked == [("skinnet.body", tmp_path / "run")]
 
 

@@ -22,7 +22,7 @@ from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.memory.contents import KeyPose, MemoryContents
 from skinnet.memory.json_export import from_json, to_json
 from skinnet.memory.sqlite_store import MemoryStore, read_memory, write_memory
-from skinnet.run.launch import RunOptions, load_and_check
+from skinnet.run.prepare import RunOptions, prepare_run
 
 
 @settings(max_examples=100, deadline=None)
@@ -259,20 +259,20 @@ def test_a_run_is_refused_before_it_starts_if_its_memory_does_not_fit(tmp_path: 
         return RunOptions(TOUCH, (f"memory.read={path}", *settings))
 
     with pytest.raises(DeploymentError, match=r"hrp2_touch.toml: memory.read: .*there is no such file"):
-        load_and_check(order())
+        prepare_run(order())
     write_memory(path, bent())
     with pytest.raises(
         DeploymentError, match=r"memory.read: .*memory.sqlite: poses.open: left_elbow_pitch = 9"
     ):
-        load_and_check(order())
+        prepare_run(order())
     write_memory(path, known())
     with pytest.raises(
         DeploymentError, match=r"memory.read: .*is of another robot: name\[0\] is bot; hrp2 is"
     ):
-        load_and_check(order())
+        prepare_run(order())
     write_memory(path, taught())
     with pytest.raises(DeploymentError, match=r"is of another robot: joints\[0\] is left_shoulder_pitch"):
-        load_and_check(order('body.joints=["left_elbow_pitch"]'))
-    assert load_and_check(order()).memory.read == str(path)
+        prepare_run(order('body.joints=["left_elbow_pitch"]'))
+    assert prepare_run(order()).deployment.memory.read == str(path)
     with pytest.raises(DeploymentError, match=r"memory.read = .*: nursing starts without knowledge"):
-        load_and_check(RunOptions(ROOT / "deployments" / "riba_trajectory.toml", (f"memory.read={path}",)))
+        prepare_run(RunOptions(ROOT / "deployments" / "riba_trajectory.toml", (f"memory.read={path}",)))

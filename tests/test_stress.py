@@ -24,7 +24,7 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.checks.checks import check
 from skinnet.deployment.experiment.stress import PublishedRateSpec, StressSpec
 from skinnet.errors import DeploymentError, ProcessFailedError, SkinnetError
-from skinnet.run.launch import RunOptions, load_and_check
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.usage import USAGE_ROW, UsageTrace
 from skinnet.tools.stress.measurement import MeasurementWindow, measure_point, usage_within
@@ -282,7 +282,7 @@ def test_a_sweep_goes_on_where_it_was_killed(
     small_sweep: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, report = small_sweep
-    deployment = load_and_check(RunOptions(ARM, SCRIPTED))
+    deployment = prepare_run(RunOptions(ARM, SCRIPTED)).deployment
     spec = StressSpec(
         **{name: tuple(v) if isinstance(v, list) else v for name, v in report["stress"].items()}
     )
@@ -298,7 +298,7 @@ def test_a_sweep_goes_on_where_it_was_killed(
     # another seed makes other points
     other = run_sweep(
         ARM,
-        load_and_check(RunOptions(ARM, (*SCRIPTED, "seed=2"))),
+        prepare_run(RunOptions(ARM, (*SCRIPTED, "seed=2"))).deployment,
         spec,
         out,
         resume=True,
@@ -316,7 +316,7 @@ def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, di
     out, _ = small_sweep
     folder = out / "c15-periodic-s0.5"
     names = ["body", "cells0", "cells1", "controller"]
-    deployment = load_and_check(RunOptions(ARM, SCRIPTED))
+    deployment = prepare_run(RunOptions(ARM, SCRIPTED)).deployment
     with pytest.raises(SkinnetError, match="did not form"):
         measure_point(deployment, StressSpec(warm_up_s=1000.0), folder, names)
 

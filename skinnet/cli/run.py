@@ -21,10 +21,12 @@ from skinnet.cli.console import (
 from skinnet.cli.deployment_listing import print_deployment
 from skinnet.cli.summary_table import print_summary
 from skinnet.errors import DeploymentError
-from skinnet.files import write_json
-from skinnet.run.launch import RunOptions, load_and_check, run_once
 from skinnet.run.observers.page_process import PageProcess
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
+from skinnet.run.summary import summarise_seeds
+from skinnet.run.write import write_summary
 
 __all__ = ["EXAMPLES", "check", "run"]
 
@@ -78,7 +80,7 @@ def run(
     if keep and seeds is not None:
         raise DeploymentError("--keep and --seeds: a page that stays shows one run")
     overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
-    order = RunOptions(file, overrides, in_process, listen, plots, record)
+    options = RunOptions(file, overrides, in_process, listen, plots, record)
     if record:
         require_extra("record", "mcap", "zstandard", "foxglove")
     terminal = console(stderr=json == "-")
@@ -86,11 +88,11 @@ def run(
     with contextlib.ExitStack() as pages:
 
         def run_seed(number: int | None, where: Path) -> dict[str, Any]:
-            deployment, progress, asked = load_and_check(order, number), ProgressDisplay(terminal), order
+            prepared, progress = prepare_run(options, number), ProgressDisplay(terminal)
             if view:
                 page = pages.enter_context(PageProcess(progress.print_line, keep=keep, control=control))
-                asked = replace(order, on_observer_endpoint=page.start)
-            return run_once(asked, deployment, where, progress)
+                prepared = replace(prepared, options=replace(options, on_observer_endpoint=page.start))
+            return run_once(prepared, where, progress)
 
         if seeds is None:
             report = run_seed(seed, folder)
@@ -101,12 +103,12 @@ def run(
             reports = [run_seed(number, folder / f"seed-{number}") for number in seed_range(seeds)]
             for number, single in zip(seed_range(seeds), reports, strict=True):
                 print_summary(terminal, single, folder / f"seed-{number}")
-            report = {"runs": reports}
-            write_json(folder / "summary.json", report)
+            report = summarise_seeds(reports)
+            write_summary(report, folder)
         write_report(report, json)
 
 
 def check(file: DeploymentArgument, settings: SettingsOption = None) -> None:
     """Check a deployment; print its processes, cells, channels and periods."""
-    order = RunOptions(file, tuple(settings or ()))
-    print_deployment(console(), load_and_check(order))
+    options = RunOptions(file, tuple(settings or ()))
+    print_deployment(console(), prepare_run(options).deployment)

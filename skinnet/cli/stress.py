@@ -22,7 +22,7 @@ from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import DeploymentError, SkinnetError
 from skinnet.files import write_bytes, write_json
 from skinnet.run.environment import environment
-from skinnet.run.launch import RunOptions, load_and_check
+from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.tools.stress.sweep import PointResult, run_sweep
 from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 
@@ -65,7 +65,7 @@ def stress(
     """Sweep cells, encodings, stimulation and gateways, with separate processes over Zenoh."""
     if resume and out is None:
         raise DeploymentError("--resume: say with --out which sweep to go on with")
-    deployment = load_and_check(RunOptions(file, tuple(settings or ()), plots=False))
+    deployment = prepare_run(RunOptions(file, tuple(settings or ()))).deployment
     if not deployment.patches:
         raise DeploymentError(
             f"{file}: patches: there are none; a stress test is one of the network of cells"

@@ -2,84 +2,70 @@
 
 import asyncio
 import os
-from pathlib import Path
 
-from skinnet.deployment import Deployment
 from skinnet.errors import SkinnetError
-from skinnet.protocol.channels import EXTERNAL, RECORDER, Keys
-from skinnet.run.observers.observer_endpoint import ObserverEndpoint
+from skinnet.protocol.channels import EXTERNAL, RECORDER
+from skinnet.run.collect import EndedInProcess
+from skinnet.run.context import RunContext
 from skinnet.run.observers.process_monitor import monitor_processes
-from skinnet.run.process_list import process_list
-from skinnet.run.progress import ProgressDisplay
 from skinnet.runtime.loop import Closeable, LogicalProcess, run_loop
-from skinnet.runtime.outcome import Outcome, ProcessFailure, ProcessReport
-from skinnet.runtime.worker import build_process, result_of
+from skinnet.runtime.outcome import ProcessFailure
+from skinnet.runtime.worker import build_process
 from skinnet.transport.in_memory import InMemoryHub
 
 __all__ = ["run_in_process"]
 
 
-async def run_in_process(
-    deployment: Deployment,
-    base: Path,
-    out: Path,
-    progress: ProgressDisplay,
-    observers: ObserverEndpoint | None = None,
-    record: bool = False,
-) -> Outcome:
-    """Run `deployment` in this process.
-
-    Args:
-        deployment: Deployment to run.
-        base: Base folder of its relative paths.
-        out: Run folder.
-        progress: Progress display.
-        observers: Observer endpoint.
-        record: Write a recording.
+async def run_in_process(context: RunContext) -> EndedInProcess:
+    """Run all logical processes in this process, to their end.
 
     Raises:
         SkinnetError: a logical process failed.
     """
-    keys = Keys(deployment.robot)
     hub = InMemoryHub()
-    launcher = hub.connect(EXTERNAL)
-    progress.subscribe(launcher, keys)
-    if observers is not None:
-        observers.attach(launcher)
-    nodes = [build_process(p.module, deployment, p.name, base, out) for p in process_list(deployment, record)]
-    for node in nodes:
-        node.peers |= {RECORDER} if record else frozenset()
-    faults: list[ProcessFailure] = []
-
-    async def live(node: LogicalProcess) -> None:
-        try:
-            await run_loop(
-                node,
-                hub.connect(node.name),
-                keys,
-                deadline_s=deployment.run.deadline_s,
-                realtime=deployment.run.pace == "realtime",
-            )
-        except SkinnetError as error:
-            if node.name != RECORDER or RECORDER not in deployment.run.tolerated_losses:
-                raise
-            faults.append(ProcessFailure(node.name, str(error)))  # no process depends on it
-            progress.print_line(f"{node.name}: {error}; the run goes on without it")
-
+    context.attach(hub.connect(EXTERNAL))
+    processes = _build(context)
+    failures: list[ProcessFailure] = []
+    pids = {"all": os.getpid()}
     try:
-        async with monitor_processes({"all": os.getpid()}, observers, progress), asyncio.TaskGroup() as group:
-            for node in nodes:
-                group.create_task(live(node))
+        async with monitor_processes(pids, context.observers, context.progress), asyncio.TaskGroup() as group:
+            for process in processes:
+                group.create_task(_run_process(context, process, hub, failures))
     except* SkinnetError as errors:
         raise errors.exceptions[0] from None
     finally:
-        for node in nodes:
-            if isinstance(node, Closeable):
-                node.close()
-        if observers is not None:
-            observers.detach()
-    lost = {fault.process for fault in faults}
-    parts = [result_of(node) for node in nodes if node.name not in lost]
-    facts = parts[0].facts
-    report = ProcessReport("all", "in_process", os.getpid(), facts["cpu_s"], facts["peak_mb"], 0)
-    return Outcome("completed_with_losses" if faults else "completed", parts, [report], faults)
+        for process in processes:
+            if isinstance(process, Closeable):
+                process.close()
+        context.detach()
+    return EndedInProcess(tuple(processes), tuple(failures))
+
+
+def _build(context: RunContext) -> list[LogicalProcess]:
+    processes = [
+        build_process(spec.module, context.deployment, spec.name, context.base, context.out)
+        for spec in context.processes
+    ]
+    for process in processes:
+        process.peers |= {RECORDER} if context.record else frozenset()
+    return processes
+
+
+async def _run_process(
+    context: RunContext, process: LogicalProcess, hub: InMemoryHub, failures: list[ProcessFailure]
+) -> None:
+    """Run one logical process to its end; note the failure of a recorder whose loss is tolerated."""
+    run = context.deployment.run
+    try:
+        await run_loop(
+            process,
+            hub.connect(process.name),
+            context.keys,
+            deadline_s=run.deadline_s,
+            realtime=run.pace == "realtime",
+        )
+    except SkinnetError as error:
+        if process.name != RECORDER or RECORDER not in run.tolerated_losses:
+            raise
+        failures.append(ProcessFailure(process.name, str(error)))  # no process depends on it
+        context.progress.print_line(f"{process.name}: {error}; the run goes on without it")

@@ -1,65 +1,76 @@
 """Summary of a run: outcome, timing, resource use and metrics."""
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from skinnet import __version__
-from skinnet.analysis.metrics import compute_metrics
-from skinnet.deployment import Deployment
-from skinnet.protocol.channels import RECORDER
+from skinnet.migration.summaries import FORMAT
 from skinnet.run.environment import environment
+from skinnet.run.launch import EndedRun
+from skinnet.run.prepare import PreparedRun
 from skinnet.runtime.outcome import Outcome
 from skinnet.runtime.process_result import ProcessResult
 
-__all__ = ["log_sha256", "summarise"]
+__all__ = ["log_sha256", "summarise", "summarise_seeds"]
 
 
-def log_sha256(results: list[ProcessResult]) -> str:
+def log_sha256(results: Iterable[ProcessResult]) -> str:
     """Return the SHA-256 over the logs of all sources, independent of their distribution over processes."""
-    logs = {name: digest for part in results for name, digest in part.facts["logs"].items()}
+    logs = {name: digest for result in results for name, digest in result.facts["logs"].items()}
     return hashlib.sha256(repr(sorted(logs.items())).encode()).hexdigest()
 
 
-def summarise(deployment: Deployment, base: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
+def summarise(
+    prepared: PreparedRun, launched: EndedRun, outcome: Outcome, metrics: dict[str, Any]
+) -> dict[str, Any]:
     """Build the content of `summary.json`.
 
     Args:
-        deployment: Deployment of the run.
-        base: Base folder of its relative paths.
-        outcome: Run outcome.
-        wall_s: Wall time from the first process to the last [s].
+        prepared: Deployment and options of the run.
+        launched: Timing of the run, and counters of its observers.
+        outcome: Outcome of the run.
+        metrics: Metrics of the run.
     """
-    parts = {part.name: part for part in outcome.results}
-    sim_s = parts["body"].facts["end_ns"] * 1e-9 if "body" in parts else 0.0
-    loop_s = parts["body"].facts.get("loop_s", wall_s) if "body" in parts else wall_s
+    deployment = prepared.deployment
+    counters = {result.name: result.facts["counters"] for result in outcome.results}
     return {
-        "outcome": outcome.kind,
+        "format": FORMAT,
+        "outcome": outcome.kind.value,
         "deployment": deployment.name,
         "version": __version__,
         "seed": deployment.seed,
         "log_sha256": log_sha256(outcome.results),
         "pace": deployment.run.pace,
+        **_timing(outcome, launched.wall_s),
+        "processes": [asdict(report) for report in outcome.processes],
+        "process_failures": [asdict(failure) for failure in outcome.failures],
+        "counters": {
+            name: counts
+            for name, counts in (counters | {"observers": launched.observer_counters}).items()
+            if counts
+        },
+        "metrics": metrics,
+        "environment": environment(),
+        "settings": list(prepared.options.settings),
+    }
+
+
+def summarise_seeds(summaries: list[dict[str, Any]]) -> dict[str, Any]:
+    """Build the content of `summary.json` of runs with several seeds."""
+    return {"format": FORMAT, "runs": summaries}
+
+
+def _timing(outcome: Outcome, wall_s: float) -> dict[str, Any]:
+    """Simulated time, wall time, time of the loop [s], real-time factor of the loop, deadline misses."""
+    facts = next((result.facts for result in outcome.results if result.name == "body"), None)
+    sim_s = facts["end_ns"] * 1e-9 if facts is not None else 0.0
+    loop_s = facts.get("loop_s", wall_s) if facts is not None else wall_s
+    return {
         "sim_s": sim_s,
         "wall_s": wall_s,
         "loop_s": loop_s,
         "rtf": sim_s / loop_s if loop_s > 0 else 0.0,
-        "deadline_misses": parts["body"].facts["deadline_misses"] if "body" in parts else 0,
-        "processes": [asdict(report) for report in outcome.processes],
-        "process_failures": [asdict(fault) for fault in outcome.failures],
-        "counters": {part.name: part.facts["counters"] for part in outcome.results if part.facts["counters"]},
-        "metrics": compute_metrics(deployment, base, parts) | _recording_metrics(parts.get(RECORDER)),
-        "environment": environment(),
+        "deadline_misses": facts["deadline_misses"] if facts is not None else 0,
     }
-
-
-def _recording_metrics(result: ProcessResult | None) -> dict[str, int | float]:
-    """Return the metrics of the recording: message counts, bytes, bytes per simulated second."""
-    if result is None:
-        return {}
-    counts = {
-        f"recording.messages.{name}": count for name, count in result.facts["messages"].items() if count
-    }
-    size, sim_s = result.facts["bytes"], result.facts["end_ns"] * 1e-9
-    return counts | {"recording.bytes": size, "recording.bytes_per_sim_s": size / sim_s if sim_s > 0 else 0.0}

@@ -1,10 +1,11 @@
 """Outcome of a run: results, resource use and failures of its processes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from enum import Enum
 
 from skinnet.runtime.process_result import ProcessResult
 
-__all__ = ["Outcome", "ProcessFailure", "ProcessReport"]
+__all__ = ["Outcome", "OutcomeKind", "ProcessFailure", "ProcessReport"]
 
 
 @dataclass(frozen=True)
@@ -28,14 +29,20 @@ class ProcessFailure:
     last_lines: tuple[str, ...] = ()
 
 
-@dataclass
+class OutcomeKind(Enum):
+    """Kind of outcome, by its text in the summary; a run that fails has no summary."""
+
+    COMPLETED = "completed"
+    COMPLETED_WITH_LOSSES = "completed_with_losses"
+    INTERRUPTED = "interrupted"
+    """A process whose loss is tolerated was stopped from outside."""
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """Run outcome: results of the processes that finished, failures of the others.
+    """Run outcome: results of the processes that finished, reports of all, failures of the others."""
 
-    `kind` is "completed", "completed_with_losses", "failed" or "interrupted".
-    """
-
-    kind: str = "completed"
-    results: list[ProcessResult] = field(default_factory=list)
-    processes: list[ProcessReport] = field(default_factory=list)
-    failures: list[ProcessFailure] = field(default_factory=list)
+    kind: OutcomeKind
+    results: tuple[ProcessResult, ...]
+    processes: tuple[ProcessReport, ...]
+    failures: tuple[ProcessFailure, ...]

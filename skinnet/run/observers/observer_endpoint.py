@@ -9,6 +9,7 @@ joint velocities, and requests to the controller, as queries that its answers re
 import socket
 import threading
 from collections.abc import Callable
+from typing import Self
 
 import msgspec
 
@@ -75,6 +76,12 @@ class ObserverEndpoint:
         self._request_server = RequestServer(keys, self._put_external)
         self._request_worker = RequestWorker(self._request_server)
         self._public.declare_queryable(keys.of("request", "*"), self._request_worker.handle_query)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     @property
     def counters(self) -> dict[str, int]:

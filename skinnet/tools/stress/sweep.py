@@ -14,7 +14,8 @@ from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import SkinnetError
 from skinnet.files import write_json
-from skinnet.run.launch import RunOptions, run_once
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import PreparedRun, RunOptions
 from skinnet.run.process_list import process_list
 from skinnet.run.progress import ProgressDisplay
 from skinnet.tools.stress.measurement import measure_point
@@ -97,7 +98,8 @@ def _run_point(
     quiet = ProgressDisplay(Console(stderr=True), quiet=True)
     others = OtherLoad()
     try:
-        run_once(RunOptions(file, plots=False), deployment, folder, quiet)
+        options = RunOptions(file, plots=False)
+        run_once(PreparedRun(options, deployment, file.parent.resolve()), folder, quiet)
         busy = {"others_cores": others.cores}
         names = [process.name for process in process_list(deployment)]
         return PointResult(point, measure_point(deployment, spec, folder, names) | busy)
