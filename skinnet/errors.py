@@ -1,7 +1,8 @@
 """Exception tree of errors that a user or a peer can cause.
 
     SkinnetError
-    ├── DeploymentError     invalid deployment or option: names file, key, value, what is allowed
+    ├── DeploymentError     invalid deployment: names file, key, value, what is allowed
+    ├── UsageError          options of a command that contradict each other, or have no valid value
     ├── FormatError         file of a newer format than this program reads
     ├── MemoryFileError     long-term memory file damaged, locked, or of another robot or version
     ├── RecordingError      not a recording, of a newer version, or damaged
@@ -33,6 +34,7 @@ __all__ = [
     "SkinnetError",
     "UnreachableError",
     "UpstreamLostError",
+    "UsageError",
 ]
 
 
@@ -41,7 +43,11 @@ class SkinnetError(Exception):
 
 
 class DeploymentError(SkinnetError):
-    """Invalid deployment or option; the text names file, key, value, what is allowed, what to do."""
+    """Invalid deployment or setting; the text names file, key, value, what is allowed, what to do."""
+
+
+class UsageError(SkinnetError):
+    """Options of a command that contradict each other or have no valid value; the text names them."""
 
 
 class FormatError(SkinnetError):

@@ -16,6 +16,7 @@ from skinnet.deployment.deployment import BodySpec
 from skinnet.deployment.environment.payload import PayloadSpec
 from skinnet.errors import DeploymentError, ModelError
 from skinnet.skin.placement import PlacedPatch
+from skinnet.suggestions import did_you_mean
 
 __all__ = [
     "FINGER",
@@ -204,8 +205,9 @@ def require_body_id(mj: mujoco.MjModel, name: str, key: str, source: Path | str)
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
         bodies = [mj.body(i).name for i in range(1, mj.nbody)]
-        known = ", ".join(body for body in bodies if body not in _NON_ROBOT_BODIES)
-        raise ModelError(f'{key} = "{name}": {source} has no such body; it has {known}')
+        known = [body for body in bodies if body not in _NON_ROBOT_BODIES]
+        hint = did_you_mean(name, known)
+        raise ModelError(f'{key} = "{name}": {source} has no such body; {hint}it has {", ".join(known)}')
     return int(index)
 
 
@@ -216,8 +218,9 @@ def _model_path(model: str, base_dir: Path) -> Path:
     shipped = _MODELS / f"{model.removesuffix('.xml')}.xml"
     if shipped.parent == _MODELS and shipped.is_file():
         return shipped
-    names = ", ".join(sorted(path.stem for path in _MODELS.glob("*.xml")))
-    raise DeploymentError(f'body.model = "{model}": no file {beside}, and no shipped model: {names}')
+    names = sorted(path.stem for path in _MODELS.glob("*.xml"))
+    hint = f"{did_you_mean(model.removesuffix('.xml'), names)}shipped models: {', '.join(names)}"
+    raise DeploymentError(f'body.model = "{model}": no file {beside}, and no shipped model; {hint}')
 
 
 def _require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
@@ -228,8 +231,9 @@ def _require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
     for key, name in named:
         joint = spec.joint(name)
         if joint is None:
-            known = ", ".join(j.name for j in spec.joints if j.type in _ONE_DOF)
-            raise ModelError(f'{key}: {path} has no joint "{name}"; its hinge and slide joints are {known}')
+            known = [j.name for j in spec.joints if j.type in _ONE_DOF]
+            hint = f"{did_you_mean(name, known)}its hinge and slide joints are {', '.join(known)}"
+            raise ModelError(f'{key}: {path} has no joint "{name}"; {hint}')
         if joint.type not in _ONE_DOF:
             kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
             raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint, not a hinge or slide')

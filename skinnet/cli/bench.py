@@ -1,37 +1,51 @@
 """Command `skinnet bench network`: benchmark of the packet kernel against other simulators."""
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from skinnet.cli.console import JsonOption, console, write_report
-from skinnet.tools.bench.kernel_benchmark import run_benchmarks
+from skinnet.cli.console import JsonOption, console, examples, write_report
 
-__all__ = ["app"]
+if TYPE_CHECKING:
+    from rich.table import Table
 
-app = typer.Typer(no_args_is_help=True, help="Measures this machine's speed, and others beside it.")
+__all__ = ["register"]
+
+_EXAMPLES = examples("skinnet bench network", "skinnet bench network --quick --json bench.json")
+
+_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Benchmark the simulator.")
 
 
-@app.callback()
+def register(app: typer.Typer) -> None:
+    """Register the command group `bench`."""
+    app.add_typer(_app, name="bench", epilog=_EXAMPLES)
+
+
+@_app.callback()
 def _group() -> None:
     """Benchmark the simulator on this computer."""
 
 
-@app.command(name="network")
+@_app.command(name="network", epilog=_EXAMPLES)
 def _network(
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer packets and rounds, for a look.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Uses fewer packets and rounds.")] = False,
     json: JsonOption = None,
 ) -> None:
-    """Benchmark the packet kernel against SimPy, an event heap and, if installed, ns-3, in CPU time."""
-    progress = console(stderr=True)
-    with progress.status("starting") as status:
-        figures = run_benchmarks(quick=quick, progress=status.update)
-    console(stderr=json == "-").print(_table(figures))
-    write_report({"metrics": figures}, json)
+    """Benchmark the packet kernel.
+
+    CPU time is compared with SimPy, an event heap and, if installed, ns-3.
+    """
+    from skinnet.tools.bench.kernel_benchmark import run_benchmarks
+
+    with console(stderr=True).status("starting") as status:
+        metrics = run_benchmarks(quick=quick, progress=status.update)
+    console(stderr=json == "-").print(_table(metrics))
+    write_report({"metrics": metrics}, json)
 
 
-def _table(metrics: dict[str, Any]) -> Table:
+def _table(metrics: dict[str, Any]) -> "Table":
+    from rich.table import Table
+
     title = (
         "{packets} packets over {packet_hops} hops, {cells} cells in patches of {cells_per_patch} at {hz} Hz"
     )

@@ -1,22 +1,64 @@
-"""Deployment listing that `skinnet check` prints: processes, cells, channels, periods."""
+"""Deployment listing that `skinnet check` prints: identity, processes, cells, program, periods; channels."""
+
+from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from skinnet.analysis.report.toml_listing import sections
 from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
+from skinnet.migration.deployments import FORMAT, FORMAT_KEY
 from skinnet.protocol.channels import CHANNELS, Keys, Role
 from skinnet.run.process_list import process_list
 
-__all__ = ["print_deployment"]
+__all__ = ["print_channels", "print_deployment", "resolved_toml"]
 
 
-def print_deployment(console: Console, deployment: Deployment) -> None:
-    """Print the processes, cells, channels, periods and program of a deployment."""
-    console.print(f"{deployment.name}: robot {deployment.robot}, seed {deployment.seed}", highlight=False)
-    for table in (_processes(deployment), _patches(deployment), _channels(deployment), _periods(deployment)):
-        console.print(table)
-    console.print(f"program: {' → '.join(deployment.controller.program)}", highlight=False)
+def print_deployment(console: Console, deployment: Deployment, files: Sequence[Path]) -> None:
+    """Print name, robot, seed, files, processes, cells, program and periods of a deployment.
+
+    Args:
+        console: Console to print to.
+        deployment: Deployment to list.
+        files: Its file, then that which this one extends, and so on.
+    """
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    say(f"{deployment.name}: robot {deployment.robot}, seed {deployment.seed}")
+    if len(files) > 1:
+        say(" extends ".join(map(str, files)))
+    console.print(_processes(deployment))
+    console.print(_cells(deployment))
+    say(f"program: {' → '.join(deployment.controller.program) or 'nursing'}")
+    console.print(_periods(deployment))
+
+
+def print_channels(console: Console, robot: str) -> None:
+    """Print the channels of a run: key, message, sender, receivers, period, open to observers."""
+    prefix = Keys(robot).prefix
+    table = _table(f"channels, keys below {prefix}", "key", "message", "from", "to", "period", "observers")
+    for row in CHANNELS:
+        to = ", ".join(role.value for role in row.receivers)
+        public = "yes" if row.public else ""
+        table.add_row(row.pattern, row.message.__name__, row.sender_name, to, row.period, public)
+    senders = ", ".join(role.value for role in Role if role is not Role.LAUNCHER)
+    table.add_row("alive/<role>/<name>", "liveliness token", senders, "all", "on change")
+    console.print(table)
+
+
+def resolved_toml(deployment: Deployment, file: Path) -> str:
+    """Write a deployment with every default as TOML that `skinnet run` accepts; `file` is its origin."""
+    head = (
+        f"# {file}, resolved; relative paths start at {file.resolve().parent}",
+        f"{FORMAT_KEY} = {FORMAT}",
+    )
+    parts = ["\n".join(head)]
+    parts += ["\n".join(line.text for line in section.lines) for section in sections(deployment)]
+    return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -27,21 +69,17 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _processes(deployment: Deployment) -> Table:
-    table = _table("processes", "name", "role", "runs", "may be lost")
-    hosts = deployment.patches_by_process() | {
+    table = _table("processes", "name", "role", "patches, sheets", "loss tolerated")
+    hosted = deployment.patches_by_process() | {
         BOARD_PROCESS: tuple(sheet.name for sheet in deployment.sheets)
     }
     for spec in process_list(deployment):
-        table.add_row(
-            spec.name,
-            spec.role.value,
-            ", ".join(hosts.get(spec.name, ())),
-            "yes" if spec.loss_tolerated else "",
-        )
+        tolerated = "yes" if spec.loss_tolerated else ""
+        table.add_row(spec.name, spec.role.value, ", ".join(hosted.get(spec.name, ())), tolerated)
     return table
 
 
-def _patches(deployment: Deployment) -> Table:
+def _cells(deployment: Deployment) -> Table:
     table = _table("cells", "patch", "body", "cells", "gateways")
     surfaces = {surface.name: surface.body for surface in deployment.surfaces}
     for sheet in deployment.sheets:
@@ -54,37 +92,14 @@ def _patches(deployment: Deployment) -> Table:
     return table
 
 
-def _channels(deployment: Deployment) -> Table:
-    prefix = Keys(deployment.robot).prefix
-    table = _table(f"channels, keys below {prefix}", "key", "message", "from", "to", "period", "watchers")
-    for row in CHANNELS:
-        to = ", ".join(role.value for role in row.receivers)
-        table.add_row(
-            row.pattern,
-            row.message.__name__,
-            row.sender_name,
-            to,
-            row.period,
-            "yes" if row.public else "",
-        )
-    table.add_row(
-        "alive/<role>/<name>",
-        "liveliness",
-        ", ".join(r.value for r in Role if r is not Role.LAUNCHER),
-        "all",
-        "on change",
-    )
-    return table
-
-
 def _periods(deployment: Deployment) -> Table:
-    table = _table("periods", "what", "ms")
+    table = _table("periods", "period", "ms")
     body, control = deployment.body, deployment.controller
-    for what, value_ms in (
-        ("physics", body.timestep_ms),
+    for name, value_ms in (
+        ("timestep of the physics", body.timestep_ms),
         ("stimulus frame, cells", body.stimulus_period_ms),
-        ("joint feedback, control", control.period_ms),
+        ("joint state, controller", control.period_ms),
         ("command delay", control.command_delay_ns / 1e6),
     ):
-        table.add_row(what, f"{value_ms:g}")
+        table.add_row(name, f"{value_ms:g}")
     return table

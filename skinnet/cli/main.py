@@ -8,17 +8,24 @@ from typing import Annotated
 import typer
 
 from skinnet import __version__
-from skinnet.cli import bench, bridge, memory, network, report, run
-from skinnet.cli.plan import EXAMPLES, plan
-from skinnet.cli.replay import EXAMPLES as REPLAY_EXAMPLES
-from skinnet.cli.replay import replay
-from skinnet.cli.request import EXAMPLES as REQUEST_EXAMPLES
-from skinnet.cli.request import request
-from skinnet.cli.stress import stress
-from skinnet.cli.view import EXAMPLES as VIEW_EXAMPLES
-from skinnet.cli.view import view
+from skinnet.cli import (
+    bench,
+    bridge,
+    check,
+    memory,
+    network,
+    plan,
+    replay,
+    report,
+    request,
+    run,
+    stress,
+    view,
+)
+from skinnet.cli.console import examples
 from skinnet.errors import (
     DeploymentError,
+    FormatError,
     MemoryFileError,
     ModelError,
     PortInUseError,
@@ -26,6 +33,7 @@ from skinnet.errors import (
     RunFolderError,
     SkinnetError,
     UnreachableError,
+    UsageError,
 )
 
 __all__ = ["app", "main"]
@@ -33,34 +41,32 @@ __all__ = ["app", "main"]
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 _BAD_INPUT_ERRORS = (
     DeploymentError,
+    FormatError,
     MemoryFileError,
     ModelError,
     PortInUseError,
     RecordingError,
     RunFolderError,
     UnreachableError,
+    UsageError,
 )
+_COMMANDS = (run, check, plan, stress, report, memory, request, view, replay, network, bench, bridge)
+"""Modules of the commands, in the order of the help."""
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Simulates whole-body robot skin: contact, cell-to-cell network, Zenoh, controller, MuJoCo body.",
-    epilog=run.EXAMPLES,
+    epilog=examples(
+        "skinnet check deployments/hrp2_touch.toml",
+        "skinnet run deployments/hrp2_touch.toml",
+        "skinnet report runs/hrp2_touch-20260101-120000",
+        "skinnet run --help",
+    ),
 )
-app.command(epilog=run.EXAMPLES)(run.run)
-app.command()(run.check)
-app.command(epilog=EXAMPLES)(plan)
-app.command()(stress)
-app.command(epilog=report.EXAMPLES)(report.report)
-app.add_typer(memory.app, name="memory")
-app.command(epilog=REQUEST_EXAMPLES)(request)
-app.command(epilog=VIEW_EXAMPLES)(view)
-app.command(epilog=REPLAY_EXAMPLES)(replay)
-app.add_typer(network.app, name="network")
-app.add_typer(bench.app, name="bench")
-app.add_typer(bridge.app, name="bridge")
+for _command in _COMMANDS:
+    _command.register(app)
 
 
 def _version(value: bool) -> None:
@@ -83,7 +89,7 @@ def main() -> None:
     code: object = 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM as Ctrl-C
     try:
-        app()
+        app(prog_name="skinnet")
     except _BAD_INPUT_ERRORS as error:
         sys.stderr.write(f"skinnet: {error}\n")
         code = BAD_INPUT

@@ -1,68 +1,96 @@
 """Command `skinnet network simulate`: packet simulation of a topology from CSV files."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-from skinnet.cli.console import JsonOption, console, write_report
-from skinnet.network.csv.csv_simulation import SimulationFiles, simulate_csv
+from skinnet.cli.console import JsonOption, console, examples, write_report
 
-__all__ = ["app"]
+if TYPE_CHECKING:
+    from rich.progress import Progress
+    from rich.table import Table
 
-app = typer.Typer(no_args_is_help=True, help="The packet network by itself.")
+__all__ = ["register"]
+
+_EXAMPLES = examples(
+    "skinnet network simulate --links links.csv --packets packets.csv \\",
+    "    --until-ns 1000000000 --out delivered.csv",
+    "skinnet network simulate --links links.csv --packets packets.csv.gz --routes routes.csv \\",
+    "    --until-ns 1000000000 --out delivered.csv.gz --drops drops.csv --seed 3 --json -",
+)
+
+_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Simulate the packet network alone.")
 
 
-@app.callback()
+def register(app: typer.Typer) -> None:
+    """Register the command group `network`."""
+    app.add_typer(_app, name="network", epilog=_EXAMPLES)
+
+
+@_app.callback()
 def _group() -> None:
     """Simulate the packet network alone."""
 
 
-@app.command(name="simulate")
+@_app.command(name="simulate", epilog=_EXAMPLES)
 def _simulate(
     links: Annotated[
         Path,
         typer.Option(
             help="Directed links: src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets "
-            "(empty or -1: unbounded); may have loss_probability,jitter_ns,bit_error_rate."
+            "(empty or -1: unbounded); loss_probability,jitter_ns,bit_error_rate are optional."
         ),
     ],
     packets: Annotated[Path, typer.Option(help="Packets in order of time: id,t_ns,node,dest,size_bytes.")],
-    until_ns: Annotated[int, typer.Option(min=0, max=2**61, help="Ends before this time [ns].")],
-    out: Annotated[Path, typer.Option(help="Written: id,t_delivered_ns, by time, node and order there.")],
+    until_ns: Annotated[int, typer.Option(min=0, max=2**61, help="End of the simulation [ns].")],
+    out: Annotated[
+        Path, typer.Option(help="File to write: id,t_delivered_ns, by time, node and order there.")
+    ],
     routes: Annotated[
         Path | None, typer.Option(help="Routes: node,dest,src_port. Fewest hops unless given.")
     ] = None,
-    drops: Annotated[Path | None, typer.Option(help="Written: id,t_ns,node,cause.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of loss, jitter and bit errors.")] = 0,
+    drops: Annotated[Path | None, typer.Option(help="File to write: id,t_ns,node,cause.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of loss, jitter and bit errors.")] = 0,
     json: JsonOption = None,
 ) -> None:
-    """Simulate packets through a network of directed links. Every file may be gzipped: NAME.csv.gz."""
-    bar = Progress(
+    """Simulate packets through directed links.
+
+    Every file may be gzipped: NAME.csv.gz.
+    """
+    from skinnet.network.csv.csv_simulation import SimulationFiles, simulate_csv
+
+    with _progress_bar() as bar:
+        task = bar.add_task("packets", total=1.0)
+        metrics = simulate_csv(
+            SimulationFiles(links, packets, out, routes, drops),
+            until_ns,
+            seed=seed,
+            progress=lambda fraction: bar.update(task, completed=fraction),
+        )
+    console(stderr=json == "-").print(_table(metrics))
+    write_report({"seed": seed, "metrics": metrics}, json)
+
+
+def _progress_bar() -> "Progress":
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    terminal = console(stderr=True)
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(),
         TimeRemainingColumn(),
-        console=console(stderr=True),
+        console=terminal,
         transient=True,
-        disable=not console(stderr=True).is_terminal,
+        disable=not terminal.is_terminal,
     )
-    with bar:
-        task = bar.add_task("packets", total=1.0)
-        figures = simulate_csv(
-            SimulationFiles(links, packets, out, routes, drops),
-            until_ns,
-            seed=seed,
-            progress=lambda share: bar.update(task, completed=share),
-        )
-    console(stderr=json == "-").print(_table(figures))
-    write_report({"seed": seed, "metrics": figures}, json)
 
 
-def _table(metrics: dict[str, Any]) -> Table:
+def _table(metrics: dict[str, Any]) -> "Table":
     """Build the table of packets: enqueued, delivered, dropped, in flight."""
+    from rich.table import Table
+
     prefix = "packets.dropped."
     causes = {name.removeprefix(prefix): n for name, n in metrics.items() if name.startswith(prefix)}
     table = Table(

@@ -10,49 +10,61 @@ from skinnet.cli.console import (
     DeploymentArgument,
     JsonOption,
     OutOption,
+    PlotsOption,
     SettingsOption,
     console,
+    examples,
     write_report,
 )
-from skinnet.cli.plan_table import print_plan
-from skinnet.deployment import load
-from skinnet.deployment.checks.checks import check
 from skinnet.errors import DeploymentError
-from skinnet.files import write_json
-from skinnet.tools.plan.json_report import plan_report
-from skinnet.tools.plan.plan import make_plan
 
-__all__ = ["EXAMPLES", "plan"]
+__all__ = ["register"]
 
-EXAMPLES = """
-Examples:
-
-  skinnet plan deployments/hrp2_touch.toml
-
-  skinnet plan deployments/h1_1260.toml --encoding periodic --latency-ms 2 --json -
-
-  skinnet plan deployments/hrp2_touch.toml --set power.link_ohm=0.2 --voltage 3.1
-"""
+_EXAMPLES = examples(
+    "skinnet plan deployments/hrp2_touch.toml",
+    "skinnet plan deployments/h1_1260.toml --encoding periodic --latency-ms 2 --json -",
+    "skinnet plan deployments/hrp2_touch.toml --set power.link_ohm=0.2 --voltage 3.1",
+)
 _DPI = 130
+
+
+def register(app: typer.Typer) -> None:
+    """Register the command `plan`."""
+    app.command(epilog=_EXAMPLES)(plan)
 
 
 def plan(
     file: DeploymentArgument,
     settings: SettingsOption = None,
-    latency_ms: Annotated[float | None, typer.Option(help="Limit of the worst-case latency.")] = None,
-    utilisation: Annotated[float | None, typer.Option(help="Limit of the load of a link, 0 to 1.")] = None,
-    voltage: Annotated[float | None, typer.Option(help="Limit of the lowest voltage of a cell.")] = None,
-    encoding: Annotated[
-        str | None, typer.Option(metavar="periodic|send_on_delta|level_crossing", help="What cells send.")
+    latency_ms: Annotated[
+        float | None, typer.Option(help="Highest worst-case latency of a cell [ms].")
     ] = None,
-    stimulated: Annotated[float | None, typer.Option(help="Share of touched cells, 0 to 1.")] = None,
-    events_hz: Annotated[float | None, typer.Option(help="Events a second of a touched cell.")] = None,
-    idle_events_hz: Annotated[float | None, typer.Option(help="Events a second of any other.")] = None,
+    utilisation: Annotated[float | None, typer.Option(help="Highest load of a link, 0 to 1.")] = None,
+    voltage: Annotated[float | None, typer.Option(help="Lowest voltage of a cell [V].")] = None,
+    encoding: Annotated[
+        str | None,
+        typer.Option(metavar="periodic|send_on_delta|level_crossing", help="Encoding of the cells."),
+    ] = None,
+    stimulated: Annotated[
+        float | None, typer.Option(help="Fraction of the cells that are stimulated, 0 to 1.")
+    ] = None,
+    events_hz: Annotated[float | None, typer.Option(help="Event rate of a stimulated cell [1/s].")] = None,
+    idle_events_hz: Annotated[float | None, typer.Option(help="Event rate of any other cell [1/s].")] = None,
     out: OutOption = None,
     json: JsonOption = None,
-    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw the skin.")] = True,
+    plots: PlotsOption = True,
 ) -> None:
-    """Plan a deployment: link loads, latencies, cell voltages, and the fewest sufficient gateways."""
+    """Compute the link budget of a deployment.
+
+    The budget has link loads, latencies, cell voltages, and the fewest sufficient gateways.
+    """
+    from skinnet.cli.plan_table import print_plan
+    from skinnet.deployment import load
+    from skinnet.deployment.checks.checks import check
+    from skinnet.files import write_json
+    from skinnet.tools.plan.json_report import plan_report
+    from skinnet.tools.plan.plan import make_plan
+
     given = {
         "max_latency_ms": latency_ms,
         "max_utilisation": utilisation,
@@ -84,4 +96,4 @@ def plan(
         draw_plan(made).savefig(folder / "plan.png", dpi=_DPI)
     print_plan(terminal, result)
     if folder is not None:
-        terminal.print(f"everything is in {folder}", highlight=False)
+        terminal.print(f"results in {folder}", highlight=False, soft_wrap=True)

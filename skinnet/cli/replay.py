@@ -1,69 +1,94 @@
 """Command `skinnet replay`: playback of a recording to a controller or to observers."""
 
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import msgspec
 import typer
 
-from skinnet.cli.console import JsonOption, SettingsOption, console, require_extra, write_report
-from skinnet.deployment import Deployment, load
-from skinnet.deployment.checks.checks import check
-from skinnet.deployment.load import apply_override, from_document
-from skinnet.errors import DeploymentError
-from skinnet.run.observers.observer_endpoint import free_endpoint
+from skinnet.cli.completion import complete_deployment
+from skinnet.cli.console import (
+    BaseOption,
+    JsonOption,
+    SettingsOption,
+    console,
+    examples,
+    line_printer,
+    require_extra,
+    write_report,
+)
+from skinnet.errors import UsageError
+from skinnet.suggestions import did_you_mean
 
-__all__ = ["EXAMPLES", "replay"]
+if TYPE_CHECKING:
+    from skinnet.deployment import Deployment
 
-EXAMPLES = """
-Examples:
+__all__ = ["register"]
 
-  skinnet replay runs/one/run.mcap --into controller
+_EXAMPLES = examples(
+    "skinnet replay runs/one/run.mcap --into controller",
+    "skinnet replay runs/one/run.mcap --into controller --set controller.safety.max_joint_speed_rad_s=0.1",
+    "skinnet replay runs/one/run.mcap --publish --rate 0.5 --from 70 --until 90 --loop",
+)
+_TARGETS = ("controller",)
 
-  skinnet replay runs/one/run.mcap --into controller --set controller.safety.max_joint_speed_rad_s=0.1
 
-  skinnet replay runs/one/run.mcap --publish --rate 0.5 --from 70 --until 90 --loop
-"""
+def register(app: typer.Typer) -> None:
+    """Register the command `replay`."""
+    app.command(epilog=_EXAMPLES)(replay)
 
 
 def replay(
     recording: Annotated[Path, typer.Argument(metavar="RUN.MCAP", help="Recording of a run.")],
     into: Annotated[
-        str | None, typer.Option(metavar="controller", help="Feeds it to a controller and compares commands.")
+        str | None,
+        typer.Option(
+            metavar="controller", help="Feeds the recording to a controller and compares its commands."
+        ),
     ] = None,
     deployment: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Whose controller; the recorded one unless given.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Deployment of the controller; the recorded one unless given.",
+            autocompletion=complete_deployment,
+        ),
     ] = None,
     settings: SettingsOption = None,
     publish: Annotated[
-        bool, typer.Option("--publish", help="Plays it to whoever watches over Zenoh.")
+        bool, typer.Option("--publish", help="Publishes the recording to observers over Zenoh.")
     ] = False,
     rate: Annotated[
         float, typer.Option(min=0.001, max=1000.0, help="Simulated seconds per second of wall time.")
     ] = 1.0,
-    begin_s: Annotated[float, typer.Option("--from", min=0.0, metavar="S", help="Begins there [s].")] = 0.0,
+    begin_s: Annotated[
+        float, typer.Option("--from", min=0.0, metavar="S", help="Begin, in simulated time [s].")
+    ] = 0.0,
     end_s: Annotated[
-        float | None, typer.Option("--until", min=0.0, metavar="S", help="Ends there [s].")
+        float | None, typer.Option("--until", min=0.0, metavar="S", help="End, in simulated time [s].")
     ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Begins again at the end.")] = False,
-    wait: Annotated[bool, typer.Option("--wait", help="Begins when the first watcher is there.")] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="Waits for the first observer.")] = False,
     listen: Annotated[
-        str | None, typer.Option(metavar="ENDPOINT", help="Where watchers join, e.g. tcp/127.0.0.1:7447.")
+        str | None,
+        typer.Option(
+            metavar="ENDPOINT", help="Observer endpoint, e.g. tcp/127.0.0.1:7447; a free port unless given."
+        ),
     ] = None,
-    base: Annotated[
-        Path | None, typer.Option(help="Folder with the model; the one of the recorded run unless given.")
-    ] = None,
+    base: BaseOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Replay a recording into a controller, or publish it; exit code 1 if a command differs."""
+    """Replay a recording of a run.
+
+    With --into, the exit code is 1 if a command of the controller differs from the recorded one.
+    """
     if (into is None) == (not publish):
-        raise DeploymentError("give --into controller, or else --publish")
+        raise UsageError("give --into controller, or else --publish")
     require_extra("record", "mcap", "zstandard")
     if into is not None:
         _replay_into(recording, into, _DeploymentChanges(deployment, tuple(settings or ()), base), json)
         return
     if deployment is not None or settings:
-        raise DeploymentError("--deployment and --set are for --into: what is published was recorded")
+        raise UsageError("--deployment and --set are for --into: --publish changes nothing")
     _publish(recording, (begin_s, end_s, rate, loop), listen, base, wait)
 
 
@@ -79,8 +104,8 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
     from skinnet.recording.reader import Recording
     from skinnet.recording.replay import replay_into, require_same_robot, with_memory
 
-    if target != "controller":
-        raise DeploymentError(f"--into {target}: allowed: controller")
+    if target not in _TARGETS:
+        raise UsageError(f"--into {target}: {did_you_mean(target, _TARGETS)}allowed: {', '.join(_TARGETS)}")
     recording = Recording(path)
     recorded = recording.deployment()
     deployment = _deployment(recording.deployment_dict, path, changes)
@@ -104,8 +129,14 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
     raise typer.Exit(0 if difference is None else 1)
 
 
-def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) -> Deployment:
+def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) -> "Deployment":
     """Build the recorded deployment, or load another one, with the changed settings."""
+    import msgspec
+
+    from skinnet.deployment import load
+    from skinnet.deployment.checks.checks import check
+    from skinnet.deployment.load import apply_override, from_document
+
     if changes.file is not None:
         deployment = load(changes.file, changes.settings)
     else:
@@ -126,20 +157,17 @@ def _publish(
 ) -> None:
     from skinnet.recording.playback_publisher import PlaybackOptions, publish_recording
     from skinnet.recording.reader import Recording
+    from skinnet.run.observers.observer_endpoint import free_endpoint
 
     begin_s, end_s, rate, loop = interval
     if end_s is not None and end_s <= begin_s:
-        raise DeploymentError(f"--until {end_s:g}: must be later than --from {begin_s:g}")
+        raise UsageError(f"--until {end_s:g}: must be later than --from {begin_s:g}")
     recording = Recording(path)
     if begin_s > recording.end_ns * 1e-9:
-        raise DeploymentError(f"--from {begin_s:g}: the recording ends at {recording.end_ns * 1e-9:.3f} s")
-    terminal = console()
-
-    def say(line: str) -> None:
-        terminal.print(line, highlight=False, markup=False, soft_wrap=True)
-
+        raise UsageError(f"--from {begin_s:g}: the recording ends at {recording.end_ns * 1e-9:.3f} s")
+    print_line = line_printer(console())
     if not recording.complete:
-        say(f"the recording is cut; its last chunk ends at {recording.end_ns * 1e-9:.3f} s")
+        print_line(f"the recording is cut; its last chunk ends at {recording.end_ns * 1e-9:.3f} s")
     until_ns = None if end_s is None else round(end_s * 1e9)
     count = publish_recording(
         recording,
@@ -147,6 +175,6 @@ def _publish(
         listen or free_endpoint(),
         base=base or recording.base,
         wait_for_subscriber=wait,
-        log=say,
+        log=print_line,
     )
-    say(f"{count} messages")
+    print_line(f"{count} messages")

@@ -5,35 +5,40 @@ from typing import Annotated
 
 import typer
 
-from skinnet.cli.console import console
-from skinnet.errors import RunFolderError
-from skinnet.files import write_bytes
+from skinnet.cli.console import console, examples, line_printer
+from skinnet.errors import UsageError
 
-__all__ = ["EXAMPLES", "report"]
+__all__ = ["register"]
 
-EXAMPLES = """
-Examples:
+_EXAMPLES = examples(
+    "skinnet report runs/hrp2_touch",
+    "skinnet report runs/stress-h1_1260 --out h1_1260.html",
+)
 
-  skinnet report runs/hrp2_touch
 
-  skinnet report runs/stress-h1_1260 --out h1_1260.html
-"""
+def register(app: typer.Typer) -> None:
+    """Register the command `report`."""
+    app.command(epilog=_EXAMPLES)(report)
 
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of skinnet run or skinnet stress.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of skinnet run or skinnet stress.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="RUN/report.html unless given."),
+        typer.Option("--out", metavar="FILE", help="HTML file to write; RUN/report.html unless given."),
     ] = None,
 ) -> None:
-    """Write a run as one HTML page: summary, plots, metrics beside the paper's, deployment, versions."""
+    """Write a run as one HTML page.
+
+    The page has summary, plots, metrics beside the paper's, deployment and versions.
+    """
     from skinnet.analysis.report.html import render_html
     from skinnet.analysis.report.run_folder import read_run_folder
+    from skinnet.files import write_bytes
 
     page = render_html(read_run_folder(run))
     target = out or run / "report.html"
     if target.is_dir():
-        raise RunFolderError(f"--out {target}: that is a folder; give a file in it")
+        raise UsageError(f"--out {target}: that is a folder; give a file in it")
     write_bytes(target, page.encode("utf-8", "replace"))
-    console().print(f"the report is {target}", highlight=False, markup=False, soft_wrap=True)
+    line_printer(console())(f"the report is {target}")

@@ -5,39 +5,49 @@ from typing import Annotated
 
 import typer
 
-from skinnet.errors import DeploymentError, ProtocolError, SkinnetError, UnreachableError
-from skinnet.protocol.channels import Keys
-from skinnet.protocol.messages import Answer, decode
-from skinnet.transport.queries import query
+from skinnet.cli.console import examples
+from skinnet.errors import ProtocolError, SkinnetError, UnreachableError, UsageError
 
-__all__ = ["EXAMPLES", "request"]
+__all__ = ["register"]
 
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9_\-]+")
+_EXAMPLES = examples(
+    "skinnet request tcp/127.0.0.1:7447 guide force",
+    "skinnet request tcp/127.0.0.1:7447 cancel",
+    "skinnet request tcp/127.0.0.1:7447 go home --robot hrp2 --timeout 2",
+)
 
-EXAMPLES = """
-Examples:
 
-  skinnet request tcp/127.0.0.1:7447 guide force
-
-  skinnet request tcp/127.0.0.1:7447 cancel
-"""
+def register(app: typer.Typer) -> None:
+    """Register the command `request`."""
+    app.command(epilog=_EXAMPLES)(request)
 
 
 def request(
-    endpoint: Annotated[str, typer.Argument(metavar="ENDPOINT", help="Where the run can be watched.")],
-    name: Annotated[str, typer.Argument(metavar="WHAT", help="What is asked for, e.g. cancel.")],
-    argument: Annotated[str, typer.Argument(metavar="ARGUMENT", help="One word for it, e.g. force.")] = "",
+    endpoint: Annotated[
+        str, typer.Argument(metavar="ENDPOINT", help="Observer endpoint, which a run prints.")
+    ],
+    name: Annotated[str, typer.Argument(metavar="REQUEST", help="Name of the request, e.g. cancel.")],
+    argument: Annotated[
+        str, typer.Argument(metavar="ARGUMENT", help="Argument of the request, one word, e.g. force.")
+    ] = "",
     robot: Annotated[
-        str | None, typer.Option(help="Name of the robot; whichever is there unless given.")
+        str | None, typer.Option(help="Name of the robot; any that is there unless given.")
     ] = None,
     timeout: Annotated[
-        float, typer.Option(min=0.001, max=3600.0, metavar="SECONDS", help="How long to wait for an answer.")
+        float, typer.Option(min=0.001, max=3600.0, metavar="S", help="Time to wait for the answer [s].")
     ] = 10.0,
 ) -> None:
-    """Send a request to the controller of a live run; exit code 0 if accepted, 1 if refused."""
-    for part, hint in ((name, "WHAT"), (robot or "any", "--robot")):
-        if not _NAME_PATTERN.fullmatch(part):
-            raise DeploymentError(f"{hint} {part!r}: names have letters, digits, - and _ only")
+    """Send a request to a live run.
+
+    The controller answers; the exit code is 0 if it accepts the request, 1 if it refuses it.
+    """
+    for value, hint in ((name, "REQUEST"), (robot or "any", "--robot")):
+        if not _NAME_PATTERN.fullmatch(value):
+            raise UsageError(f"{hint} {value!r}: names have letters, digits, - and _ only")
+    from skinnet.protocol.channels import Keys
+    from skinnet.transport.queries import query
+
     replies = query(endpoint, Keys(robot or "*").of("request", name), argument.encode(), timeout)
     if not replies:
         who = f"no robot {robot}" if robot else "nobody"
@@ -52,6 +62,8 @@ def request(
 
 def _print_answer(key: str, payload: bytes) -> bool:
     """Print an answer; return whether the request was accepted."""
+    from skinnet.protocol.messages import Answer, decode
+
     try:
         answer = decode(payload, Answer)
     except ProtocolError as error:

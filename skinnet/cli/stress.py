@@ -3,90 +3,120 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args
 
 import typer
-from msgspec import ValidationError, convert, to_builtins
-from rich.console import Console
 
 from skinnet.cli.console import (
     DeploymentArgument,
     JsonOption,
     OutOption,
+    PlotsOption,
     SettingsOption,
     console,
+    examples,
+    line_printer,
     write_report,
 )
-from skinnet.deployment import Deployment, resolved_json
-from skinnet.deployment.experiment.stress import StressSpec
-from skinnet.errors import DeploymentError, SkinnetError
-from skinnet.files import write_bytes, write_json
-from skinnet.run.environment import environment
-from skinnet.run.prepare import RunOptions, prepare_run
-from skinnet.tools.stress.sweep import PointResult, run_sweep
-from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
+from skinnet.errors import DeploymentError, SkinnetError, UsageError
+from skinnet.suggestions import did_you_mean
 
-__all__ = ["stress"]
+if TYPE_CHECKING:
+    from skinnet.deployment import Deployment
+    from skinnet.deployment.experiment.stress import StressSpec
+    from skinnet.tools.stress.sweep import PointResult
 
+__all__ = ["register"]
+
+_EXAMPLES = examples(
+    "skinnet stress deployments/h1_1260.toml --quick",
+    "skinnet stress deployments/h1_1260.toml --cells 250,1260 --encodings periodic,send_on_delta",
+    "skinnet stress deployments/h1_1260.toml --stimulated 0,0.1 --gateways 1,2 --out runs/sweep",
+    "skinnet stress deployments/h1_1260.toml --resume --out runs/sweep",
+)
 _QUICK_SETTINGS = {"duration_s": 1.0, "warm_up_s": 0.5, "delta_noise_ratios": ()}
-_OPTIONS = {"delta_noise_ratios": "--sigmas", "stimulated_fractions": "--stimulated"}
-"""Option of a key of `StressSpec`, where it is not called as the key."""
 T = TypeVar("T")
+
+
+def register(app: typer.Typer) -> None:
+    """Register the command `stress`."""
+    app.command(epilog=_EXAMPLES)(stress)
 
 
 def stress(
     file: DeploymentArgument,
     settings: SettingsOption = None,
     cells: Annotated[
-        str | None, typer.Option(metavar="N,…", help="Numbers of cells, by whole patches.")
+        str | None, typer.Option(metavar="N,…", help="Numbers of cells, rounded up to whole patches.")
     ] = None,
-    encodings: Annotated[str | None, typer.Option(metavar="periodic,send_on_delta,level_crossing")] = None,
+    encodings: Annotated[
+        str | None,
+        typer.Option(metavar="periodic,send_on_delta,level_crossing", help="Encodings of the cells."),
+    ] = None,
     stimulated: Annotated[
-        str | None, typer.Option(metavar="SHARE,…", help="Shares of stimulated cells.")
+        str | None, typer.Option(metavar="F,…", help="Fractions of stimulated cells, 0 to 1.")
     ] = None,
-    gateways: Annotated[str | None, typer.Option(metavar="N,…", help="Gateways of each patch.")] = None,
+    gateways: Annotated[
+        str | None, typer.Option(metavar="N,…", help="Numbers of gateways of each patch.")
+    ] = None,
     sigmas: Annotated[
         str | None,
-        typer.Option(metavar="K,…", help="Also send-on-delta with deltas of so many times the noise."),
+        typer.Option(metavar="K,…", help="Thresholds of send-on-delta, in multiples of the noise."),
     ] = None,
     duration_s: Annotated[
-        float | None, typer.Option("--duration-s", help="Simulated time measured in each point.")
+        float | None, typer.Option("--duration-s", help="Simulated time that is measured at each point [s].")
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="One second a point, no sweep of thresholds.")
+        bool, typer.Option("--quick", help="Measures one second at each point, and sweeps no thresholds.")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the finished points of an earlier sweep in --out.")
+        bool, typer.Option("--resume", help="Keeps the finished points of an earlier sweep in --out.")
     ] = False,
     out: OutOption = None,
     json: JsonOption = None,
-    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Draw plots.")] = True,
+    plots: PlotsOption = True,
 ) -> None:
-    """Sweep cells, encodings, stimulation and gateways, with separate processes over Zenoh."""
+    """Sweep the load of a deployment.
+
+    Numbers of cells, encodings, stimulation and gateways vary; each point is a run in separate processes over
+    Zenoh.
+    """
     if resume and out is None:
-        raise DeploymentError("--resume: say with --out which sweep to go on with")
+        raise UsageError("--resume: say with --out which sweep to go on with")
+    from msgspec import to_builtins
+
+    from skinnet.deployment import resolved_json
+    from skinnet.files import write_bytes, write_json
+    from skinnet.migration.summaries import FORMAT
+    from skinnet.run.environment import environment
+    from skinnet.run.prepare import RunOptions, prepare_run
+    from skinnet.tools.stress.sweep import run_sweep
+    from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
+
     deployment = prepare_run(RunOptions(file, tuple(settings or ()))).deployment
     if not deployment.patches:
         raise DeploymentError(
             f"{file}: patches: there are none; a stress test is one of the network of cells"
         )
     given: dict[str, Any] = dict(_QUICK_SETTINGS) if quick else {}
-    for name, text, kind in (
-        ("cells", cells, int),
-        ("encodings", encodings, str),
-        ("stimulated_fractions", stimulated, float),
-        ("gateways", gateways, int),
-        ("delta_noise_ratios", sigmas, float),
+    for option, key, text, kind in (
+        ("--cells", "cells", cells, int),
+        ("--encodings", "encodings", encodings, str),
+        ("--stimulated", "stimulated_fractions", stimulated, float),
+        ("--gateways", "gateways", gateways, int),
+        ("--sigmas", "delta_noise_ratios", sigmas, float),
     ):
         if text is not None:
-            given[name] = _parse_list(name, text, kind)
+            given[key] = _parse_list(option, text, kind)
     if duration_s is not None:
         given["duration_s"] = duration_s
     spec = _stress_spec(deployment, given)
     folder = out or Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     terminal = console(stderr=json == "-")
-    results = run_sweep(file, deployment, spec, folder, resume=resume, progress=_line_printer(terminal))
+    print_line = line_printer(terminal)
+    results = run_sweep(file, deployment, spec, folder, resume=resume, progress=print_line)
     report = {
+        "format": FORMAT,
         "deployment": deployment.name,
         "stress": to_builtins(spec),
         "points": [result.point.name for result in results],
@@ -100,38 +130,40 @@ def stress(
     if plots:
         _draw(spec, deployment, results, folder)
     print_table(terminal, deployment, spec, results)
-    terminal.print(f"everything is in {folder}", highlight=False, soft_wrap=True)
+    print_line(f"results in {folder}")
     write_report(report, json)
     if report["failed"]:
         raise SkinnetError(f"{len(report['failed'])} of {len(results)} points failed")
 
 
-def _line_printer(terminal: Console) -> Callable[[str], None]:
-    return lambda line: terminal.print(line, highlight=False, markup=False, soft_wrap=True)
-
-
-def _parse_list(name: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
-    """Parse the list "a,b,c" of option `name`.
+def _parse_list(option: str, text: str, kind: Callable[[str], T]) -> tuple[T, ...]:
+    """Parse the list "a,b,c" of an option.
 
     Raises:
-        DeploymentError: an element is no number.
+        UsageError: an element is no number.
     """
     try:
         return tuple(kind(word.strip()) for word in text.split(","))
     except ValueError:
-        option = _OPTIONS.get(name, f"--{name}")
-        raise DeploymentError(f"{option} {text}: write numbers with commas between them") from None
+        raise UsageError(f"{option} {text}: write numbers with commas between them") from None
 
 
-def _stress_spec(deployment: Deployment, given: dict[str, Any]) -> StressSpec:
+def _stress_spec(deployment: "Deployment", given: dict[str, Any]) -> "StressSpec":
     """Build the sweep specification: that of the deployment, with the overrides of the command line."""
+    from msgspec import ValidationError, convert, to_builtins
+
+    from skinnet.deployment.experiment.stress import EncodingName, StressSpec
+
     try:
         return convert(to_builtins(deployment.stress) | given, StressSpec)
     except ValidationError as error:
-        raise DeploymentError(f"stress: {error}") from None
+        known = get_args(EncodingName)
+        unknown = next((name for name in given.get("encodings", ()) if name not in known), None)
+        hint = f"; {did_you_mean(unknown, known)}allowed: {', '.join(known)}" if unknown is not None else ""
+        raise DeploymentError(f"stress: {error}{hint}") from None
 
 
-def _draw(spec: StressSpec, deployment: Deployment, results: list[PointResult], folder: Path) -> None:
+def _draw(spec: "StressSpec", deployment: "Deployment", results: "list[PointResult]", folder: Path) -> None:
     from skinnet.tools.stress.plots import draw_plots  # matplotlib takes a second to import
 
     draw_plots(deployment, spec, results, folder)

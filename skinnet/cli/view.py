@@ -1,60 +1,57 @@
 """Command `skinnet view`: web page of a live run or of a recording."""
 
 import os
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from skinnet.cli.console import console, require_extra
+from skinnet.cli.console import BaseOption, console, examples, line_printer, require_extra
 
-__all__ = ["EXAMPLES", "view"]
+__all__ = ["register"]
 
-EXAMPLES = """
-Examples:
-
-  skinnet run deployments/hrp2_touch.toml --pace realtime --view
-
-  skinnet view tcp/127.0.0.1:7447 --control
-
-  skinnet view runs/touch/run.mcap --port 8080
-
-  skinnet view tcp/127.0.0.1:7447 --host 0.0.0.0 --token a-word-that-nobody-guesses
-"""
+_EXAMPLES = examples(
+    "skinnet run deployments/hrp2_touch.toml --pace realtime --view",
+    "skinnet view tcp/127.0.0.1:7447 --control",
+    "skinnet view runs/touch/run.mcap --port 8080",
+    "skinnet view tcp/127.0.0.1:7447 --host 0.0.0.0 --token a-word-that-nobody-guesses",
+)
 _NICE_INCREMENT = 10
 """Scheduling priority increment of the page, below the processes of the run."""
 
 
+def register(app: typer.Typer) -> None:
+    """Register the command `view`."""
+    app.command(epilog=_EXAMPLES)(view)
+
+
 def view(
     source: Annotated[
-        str, typer.Argument(metavar="ENDPOINT|FILE", help="Watch endpoint that a run prints, or run.mcap.")
+        str,
+        typer.Argument(metavar="ENDPOINT|FILE", help="Observer endpoint, which a run prints, or run.mcap."),
     ],
     host: Annotated[
-        str, typer.Option(help="Address of the page; others than loopback need a token.")
+        str, typer.Option(help="Address to serve the page at; one beyond loopback needs a token.")
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any that is free.")
+        int, typer.Option(min=0, max=65535, help="Port to serve the page at; 0 for a free one.")
     ] = 0,
     token: Annotated[
-        str | None, typer.Option(help="What visitors must know; made up and printed if there must be one.")
+        str | None,
+        typer.Option(help="Token that visitors must know; made and printed if needed and not given."),
     ] = None,
     control: Annotated[
-        bool, typer.Option("--control", help="Offer the controller's requests as buttons.")
+        bool, typer.Option("--control", help="Adds buttons for the requests of the controller.")
     ] = False,
-    keep: Annotated[bool, typer.Option("--keep", help="Stay when the run is over.")] = False,
-    base: Annotated[
-        Path | None, typer.Option(help="Folder with the model; the one that the run names unless given.")
-    ] = None,
+    keep: Annotated[bool, typer.Option("--keep", help="Keeps the page after the end of the run.")] = False,
+    base: BaseOption = None,
 ) -> None:
-    """Serve a web page of body, skin, network and controller, of a live run or of a recording."""
+    """Serve a web page of a run or recording.
+
+    The page shows body, skin, network and controller.
+    """
     if hasattr(os, "nice"):
         os.nice(_NICE_INCREMENT)
     require_extra("view", "viser", "mcap", "zstandard")
     from skinnet.view.page.page_service import ViewOptions, serve_page
 
-    terminal = console()
-
-    def say(line: str) -> None:
-        terminal.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    serve_page(ViewOptions(source, host, port, token, control, keep, base), say)
+    serve_page(ViewOptions(source, host, port, token, control, keep, base), line_printer(console()))

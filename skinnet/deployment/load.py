@@ -1,6 +1,5 @@
 """Deployment loading from TOML with `--set` overrides; errors name file, key and value."""
 
-import difflib
 import logging
 import math
 import re
@@ -15,6 +14,7 @@ from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of, read_layers
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
+from skinnet.suggestions import did_you_mean, known_names
 
 __all__ = ["apply_override", "from_document", "load", "resolved_json"]
 
@@ -135,8 +135,8 @@ def _entry_index(node: list[Any], step: str, override: str) -> int:
         return names.index(step)
     if step.isdecimal() and int(step) < len(node):
         return int(step)
-    known = ", ".join(str(name) for name in names if name) or f"0 to {len(node) - 1}"
-    raise DeploymentError(f"--set {override}: no entry {step}; there are {known}")
+    known = [name for name in names if name] or [f"0 to {len(node) - 1}"]
+    raise DeploymentError(f"--set {override}: no entry {step}; {known_names(step, known)}")
 
 
 def _parse_value(text: str) -> Any:
@@ -168,7 +168,8 @@ def _describe_error(raw: dict[str, Any], message: str) -> str:
     if unknown is not None:
         return _describe_unknown_key(key, _select_table(kind, value), unknown["field"])
     if what.startswith(("Invalid enum value", "Invalid value")):
-        what = f"allowed: {', '.join(_allowed_values(kind))}"
+        allowed = _allowed_values(kind)
+        what = f"{did_you_mean(repr(value), allowed)}allowed: {', '.join(allowed)}"
     tag = _tag_field(kind)
     if tag is not None and what == f"Object missing required field `{tag}`":
         what = f"{what}; allowed: {', '.join(_allowed_values(_tag_annotation(kind)))}"
@@ -214,9 +215,10 @@ def _is_valid(value: Any, kind: Any) -> bool:
 def _describe_unknown_key(key: str, table: Any, field: str) -> str:
     tag = table.__struct_config__.tag_field
     known = [*([tag] if tag else []), *table.__struct_fields__]
-    near = difflib.get_close_matches(field, known, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return f"{key}.{field}".lstrip(".") + f": unknown key; {hint}allowed: {', '.join(known)}"
+    return (
+        f"{key}.{field}".lstrip(".")
+        + f": unknown key; {did_you_mean(field, known)}allowed: {', '.join(known)}"
+    )
 
 
 def _table_types(annotation: Any) -> list[Any]:

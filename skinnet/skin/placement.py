@@ -15,6 +15,7 @@ from skinnet.deployment.deployment import BridgeSpec, CellPoseSpec, CellSpec, La
 from skinnet.deployment.types import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
+from skinnet.suggestions import known_names
 
 __all__ = ["Bridge", "PlacedPatch", "place_patch", "place_patches", "resolve_bridges"]
 
@@ -206,8 +207,8 @@ def resolve_bridges(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) 
         for key, end in (("a", spec.a), ("b", spec.b)):
             name, cell, port = parse_port(end)
             if name not in free:
-                known = ", ".join(free)
-                raise DeploymentError(f"bridges[{index}].{key} = {end!r}: unknown patch; there are {known}")
+                known = known_names(name, free)
+                raise DeploymentError(f"bridges[{index}].{key} = {end!r}: unknown patch; {known}")
             if (cell, port) not in free[name]:
                 ports = [p for c, p in sorted(free[name]) if c == cell]
                 raise DeploymentError(

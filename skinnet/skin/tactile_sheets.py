@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["PlacedSheet", "Surface", "build_surface", "place_sheets"]
 
@@ -159,9 +160,8 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
         if sheet.name in placed:
             raise DeploymentError(f"sheets.{sheet.name}: the name is given twice")
         if sheet.surface not in known:
-            raise DeploymentError(
-                f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; there are {', '.join(known)}"
-            )
+            names = known_names(sheet.surface, known)
+            raise DeploymentError(f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; {names}")
         placed[sheet.name] = _place_sheet(sheet, known[sheet.surface])
     for one, other in combinations(placed.values(), 2):
         if one.surface.body == other.surface.body:

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from skinnet.deployment.types import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.skin.placement import Bridge, PlacedPatch
+from skinnet.suggestions import known_names
 
 __all__ = ["WholeSkin", "join_patches"]
 
@@ -73,8 +74,8 @@ class WholeSkin:
                 return int(first + cell)
             if patch.name == patch_name:
                 raise DeploymentError(f"{key} = {name!r}: {patch_name} has cells 0 to {patch.n_cells - 1}")
-        known = ", ".join(patch.name for patch in self.patches)
-        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {known}")
+        known = known_names(patch_name, [patch.name for patch in self.patches])
+        raise DeploymentError(f"{key} = {name!r}: unknown patch; {known}")
 
 
 def join_patches(patches: tuple[PlacedPatch, ...], bridges: Sequence[Bridge] = ()) -> WholeSkin:

@@ -10,6 +10,7 @@ from skinnet.deployment.checks.teacher import check_teacher
 from skinnet.deployment.deployment import CellSpec, Deployment
 from skinnet.deployment.environment.objects import NO_OBJECT
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["check"]
 
@@ -111,7 +112,7 @@ def _check_processes(deployment: Deployment) -> None:
         for patch in patches:
             if patch not in names:
                 raise DeploymentError(
-                    f"cell_processes.{process}: unknown patch {patch!r}; there are {', '.join(names)}"
+                    f"cell_processes.{process}: unknown patch {patch!r}; {known_names(patch, names)}"
                 )
             if patch in placed:
                 raise DeploymentError(
@@ -125,7 +126,7 @@ def _check_processes(deployment: Deployment) -> None:
     for name in deployment.run.tolerated_losses:
         if name not in known:
             raise DeploymentError(
-                f"run.tolerated_losses: unknown process {name!r}; there are {', '.join(sorted(known))}"
+                f"run.tolerated_losses: unknown process {name!r}; {known_names(name, sorted(known))}"
             )
         if name == "body":
             raise DeploymentError("run.tolerated_losses: nothing is left to simulate without the body")
@@ -179,16 +180,17 @@ def _check_program(deployment: Deployment) -> None:
         stage = control.stages.get(name)
         key = f"controller.stages.{name}"
         if stage is None:
-            known = ", ".join(control.stages)
-            raise DeploymentError(f"controller.program: unknown stage {name!r}; there are {known or 'none'}")
+            raise DeploymentError(
+                f"controller.program: unknown stage {name!r}; {known_names(name, control.stages)}"
+            )
         mapped |= stage.kind == "map"
         if stage.kind == "guide" and not mapped:
             raise DeploymentError(f"{key}: guidance needs a sensory-motor map; put a map stage before it")
         if stage.kind in ("guide", "passive") and stage.duration_s is None:
             raise DeploymentError(f"{key}.duration_s: a {stage.kind} stage needs its duration")
         if stage.kind == "posture" and stage.pose != "home" and stage.pose not in control.poses_rad:
-            known = ", ".join(["home", *control.poses_rad])
-            raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; there are {known}")
+            known = known_names(stage.pose, ["home", *control.poses_rad])
+            raise DeploymentError(f"{key}.pose = {stage.pose!r}: unknown pose; {known}")
 
 
 def _check_nursing(deployment: Deployment) -> None:
@@ -207,14 +209,12 @@ def _check_nursing(deployment: Deployment) -> None:
     for name in nursing.weights:
         if name not in known:
             raise DeploymentError(
-                f"nursing.weights.{name}: no such surface or body; there are {', '.join(known)}"
+                f"nursing.weights.{name}: no such surface or body; {known_names(name, known)}"
             )
     for contact in nursing.assumed_contacts:
         if contact.surface not in surfaces:
-            there = ", ".join(sorted(surfaces))
-            raise DeploymentError(
-                f"nursing.assumed_contacts: unknown surface {contact.surface!r}; there are {there}"
-            )
+            there = known_names(contact.surface, sorted(surfaces))
+            raise DeploymentError(f"nursing.assumed_contacts: unknown surface {contact.surface!r}; {there}")
     released_s = 0.0 if payload is None else payload.release_delay_s + payload.release_ramp_s
     if payload is not None and payload.release_stage == "hold" and nursing.hold_s <= released_s:
         raise DeploymentError(

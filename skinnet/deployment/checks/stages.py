@@ -5,6 +5,7 @@ from typing import get_args
 from skinnet.deployment.controller.teach_and_grasp import StateName
 from skinnet.deployment.deployment import ControllerSpec
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["check_stage_name"]
 
@@ -20,4 +21,4 @@ def check_stage_name(key: str, name: str, controller: ControllerSpec) -> None:
         if spec.kind == "teach_and_grasp":
             known += [f"{stage}.{state}" for state in get_args(StateName)]
     if name not in known:
-        raise DeploymentError(f"{key} = {name!r}: unknown stage; there are {', '.join(known) or 'none'}")
+        raise DeploymentError(f"{key} = {name!r}: unknown stage; {known_names(name, known)}")

@@ -7,6 +7,7 @@ from msgspec import Meta, field
 
 from skinnet.deployment.types import Fraction, NonNegative, Positive, Table, ns_of_s
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = ["CellPattern", "ForceProfile", "RandomPressSpec", "ScriptedPressSpec", "ScriptedStimuliSpec"]
 
@@ -129,7 +130,7 @@ def _match_cells(pattern: str, cells_per_patch: Mapping[str, int], index: int) -
     patch, _, cell = pattern.partition("/")
     key = f"scripted_stimuli.presses[{index}].cells: {pattern!r}"
     if patch != "*" and patch not in cells_per_patch:
-        raise DeploymentError(f"{key}: unknown patch; there are {', '.join(cells_per_patch)}")
+        raise DeploymentError(f"{key}: unknown patch; {known_names(patch, cells_per_patch)}")
     patches = list(cells_per_patch) if patch == "*" else [patch]
     if cell == "*":
         return [(name, i) for name in patches for i in range(cells_per_patch[name])]

@@ -7,6 +7,7 @@ from msgspec import Meta
 
 from skinnet.deployment.types import CellName, NonNegative, Positive, StageName, Table, Vector3
 from skinnet.errors import DeploymentError
+from skinnet.suggestions import known_names
 
 __all__ = [
     "CellRange",
@@ -133,7 +134,7 @@ def parse_cell_range(key: str, name: str, cells_per_patch: Mapping[str, int]) ->
     """
     patch, _, numbers = name.partition("/")
     if patch not in cells_per_patch:
-        raise DeploymentError(f"{key} = {name!r}: unknown patch; there are {', '.join(cells_per_patch)}")
+        raise DeploymentError(f"{key} = {name!r}: unknown patch; {known_names(patch, cells_per_patch)}")
     if not numbers:
         return patch, range(cells_per_patch[patch])
     first, _, last = numbers.partition("-")

@@ -13,6 +13,7 @@ from skinnet.deployment.experiment.faults import CellRule, FaultRule, GatewayLos
 from skinnet.deployment.types import parse_port
 from skinnet.errors import DeploymentError
 from skinnet.random_streams import StreamName, stream_key
+from skinnet.suggestions import known_names
 
 __all__ = ["FaultInventory", "FaultLocation", "FaultTarget", "PatchLayout", "select_targets"]
 
@@ -195,12 +196,12 @@ def _no_match_reason(inventory: FaultInventory, rule: FaultRule) -> str:
     if "*" in rule.target:
         return f"matches none of the {things}; write {form}, with * for anything"
     if sort == _PROCESS:
-        return f"unknown cell process; there are {', '.join(inventory.cell_processes)}"
+        return f"unknown cell process; {known_names(rule.target, inventory.cell_processes)}"
     match = _TARGET.fullmatch(rule.target)
     assert match is not None, rule.target
     patch, cell, port = match["patch"], match["cell"], match["port"]
     if patch not in inventory.n_cells:
-        return f"unknown patch; there are {', '.join(inventory.n_cells)}"
+        return f"unknown patch; {known_names(patch, inventory.n_cells)}"
     if cell is not None and int(cell) >= inventory.n_cells[patch]:
         return f"{patch} has cells 0 to {inventory.n_cells[patch] - 1}"
     if cell is None and port is not None and sort in (_LINK, _GATEWAY):
