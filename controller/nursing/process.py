@@ -71,7 +71,7 @@ class NursingProcess:
         self._period_ns, self._delay_ns = control.period_ns, control.command_delay_ns
         self._hyperperiod_ns, self._max_ns = deployment.hyperperiod_ns, deployment.max_duration_ns
         sheets = place_sheets(deployment.surfaces, deployment.sheets)
-        body = load_model(deployment.body, base, deployment.teacher.tip_radius_m, 0.0)
+        body = load_model(deployment, base, with_environment=False)
         self._board_input = BoardInput(sheets, merge_distance_m=spec.association_distance_m)
         try:
             self._program = NursingProgram(

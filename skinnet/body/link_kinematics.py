@@ -53,8 +53,7 @@ class LinkKinematics:
             ModelError: the model does not compile or lacks what the deployment names.
             DeploymentError: there is no such model.
         """
-        teacher = deployment.teacher
-        self._model = load_model(deployment.body, base_dir, teacher.tip_radius_m, teacher.temperature_c)
+        self._model = load_model(deployment, base_dir, with_environment=False)
         mj = self._model.mj
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos

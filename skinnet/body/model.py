@@ -1,7 +1,6 @@
 """Robot model loading: any MJCF, extended by servos, the teacher's finger, payload and stand."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.contact.compliant_layer import compliant_layer, delay_rigid_contact
-from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject, add_stand, solids_by_geom_name
+from skinnet.body.environment.stand_model import OBJECT, STAND, add_stand, place_object, solids_by_geom_name
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.deployment import BodySpec
+from skinnet.deployment.deployment import BodySpec, Deployment
+from skinnet.deployment.environment.objects import ObjectModel
 from skinnet.deployment.environment.payload import PayloadSpec
 from skinnet.errors import DeploymentError, ModelError
-from skinnet.skin.placement import PlacedPatch
+from skinnet.skin.placement import place_patch
 
 __all__ = [
     "FINGER",
@@ -76,29 +76,20 @@ class BodyModel:
     temperature_c: Floats
 
 
-def build_mj_spec(
-    body: BodySpec,
-    base_dir: Path,
-    finger_radius_m: float,
-    finger_rgba: tuple[float, ...] = _FINGER_RGBA,
-    payload: PayloadSpec | None = None,
-    placed_object: PlacedObject | None = None,
-) -> mujoco.MjSpec:
-    """Build the editable model (`MjSpec`) of `body` with servos, finger, payload and stand.
+def build_mj_spec(deployment: Deployment, base_dir: Path, *, with_environment: bool = True) -> mujoco.MjSpec:
+    """Build the editable model (`MjSpec`) of a robot with servos, finger and environment.
 
     Args:
-        body: Body section of the deployment.
+        deployment: The deployment: robot, teacher's finger, payload and stand.
         base_dir: Folder that `body.model` is relative to.
-        finger_radius_m: Radius of the finger's tip [m].
-        finger_rgba: Colour of the finger.
-        payload: The payload that the robot holds, if any.
-        placed_object: The stand with its object, if any.
+        with_environment: Add the payload, and the stand with its object; False for the robot by itself.
 
     Raises:
         ModelError: MuJoCo cannot read the file, or it lacks a joint or has it of another kind.
         DeploymentError: there is no such model, a joint is named twice, the payload's axis is zero, or the
             stand's plate has no length.
     """
+    body = deployment.body
     path = _model_path(body.model, base_dir)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -120,11 +111,12 @@ def build_mj_spec(
             _SWAY_STIFFNESS_RATIO * servo.kp_nm_per_rad,
             _SWAY_STIFFNESS_RATIO * servo.kv_nm_s_per_rad,
         )
-    _add_finger(spec, finger_radius_m, finger_rgba)
-    if payload is not None:
-        _add_payload(spec, payload, body.foam.friction)
-    if placed_object is not None:
-        add_stand(spec, placed_object)
+    _add_finger(spec, deployment.teacher.tip_radius_m)
+    if with_environment:
+        if deployment.payload is not None:
+            _add_payload(spec, deployment.payload, body.foam.friction)
+        if (placed_object := place_object(deployment)) is not None:
+            add_stand(spec, placed_object)
     spec.option.timestep = body.timestep_ns / NS_PER_S
     # Stiff servos on light links need implicit velocity terms; MuJoCo must not reset an unstable step.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -132,32 +124,23 @@ def build_mj_spec(
     return spec
 
 
-def load_model(
-    body: BodySpec,
-    base_dir: Path,
-    finger_radius_m: float,
-    finger_temperature_c: float,
-    payload: PayloadSpec | None = None,
-    placed_object: PlacedObject | None = None,
-    patches: Sequence[PlacedPatch] = (),
-) -> BodyModel:
-    """Compile the model of `body`, with a finger at `finger_temperature_c` [°C]; else as `build_mj_spec`.
+def load_model(deployment: Deployment, base_dir: Path, *, with_environment: bool = True) -> BodyModel:
+    """Compile the model of a robot, with finger and environment as in `build_mj_spec`.
 
-    Rigid contact of the object with links under `patches` is delayed until the object is compressed.
+    Rigid contact of an object with links under skin is delayed until the object is compressed.
 
     Raises:
         ModelError: the model does not compile or lacks what the deployment names.
         DeploymentError: the deployment contradicts itself or the model's limits.
     """
-    spec = build_mj_spec(body, base_dir, finger_radius_m, payload=payload, placed_object=placed_object)
+    body = deployment.body
+    spec = build_mj_spec(deployment, base_dir, with_environment=with_environment)
     path = _model_path(body.model, base_dir)
     mj = _compile(spec, path)
     require_body_id(mj, body.reference_body, "body.reference_body", path)
+    placed_object = place_object(deployment) if with_environment else None
     if placed_object is not None and placed_object.object_model is not None:
-        for patch in patches:
-            require_body_id(mj, patch.body, f"patches.{patch.name}.body", path)
-        give_m = compliant_layer(placed_object.object_model.stiffness_pa_per_m, body.foam).max_indentation_m
-        delay_rigid_contact(spec, mj, patches, list(solids_by_geom_name(placed_object.object_model)), give_m)
+        _delay_rigid_contact(spec, mj, deployment, placed_object.object_model, path)
         mj = _compile(spec, path)
     joint = np.array([mj.joint(name).id for name in body.joints], dtype=np.int64)
     sway = np.array([mj.joint(name).id for name in body.sway.joints], dtype=np.int64)
@@ -174,8 +157,20 @@ def load_model(
         sway_qpos_address=mj.jnt_qposadr[sway].astype(np.int64),
         finger_body_id=int(mj.body(FINGER).id),
         home_qpos=_home_qpos(mj, body, path),
-        temperature_c=_temperatures_c(mj, body, path, finger_temperature_c),
+        temperature_c=_temperatures_c(mj, body, path, deployment.teacher.temperature_c),
     )
+
+
+def _delay_rigid_contact(
+    spec: mujoco.MjSpec, mj: mujoco.MjModel, deployment: Deployment, object_model: ObjectModel, path: Path
+) -> None:
+    """Delay rigid contact of the object with links under skin in `spec`, whose compiled model is `mj`."""
+    for patch in deployment.patches:
+        require_body_id(mj, patch.body, f"patches.{patch.name}.body", path)
+    patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
+    layer = compliant_layer(object_model.stiffness_pa_per_m, deployment.body.foam)
+    solids = list(solids_by_geom_name(object_model))
+    delay_rigid_contact(spec, mj, patches, solids, layer.max_indentation_m)
 
 
 def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -246,18 +241,22 @@ def _add_servo(spec: mujoco.MjSpec, joint: str, kp: float, kv: float, torque_nm:
         actuator.forcerange = [-torque_nm, torque_nm]
 
 
-def _add_finger(spec: mujoco.MjSpec, radius_m: float, rgba: tuple[float, ...]) -> None:
+def _add_finger(spec: mujoco.MjSpec, radius_m: float) -> None:
     """Add the finger: a mocap body, spherical tip at its origin, +z away from the contact."""
     finger = spec.worldbody.add_body(name=FINGER, mocap=True)
     ball, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
     finger.add_geom(
-        type=ball, size=[radius_m, 0, 0], rgba=rgba, contype=_ALL_CONTACT_BITS, conaffinity=_ALL_CONTACT_BITS
+        type=ball,
+        size=[radius_m, 0, 0],
+        rgba=_FINGER_RGBA,
+        contype=_ALL_CONTACT_BITS,
+        conaffinity=_ALL_CONTACT_BITS,
     )
     finger.add_geom(
         type=capsule,
         size=[radius_m, 0, 0],
         fromto=[0, 0, 0, 0, 0, _FINGER_LENGTH_M],
-        rgba=rgba,
+        rgba=_FINGER_RGBA,
         contype=0,
         conaffinity=0,
     )

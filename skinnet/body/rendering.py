@@ -110,13 +110,7 @@ def _render(request: _RenderRequest) -> None:
     deployment, base_dir = request.deployment, Path(request.base_dir)
     body = BodySimulation(deployment, base_dir)
     presented = place_object(deployment)
-    spec = build_mj_spec(
-        deployment.body,
-        base_dir,
-        deployment.teacher.tip_radius_m,
-        payload=deployment.payload,
-        placed_object=presented,
-    )
+    spec = build_mj_spec(deployment, base_dir)
     colours = _colours(np.array(request.values), body.n_cells + body.n_elements)
     thickness_m = deployment.body.foam.thickness_m
     if deployment.patches:

@@ -74,15 +74,7 @@ class BodySimulation:
         self.t_ns = 0
         self._placed_object = place_object(deployment)
         self.patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
-        self.model = load_model(
-            spec,
-            base_dir,
-            teacher.tip_radius_m,
-            teacher.temperature_c,
-            deployment.payload,
-            self._placed_object,
-            self.patches,
-        )
+        self.model = load_model(deployment, base_dir)
         self.surface = build_skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
         bounds = self.surface.patch_start.tolist()
         self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(self.patches)}

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.environment.free_bodies import FREE_BODIES
-from skinnet.body.environment.stand_model import place_object
 from skinnet.body.model import load_model
 from skinnet.deployment.deployment import Deployment
 
@@ -92,15 +91,7 @@ class VisualModel:
             ModelError: the model does not compile or lacks something.
             DeploymentError: the deployment contradicts the model.
         """
-        teacher = deployment.teacher
-        self._model = load_model(
-            deployment.body,
-            base_dir,
-            teacher.tip_radius_m,
-            teacher.temperature_c,
-            deployment.payload,
-            place_object(deployment),
-        )
+        self._model = load_model(deployment, base_dir)
         mj = self._model.mj
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos

@@ -108,8 +108,7 @@ def _require_fit(memory: MemoryContents, file: Path) -> None:
     deployment = load(file)
     try:
         check(deployment)
-        finger = deployment.teacher
-        body = load_model(deployment.body, file.parent, finger.tip_radius_m, finger.temperature_c)
+        body = load_model(deployment, file.parent, with_environment=False)
     except DeploymentError as error:
         raise DeploymentError(f"{file}: {error}") from None
     check_compatible(memory, deployment, body.range_rad)

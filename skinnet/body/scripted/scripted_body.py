@@ -55,10 +55,10 @@ class ScriptedBody:
             DeploymentError: the deployment contradicts itself or the model.
         """
         assert deployment.scripted_stimuli is not None
-        spec, teacher = deployment.body, deployment.teacher
+        spec = deployment.body
         self.t_ns = 0
         self.refused_commands = 0
-        self.model = load_model(spec, base_dir, teacher.tip_radius_m, teacher.temperature_c)
+        self.model = load_model(deployment, base_dir, with_environment=False)
         patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
         self.surface = build_skin_surface(self.model.mj, patches, deployment.cells, spec.model)
         bounds = self.surface.patch_start.tolist()
