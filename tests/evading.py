@@ -38,7 +38,7 @@ class Evader:
             body.advance(body.t_ns + 5 * MS)
 
     def _taught(self):
-        lessons = self._body.teacher.lessons
+        lessons = self._body.teacher.outcome.lessons
         return bool(lessons) and lessons[-1].end_ns is not None
 
     def _activation(self, stimulus):

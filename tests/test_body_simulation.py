@@ -30,7 +30,7 @@ def history(body, until_ms, chunk_ms, read_every=1):
                 body.stimulus()
                 body.joints()
         rows.append(np.concatenate([body.joints(), body.data.qvel, body.data.ctrl]).tobytes())
-    return rows, body.stimulus().tobytes(), list(body.crossings.crossings)
+    return rows, body.stimulus().tobytes(), list(body.recorder.crossings.crossings)
 
 
 def touched_arm(folder):
@@ -72,7 +72,7 @@ def test_force_crossings_are_exact_between_physics_steps(tmp_path):
     ours, theirs = (
         {
             (c.cell, c.channel, c.level): c.t_ns
-            for c in body.crossings.crossings
+            for c in body.recorder.crossings.crossings
             if c.modality is Modality.FORCE
         }
         for body in (coarse, fine)
@@ -128,7 +128,7 @@ def test_every_touch_of_the_shipped_deployment_reaches_its_cell():
         body.begin_stage(stage)
         body.advance(body.t_ns + 45_000 * MS)
         script = [index for index, touch in enumerate(touches) if touch.stage == stage]
-        done = [truth for truth in body.teacher.touches if truth.stage == stage]
+        done = [truth for truth in body.teacher.outcome.touches if truth.stage == stage]
         assert [truth.touch for truth in done] == script
         for truth in done:
             assert truth.end_ns is not None

@@ -6,7 +6,7 @@ import body_scenes
 import numpy as np
 import pytest
 
-from skinnet.body.teacher.teacher import FingerPhase
+from skinnet.body.teacher.finger_task import FingerPhase
 from skinnet.deployment.deployment import TouchSpec
 from skinnet.protocol.messages import STIMULUS_NAMES
 
@@ -35,7 +35,7 @@ def test_a_path_touch_reaches_its_depth_holds_and_leaves(tmp_path):
     body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.006, hold_s=0.4),))
     body.begin_stage("guide")
     rows = run(body, 2500)
-    (truth,) = body.teacher.touches
+    (truth,) = body.teacher.outcome.touches
     across_m = np.linalg.norm(body.surface.sample_m, axis=1)
     depth_m = 0.006 - 0.008 + np.sqrt(0.008**2 - np.minimum(across_m, 0.008) ** 2)
     sampled_n = 1.5e6 * body.surface.sample_area_m2 * np.maximum(depth_m, 0.0).sum()
@@ -58,7 +58,7 @@ def test_a_moving_finger_feels_the_damping_of_the_foam(tmp_path):
     body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.006, speed_m_s=0.1, hold_s=0.5),))
     body.begin_stage("guide")
     run(body, 1200)
-    (truth,) = body.teacher.touches
+    (truth,) = body.teacher.outcome.touches
     touched = np.linalg.norm(body.surface.sample_m, axis=1) < math.sqrt(2 * 0.008 * 0.006 - 0.006**2)
     damping_n = 1.0e4 * 0.1 * body.surface.sample_area_m2 * touched.sum()
     assert truth.peak_force_n - truth.mean_hold_force_n == pytest.approx(damping_n, rel=0.15)
@@ -70,7 +70,7 @@ def test_a_touch_may_stop_short_of_contact(tmp_path):
     rows = run(body, 2500)
     assert rows[:, DISTANCE].min() == pytest.approx(0.005, abs=1e-4)
     assert not rows[:, :3].any()
-    assert body.teacher.touches[0].contact_ns is None
+    assert body.teacher.outcome.touches[0].contact_ns is None
 
 
 @pytest.mark.parametrize("force_n", [0.6, 1.0, 3.0])
@@ -83,7 +83,7 @@ def test_a_force_touch_holds_its_force_within_two_percent_on_an_arm_that_evades(
     assert body.joints()[1] > 0.2, "the arm has evaded"
     steady = rows[400:, :3].sum(axis=1)
     np.testing.assert_allclose(steady, force_n, rtol=0.02)
-    assert body.teacher.touches[0].mean_hold_force_n == pytest.approx(force_n, rel=0.02)
+    assert body.teacher.outcome.touches[0].mean_hold_force_n == pytest.approx(force_n, rel=0.02)
 
 
 @pytest.mark.parametrize("element", range(3))
@@ -99,11 +99,11 @@ def test_a_touch_on_a_force_cell_holds_the_force_there(tmp_path, element):
 def test_touches_of_a_stage_that_never_begins_never_happen(tmp_path):
     body = body_scenes.arm(tmp_path, touches=(touch(depth_m=0.006), touch(depth_m=0.006, stage="other")))
     run(body, 1000, every_ms=50)
-    assert body.teacher.touches == []
+    assert body.teacher.outcome.touches == []
     body.begin_stage("other")
     run(body, 3500, every_ms=50)
-    assert [truth.touch for truth in body.teacher.touches] == [1]
-    assert body.teacher.touches[0].begin_ns == 1100 * MS
+    assert [truth.touch for truth in body.teacher.outcome.touches] == [1]
+    assert body.teacher.outcome.touches[0].begin_ns == 1100 * MS
 
 
 def test_the_next_stage_sends_the_finger_away(tmp_path):
@@ -117,7 +117,7 @@ def test_the_next_stage_sends_the_finger_away(tmp_path):
     rows = run(body, 3500)
     assert body.teacher.phase is FingerPhase.PARKED
     assert not rows[-1, :3].any()
-    assert len(body.teacher.touches) == 1
+    assert len(body.teacher.outcome.touches) == 1
 
 
 def test_a_touch_waits_for_the_one_before(tmp_path):
@@ -125,7 +125,7 @@ def test_a_touch_waits_for_the_one_before(tmp_path):
     body = body_scenes.arm(tmp_path, touches=script)
     body.begin_stage("guide")
     run(body, 4000, every_ms=50)
-    first, second = body.teacher.touches
+    first, second = body.teacher.outcome.touches
     assert first.end_ns is not None
     assert 0 <= second.begin_ns - first.end_ns <= 2 * MS
     assert (first.cell, second.cell) == ("skin/0", "skin/1")

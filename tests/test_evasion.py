@@ -70,7 +70,7 @@ def test_weights_are_shares_of_the_normal():
 
 def test_what_was_seen_replaces_what_was_expected(body):
     set_joint_positions(body, pose(body, 0))
-    evasion = Evasion(body.model, body.data, body.surface, body.thickness_m)
+    evasion = Evasion(body)
     row = body.cells["left_forearm"].start + 2
     rows = np.array([row, row + 1])
     expected = evasion.directions(rows)
@@ -96,7 +96,7 @@ def test_a_joint_at_its_limit_goes_no_further(body):
     for at_rad, kept in ((body.model.range_rad[elbow, 0], 1.0), (body.model.range_rad[elbow, 1], -1.0)):
         q[elbow] = at_rad
         set_joint_positions(body, q)
-        evasion = Evasion(body.model, body.data, body.surface, body.thickness_m)
+        evasion = Evasion(body)
         weight = ideal_sensory_motor_map(cell_jacobian(body))[row[0], elbow]
         found = evasion.directions(row)[0, elbow]
         assert found == (weight if weight * kept > 0 else 0.0)

@@ -8,7 +8,7 @@ from evading import MS, Evader
 
 from skinnet.analysis.metrics.teaching import teaching_metrics
 from skinnet.body.simulation import BodySimulation
-from skinnet.body.teacher.finger import FingerPhase
+from skinnet.body.teacher.finger_task import FingerPhase
 from skinnet.deployment.deployment import CellPoseSpec, InterfaceSpec, PatchSpec
 from skinnet.deployment.environment.teacher import GoalSpec, LessonSpec, TeacherSpec
 from skinnet.deployment.load import load
@@ -51,7 +51,7 @@ def tip_m(turn_rad, lift_rad):
 def test_a_reachable_pose_is_reached_without_a_touch(tmp_path, pose):
     body = arm(tmp_path, lesson(tip_m(*pose)))
     Evader(body).run(40 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "reached"
     assert max(truth.error_m) <= 0.01 < max(truth.begin_error_m)
     assert truth.contact_ns is None
@@ -66,7 +66,7 @@ def test_the_first_touch_is_on_the_side_from_which_the_arm_shall_go(tmp_path):
     for pose, side in (((-0.4, 0.0), 2), ((0.4, 0.0), 3), ((0.0, 0.4), 0), ((0.0, -0.4), 1)):
         body = arm(tmp_path, lesson(tip_m(*pose)))
         body.advance(200 * MS)
-        assert [touch.cell for touch in body.teacher.lessons[0].touches] == [side]
+        assert [touch.cell for touch in body.teacher.outcome.lessons[0].touches] == [side]
 
 
 def test_the_figures_of_a_run_tell_of_its_lessons(tmp_path):
@@ -89,7 +89,7 @@ def test_the_figures_of_a_run_tell_of_its_lessons(tmp_path):
 def test_only_the_cells_of_the_lesson_are_used(tmp_path):
     body = arm(tmp_path, lesson(tip_m(-0.3, 0.3), cells=("skin/0-1",)))
     Evader(body).run(60 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "nothing helps"
     assert {touch.cell for touch in truth.touches} == {0}
     np.testing.assert_allclose(body.joints(), [0.0, 0.3], atol=0.05)
@@ -99,7 +99,7 @@ def test_what_evasion_cannot_do_ends_by_itself(tmp_path):
     """No cell on the right side: nobody can turn the arm to the left."""
     body = arm(tmp_path, lesson(tip_m(0.4, 0.0)), cells=PADS[:3])
     Evader(body).run(60 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "nothing helps"
     assert truth.end_ns < 5 * S
 
@@ -108,9 +108,9 @@ def test_a_cell_that_does_not_answer_is_given_up_for_another(tmp_path):
     spare = CellPoseSpec(position_m=(0.40, 0.03, 0.0), normal=(0, 1, 0), x_axis=(0, 0, 1))
     body = arm(tmp_path, lesson(tip_m(-0.4, 0.0)), cells=(*PADS, spare))
     body.advance(200 * MS)
-    first = body.teacher.lessons[0].touches[0].cell
+    first = body.teacher.outcome.lessons[0].touches[0].cell
     Evader(body, asleep=[first]).run(60 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "reached"
     assert [touch.cell for touch in truth.touches].count(first) == 1
 
@@ -118,7 +118,7 @@ def test_a_cell_that_does_not_answer_is_given_up_for_another(tmp_path):
 def test_a_robot_that_does_not_react_is_left_alone(tmp_path):
     body = arm(tmp_path, lesson(tip_m(-0.4, 0.4)))
     body.advance(30 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "nothing helps"
     assert sorted(touch.cell for touch in truth.touches) == [0, 2]
     assert truth.min_height_m == pytest.approx(0.002, abs=5e-4)
@@ -128,7 +128,7 @@ def test_a_robot_that_does_not_react_is_left_alone(tmp_path):
 def test_patience_has_an_end(tmp_path):
     body = arm(tmp_path, lesson(tip_m(-0.5, 0.5), timeout_s=2.0))
     Evader(body).run(60 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "out of patience"
     assert truth.end_ns - truth.begin_ns < 3 * S
 
@@ -140,13 +140,13 @@ def test_the_finger_leaves_with_the_stage_and_the_next_lesson_comes_with_the_nex
     assert body.teacher.phase is not FingerPhase.PARKED
     body.begin_stage("rest")
     evader.run(3 * S)
-    assert body.teacher.lessons[0].outcome == "stage over"
+    assert body.teacher.outcome.lessons[0].outcome == "stage over"
     assert body.teacher.phase is FingerPhase.PARKED
     for stage, lessons in (("guide", 2), ("rest", 2), ("guide", 2)):
         body.begin_stage(stage)
         body.advance(body.t_ns + 300 * MS)
-        assert [truth.lesson for truth in body.teacher.lessons] == list(range(lessons))
-    assert body.teacher.lessons[1].touches[0].cell == 3
+        assert [truth.lesson for truth in body.teacher.outcome.lessons] == list(range(lessons))
+    assert body.teacher.outcome.lessons[1].touches[0].cell == 3
 
 
 def test_a_cell_behind_something_is_not_used(tmp_path):
@@ -155,7 +155,7 @@ def test_a_cell_behind_something_is_not_used(tmp_path):
     for y_m, outcome in ((0.10, 2), (0.075, None)):
         body = arm(tmp_path, lesson(tip_m(-0.4, 0.0)), more=wall.format(y=y_m))
         body.advance(200 * MS)
-        touches = body.teacher.lessons[0].touches
+        touches = body.teacher.outcome.lessons[0].touches
         assert [touch.cell for touch in touches] == ([] if outcome is None else [outcome])
         assert not body.stimulus()[:, :3].any()
         assert body.data.ncon == 0
@@ -164,7 +164,7 @@ def test_a_cell_behind_something_is_not_used(tmp_path):
 def test_by_force_the_finger_pushes(tmp_path):
     body = arm(tmp_path, lesson(tip_m(-0.3, 0.25), clearance_m=None, depth_m=0.007))
     Evader(body, force_gain=1.0, proximity_gain=0.0).run(60 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "reached"
     assert truth.contact_ns is not None
     assert -0.007 < truth.min_height_m < -0.005
@@ -212,7 +212,7 @@ def test_both_arms_of_a_humanoid_are_led_into_a_pose():
     )
     body.begin_stage("guide")
     Evader(body, fixed_map=True).run(60 * S)
-    (truth,) = body.teacher.lessons
+    (truth,) = body.teacher.outcome.lessons
     assert truth.outcome == "reached"
     assert max(truth.begin_error_m) > 0.15
     assert max(truth.error_m) <= 0.015

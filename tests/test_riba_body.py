@@ -126,10 +126,10 @@ def test_three_kilograms_between_the_forearms_in_equilibrium() -> None:
     """Friction carries the weight, the normal forces of both sides are alike, nothing slips in 2 s."""
     body = held()
     assert body.payload is not None
-    before_m, slid_m = body.data.body("payload").xpos.copy(), body.payload.sliding_distance_m
+    before_m, slid_m = body.data.body("payload").xpos.copy(), body.recorder.payload.sliding_distance_m
     body.advance(3 * S)
-    assert body.payload.dropped_ns is None
-    assert body.payload.sliding_distance_m - slid_m < 1e-5
+    assert body.recorder.payload.dropped_ns is None
+    assert body.recorder.payload.sliding_distance_m - slid_m < 1e-5
     assert np.abs(body.data.body("payload").xpos - before_m).max() < 1e-4
     assert on_object(body) == pytest.approx([0.0, 0.0, 3.0 * G], abs=0.01)
     force_n = body.sheet_foundation.body_force_n()
@@ -142,10 +142,10 @@ def test_it_does_not_creep_in_twenty_seconds() -> None:
     body = held()
     assert body.payload is not None
     body.advance(3 * S)
-    before_m, slid_m = body.data.body("payload").xpos.copy(), body.payload.sliding_distance_m
+    before_m, slid_m = body.data.body("payload").xpos.copy(), body.recorder.payload.sliding_distance_m
     body.advance(20 * S)
     assert np.abs(body.data.body("payload").xpos - before_m).max() < 5e-5
-    assert body.payload.sliding_distance_m - slid_m < 1e-5
+    assert body.recorder.payload.sliding_distance_m - slid_m < 1e-5
 
 
 def test_on_slippery_foam_it_falls_and_the_body_says_when() -> None:
@@ -176,7 +176,7 @@ def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
     for body in (soft, hard):
         body.data.qpos[:] = soft.data.qpos
         body.data.qvel[:] = 0.0
-        body._compute_contact()
+        body.dynamics.compute_contact()
     assert soft.sheet_foundation.element_force_n().sum() > 50.0
     np.testing.assert_allclose(
         2.0 * soft.sheet_foundation.element_force_n(),

@@ -80,7 +80,7 @@ class Scene:
 
     def press(self) -> tuple[Floats, Floats]:
         """Force [N] and moment [N m] about the base's origin on the tool at the present state, base frame."""
-        self.body._compute_contact()
+        self.body.dynamics.compute_contact()
         return self.on(self.tool)
 
     def on(self, body: int) -> tuple[Floats, Floats]:

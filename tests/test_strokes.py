@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skinnet.analysis.metrics.teaching import teaching_metrics
-from skinnet.body.teacher.finger import FingerPhase
+from skinnet.body.teacher.finger_task import FingerPhase
 from skinnet.body.teacher.strokes import SweepPath, plan_sweeps
 from skinnet.deployment.deployment import LatticeSpec, PatchSpec
 from skinnet.deployment.environment.teacher import StrokeSpec, TeacherSpec
@@ -52,7 +52,7 @@ def run(body, until_ms, command=(0.0, 0.0)):
 def test_all_cells_of_a_patch_are_touched_and_no_others(tmp_path, radius_m):
     body = brushed(tmp_path, {"cells": ("top",)}, radius_m=radius_m)
     forces_n = run(body, 8000, command=(0.05, -0.03))
-    (truth,) = body.teacher.strokes
+    (truth,) = body.teacher.outcome.strokes
     assert sorted(truth.requested_cells) == truth.touched_cells == list(range(12))
     assert truth.end_ns is not None
     assert body.teacher.phase is FingerPhase.PARKED
@@ -67,7 +67,7 @@ def test_all_cells_of_a_patch_are_touched_and_no_others(tmp_path, radius_m):
 def test_some_cells_and_several_patches(tmp_path):
     body = brushed(tmp_path, {"cells": ("top/0-3", "under/1", "top/10")})
     run(body, 8000)
-    (truth,) = body.teacher.strokes
+    (truth,) = body.teacher.outcome.strokes
     assert truth.requested_cells == [0, 1, 2, 3, 13, 10]
     assert truth.touched_cells == [0, 1, 2, 3, 10, 13]
     figures = teaching_metrics(ProcessResult("body", "body", body.ground_truth().facts, {}))
@@ -81,7 +81,7 @@ def test_the_next_time_the_next_stroke(tmp_path):
     for stage in ("rest", "attend", "rest", "attend"):
         run(body, body.t_ns // MS + 3000)
         body.begin_stage(stage)
-    assert [truth.requested_cells for truth in body.teacher.strokes] == [[0], [12, 13]]
+    assert [truth.requested_cells for truth in body.teacher.outcome.strokes] == [[0], [12, 13]]
 
 
 def test_a_stroke_ends_with_its_stage(tmp_path):
@@ -91,7 +91,7 @@ def test_a_stroke_ends_with_its_stage(tmp_path):
     body.begin_stage("rest")
     assert body.teacher.phase is FingerPhase.WITHDRAW
     forces_n = run(body, 2500)
-    (truth,) = body.teacher.strokes
+    (truth,) = body.teacher.outcome.strokes
     assert truth.end_ns < 2200 * MS
     assert 0 < len(truth.touched_cells) < 12
     assert not forces_n[-1].any()

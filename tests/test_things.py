@@ -57,7 +57,7 @@ def test_an_object_is_as_large_and_heavy_as_the_table_says(tmp_path, name):
     assert high == pytest.approx(0.5 * np.array(thing.size_m), abs=2e-4), "the frame is in the middle"
     assert mj.body(OBJECT).mass[0] == pytest.approx(thing.mass_kg)
     assert abs(mj.body(OBJECT).ipos[:2]).max() < 0.01
-    felt = set(body._foundation.scene.geom_id.tolist())
+    felt = set(body.cell_foundation.scene.geom_id.tolist())
     assert felt.issuperset(solids(mj))
 
 

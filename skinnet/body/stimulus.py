@@ -7,9 +7,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.contact_scene import ContactScene, Motion, may_intersect_sphere, ray_distance_m
+from skinnet.body.contact.contact_scene import (
+    ContactScene,
+    may_intersect_sphere,
+    ray_distance_m,
+    solids_near_patch,
+)
+from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
 from skinnet.body.contact.skin_foundation import Foundation
-from skinnet.body.contact.skin_points import cell_axis, point_above_cell, point_velocity, solids_near_patch
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.contact.winkler import ContactState
 from skinnet.compilation import compiled_without_nrt

@@ -1,4 +1,4 @@
-"""Contact scene: the solids that skin can contact, MuJoCo's motion arrays, collision filtering."""
+"""Contact scene: the solids that skin can contact, broad phase, collision filtering."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,19 +9,18 @@ from numpy.typing import NDArray
 
 from skinnet.body.contact import ray_casting as geometry
 from skinnet.body.contact.compliant_layer import CompliantLayer
+from skinnet.body.contact.point_kinematics import Motion, rotate, rotate_inverse
 from skinnet.body.contact.ray_casting import entry_distance_m
-from skinnet.body.contact.rotations import rotate_inverse
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 from skinnet.errors import ModelError
 
 __all__ = [
     "ContactScene",
-    "Motion",
     "build_contact_scene",
     "may_intersect_sphere",
-    "motion_views",
     "ray_distance_m",
+    "solids_near_patch",
     "world_to_solid",
 ]
 
@@ -73,44 +72,6 @@ class ContactScene(NamedTuple):
     max_indentation_m: Floats
     largest_indentation_m: float
     collides: NDArray[np.bool_]
-
-
-class Motion(NamedTuple):
-    """Motion state: views of MuJoCo's arrays of poses and spatial velocities at the present time.
-
-    Attributes:
-        xpos: (nbody, 3) origins of the bodies [m], world.
-        xmat: (nbody, 9) rotations of the bodies.
-        xipos: (nbody, 3) centres of mass of the bodies [m], world.
-        geom_xpos: (ngeom, 3) origins of the geoms [m], world.
-        geom_xmat: (ngeom, 9) rotations of the geoms.
-        cvel: (nbody, 6) angular and linear velocity at `subtree_com_m` of the body's root, world.
-        subtree_com_m: (nbody, 3) centres of mass of the subtrees [m], world.
-        root_body_id: (nbody,) ids of the root bodies of the kinematic trees.
-    """
-
-    xpos: Floats
-    xmat: Floats
-    xipos: Floats
-    geom_xpos: Floats
-    geom_xmat: Floats
-    cvel: Floats
-    subtree_com_m: Floats
-    root_body_id: NDArray[np.int32]
-
-
-def motion_views(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
-    """Build the motion state as views of the arrays of `data`."""
-    return Motion(
-        xpos=data.xpos,
-        xmat=data.xmat,
-        xipos=data.xipos,
-        geom_xpos=data.geom_xpos,
-        geom_xmat=data.geom_xmat,
-        cvel=data.cvel,
-        subtree_com_m=data.subtree_com,
-        root_body_id=mj.body_rootid,
-    )
 
 
 def build_contact_scene(
@@ -210,6 +171,29 @@ def may_intersect_sphere(
         reach = radius_m + a
         return bool(abs(dz) <= radius_m + end and dx * dx + dy * dy <= reach * reach)
     return True
+
+
+@compiled_without_nrt
+def solids_near_patch(
+    surface: SkinSurface,
+    scene: ContactScene,
+    motion: Motion,
+    p: int,
+    margin_m: float,
+    near: NDArray[np.int64],
+) -> int:
+    """Collect solids within `margin_m` [m] of the cells of patch `p` in `near`; return their number."""
+    b = surface.patch_body_id[p]
+    centre_m = surface.patch_centre_m
+    x, y, z = rotate(motion.xmat, b, centre_m[p, 0], centre_m[p, 1], centre_m[p, 2])
+    x, y, z = motion.xpos[b, 0] + x, motion.xpos[b, 1] + y, motion.xpos[b, 2] + z
+    radius_m = surface.patch_radius_m[p] + margin_m
+    count = 0
+    for k in range(len(scene.geom_id)):
+        if scene.collides[p, k] and may_intersect_sphere(scene, motion, k, x, y, z, radius_m):
+            near[count] = k
+            count += 1
+    return count
 
 
 @compiled_without_nrt

@@ -1,31 +1,28 @@
 """Elastic foundation of a whole skin, coupled to one MuJoCo simulation."""
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
-from skinnet.body.contact.contact_scene import ContactScene, Motion
+from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
+from skinnet.body.contact.point_kinematics import Motion, motion_views
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.contact.winkler import ContactState, Foam, Workspace, compute_contact
 from skinnet.body.environment.stand_model import OBJECT
-from skinnet.body.model import PAYLOAD
-from skinnet.deployment.deployment import Deployment, FoamSpec
+from skinnet.body.model import PAYLOAD, BodyModel
+from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import NO_OBJECT, OBJECTS
 
-__all__ = ["Foundation", "compliant_layers", "foam_from_spec"]
+__all__ = ["Foundation"]
 
 Floats = NDArray[np.float64]
 
 
-def foam_from_spec(spec: FoamSpec) -> Foam:
-    """Build the foam of a deployment."""
-    return Foam(spec.thickness_m, spec.stiffness_pa_per_m, spec.damping_pa_s_per_m, spec.friction)
-
-
-def compliant_layers(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, CompliantLayer]:
+def _compliant_layers(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, CompliantLayer]:
     """Compliance of the elastic bodies (payload, object), by body id."""
     foam, payload = deployment.body.foam, deployment.payload
     elastic = {}
@@ -83,6 +80,25 @@ class Foundation:
             close=np.zeros(solids, dtype=np.int64),
             hit=np.zeros(n_samples, dtype=np.int64),
             nearest_m=np.zeros(n_samples),
+        )
+
+    @classmethod
+    def build(
+        cls, surface: SkinSurface, model: BodyModel, data: mujoco.MjData, deployment: Deployment
+    ) -> Self:
+        """Build the foundation of `surface` on the bodies of `model`, coupled to its state `data`.
+
+        Raises:
+            ModelError: a contact geom is a height field or a signed distance field.
+        """
+        mj, foam = model.mj, deployment.body.foam
+        return cls(
+            surface=surface,
+            scene=build_contact_scene(mj, surface, _compliant_layers(mj, deployment)),
+            foam=Foam(foam.thickness_m, foam.stiffness_pa_per_m, foam.damping_pa_s_per_m, foam.friction),
+            motion=motion_views(mj, data),
+            temperature_c=model.temperature_c,
+            applied_wrench=data.xfrc_applied,
         )
 
     def compute_contact(self, step_s: float) -> None:

@@ -20,6 +20,7 @@ __all__ = [
     "build_skin_surface",
     "force_cell_centre_m",
     "hexagon_m",
+    "rows_by_patch",
     "sample_points_m",
     "surface_of_patches",
 ]
@@ -81,6 +82,12 @@ def build_skin_surface(
         sample_area_m2=1.5 * math.sqrt(3.0) * cells.side_m**2 / N_SAMPLES_PER_CELL,
         n_taxels=N_FORCE_CELLS,
     )
+
+
+def rows_by_patch(patches: Sequence[PlacedPatch]) -> dict[str, slice]:
+    """Rows of each patch's cells in the stimulus, by the name of the patch."""
+    ends = np.cumsum([patch.n_cells for patch in patches]).tolist()
+    return {p.name: slice(end - p.n_cells, end) for p, end in zip(patches, ends, strict=True)}
 
 
 def surface_of_patches(

@@ -18,10 +18,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.contact_scene import ContactScene, Motion, may_intersect_sphere, world_to_solid
+from skinnet.body.contact.contact_scene import (
+    ContactScene,
+    may_intersect_sphere,
+    solids_near_patch,
+    world_to_solid,
+)
+from skinnet.body.contact.point_kinematics import (
+    Motion,
+    cell_axis,
+    point_above_cell,
+    point_velocity,
+    rotate_inverse,
+)
 from skinnet.body.contact.ray_casting import entry_distance_m
-from skinnet.body.contact.rotations import rotate_inverse
-from skinnet.body.contact.skin_points import cell_axis, point_above_cell, point_velocity, solids_near_patch
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 

@@ -1,4 +1,4 @@
-"""Contact onset ground truth: threshold crossings, peak forces, and touches; hidden from the controller."""
+"""Contact onset ground truth: threshold crossings and peak forces, hidden from the controller."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.deployment.deployment import CellSpec, ForceSpec, ProximitySpec, StageSpec, TouchSpec
+from skinnet.deployment.deployment import CellSpec, ForceSpec, ProximitySpec, StageSpec
 from skinnet.protocol.messages import N_FORCE_CHANNELS, STIMULUS_NAMES, Modality
 
 __all__ = [
     "Crossing",
     "CrossingDetector",
     "PeakForceTrace",
-    "TouchGroundTruth",
     "distance_thresholds_m",
     "force_thresholds_n",
     "reaction_crossing_detector",
@@ -190,52 +189,3 @@ def distance_thresholds_m(spec: ProximitySpec, readings: Sequence[float] | None 
     d0_m = spec.range_m * root_at_reach / (1.0 - root_at_reach)
     thresholds: Floats = d0_m * (1.0 / np.sqrt(np.array(spec.levels if readings is None else readings)) - 1.0)
     return thresholds
-
-
-@dataclass
-class TouchGroundTruth:
-    """Ground truth of a touch of the teacher.
-
-    Attributes:
-        touch: Index in the deployment's list of touches.
-        cell: Name of the target cell, as in the deployment.
-        stage: Stage of the program in which it took place.
-        begin_ns: Time at which the finger appeared [ns].
-        contact_ns: Time of the first force on the finger [ns]; None without contact.
-        hold_ns: Begin of the hold phase [ns]; None if not reached.
-        end_ns: End, with the finger parked [ns]; None before.
-        peak_force_n: Largest normal force on the finger [N].
-        target_peak_force_n: Largest normal force on the target: a force cell, or the finger [N].
-        mean_hold_force_n: Mean force on the target in the hold phase [N]; NaN without one.
-        impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
-    """
-
-    touch: int
-    cell: str
-    stage: str
-    begin_ns: int
-    contact_ns: int | None = None
-    hold_ns: int | None = None
-    end_ns: int | None = None
-    peak_force_n: float = 0.0
-    target_peak_force_n: float = 0.0
-    mean_hold_force_n: float = math.nan
-    impulse_n_s: float = 0.0
-    _held_steps: int = 0
-
-    def facts(self, touches: Sequence[TouchSpec]) -> dict[str, Any]:
-        """Public fields as facts, and `depth_controlled`: True for depth control, False for force control."""
-        public = {key: value for key, value in vars(self).items() if not key.startswith("_")}
-        return public | {"depth_controlled": touches[self.touch].depth_m is not None}
-
-    def record(self, t_ns: int, step_s: float, finger_n: float, target_force_n: float, holding: bool) -> None:
-        """Record one physics step at `t_ns` [ns]: forces on the finger and on the target [N]."""
-        if finger_n > 0.0 and self.contact_ns is None:
-            self.contact_ns = t_ns
-        self.peak_force_n = max(self.peak_force_n, finger_n)
-        self.target_peak_force_n = max(self.target_peak_force_n, target_force_n)
-        self.impulse_n_s += finger_n * step_s
-        if holding:
-            mean_n = 0.0 if self._held_steps == 0 else self.mean_hold_force_n
-            self._held_steps += 1
-            self.mean_hold_force_n = mean_n + (target_force_n - mean_n) / self._held_steps

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.actuation import is_valid_command
-from skinnet.body.contact.contact_scene import Motion, motion_views
-from skinnet.body.contact.skin_points import point_above_cell
-from skinnet.body.contact.skin_surface import SkinSurface, build_skin_surface
-from skinnet.body.ground_truth.contact_onsets import PeakForceTrace, reaction_crossing_detector
+from skinnet.body.contact.point_kinematics import Motion, motion_views, point_above_cell
+from skinnet.body.contact.skin_surface import SkinSurface, build_skin_surface, rows_by_patch
+from skinnet.body.ground_truth.recorder import GroundTruthRecorder
 from skinnet.body.model import load_model
 from skinnet.body.plant import GroundTruth
 from skinnet.body.scripted.presses import build_press_schedule, presses_before, write_press_stimulus
@@ -43,8 +42,7 @@ class ScriptedBody:
         surface: All cells, on the bodies that carry them.
         press_schedule: The scripted presses.
         refused_commands: Number of refused commands.
-        crossings: Ground truth of crossings of the reaction thresholds of the program's stages.
-        force_trace: Ground truth of the largest forces on force cells.
+        recorder: Ground truth of threshold crossings and of the largest forces on force cells.
     """
 
     def __init__(self, deployment: Deployment, base_dir: Path) -> None:
@@ -61,12 +59,10 @@ class ScriptedBody:
         self.model = load_model(deployment, base_dir, with_environment=False)
         patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
         self.surface = build_skin_surface(self.model.mj, patches, deployment.cells, spec.model)
-        bounds = self.surface.patch_start.tolist()
-        self.cells = {p.name: slice(bounds[i], bounds[i + 1]) for i, p in enumerate(patches)}
+        self.cells = rows_by_patch(patches)
         sizes = {patch.name: patch.n_cells for patch in patches}
         self.press_schedule = build_press_schedule(deployment.scripted_stimuli, deployment.seed, sizes)
-        self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
-        self.force_trace = PeakForceTrace(spec.stimulus_period_ns)
+        self.recorder = GroundTruthRecorder(deployment, spec.stimulus_period_ns)
         self.data = mujoco.MjData(self.model.mj)
         self.data.qpos[:] = self.model.home_qpos
         self._motion = motion_views(self.model.mj, self.data)
@@ -101,7 +97,7 @@ class ScriptedBody:
 
     def begin_stage(self, name: str) -> None:
         """Begin stage `name`: peak forces are recorded by stage; the script depends on time only."""
-        self.force_trace.begin_stage(name)
+        self.recorder.begin_stage(name)
 
     def advance(self, until_ns: int) -> None:
         """Advance to `until_ns` [ns]: move the joints within their limits, sample stimuli at each period."""
@@ -130,17 +126,9 @@ class ScriptedBody:
 
     def ground_truth(self) -> GroundTruth:
         """Ground truth: threshold crossings, refused commands, peak forces, and the presses that began."""
-        facts = {
-            "touches": [],
-            "lessons": [],
-            "strokes": [],
-            "threshold_crossings": self.crossings.facts(),
-            "refused_commands": self.refused_commands,
-            "peak_force_by_stage_n": self.force_trace.by_stage_n,
-        }
-        return GroundTruth(
-            facts, {"presses": presses_before(self.press_schedule, self.t_ns)} | self.force_trace.arrays()
-        )
+        truth = self.recorder.ground_truth(self.refused_commands)
+        presses = presses_before(self.press_schedule, self.t_ns)
+        return GroundTruth(truth.facts, {"presses": presses} | truth.arrays)
 
     def _integrate(self) -> None:
         """Integrate the velocity command to the present time; a joint stops at its limit."""
@@ -157,9 +145,10 @@ class ScriptedBody:
         stimulus = self._stimulus
         active = write_press_stimulus(self.press_schedule, self.t_ns, self._body_temperature_c, stimulus) > 0
         force_n = stimulus[:, :N_FORCE_CHANNELS]
-        self.crossings.observe_forces(self.t_ns, self._stimulus_period_ns, force_n, active)
-        self.force_trace.observe(self.t_ns, float(force_n.max()) if active else 0.0)
-        self.crossings.observe_stimulus(self.t_ns, stimulus)
+        recorder, period_ns = self.recorder, self._stimulus_period_ns
+        recorder.crossings.observe_forces(self.t_ns, period_ns, force_n, active)
+        recorder.record(self.t_ns, period_ns / NS_PER_S, float(force_n.max()) if active else 0.0)
+        recorder.crossings.observe_stimulus(self.t_ns, stimulus)
 
     def _update_accelerations(self) -> None:
         """Compute accelerations of all cells, if the motion has changed."""

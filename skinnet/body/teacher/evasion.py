@@ -5,14 +5,12 @@ fraction of the cell's velocity, in the cell frame, that is along its normal whe
 weights move the cell inwards, and a cell's weights have norm one.
 """
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.model import BodyModel
+from skinnet.body.ground_truth.cell_kinematics import SkinState, cell_jacobian
 
-__all__ = ["Evasion", "cell_jacobian", "cell_poses", "ideal_sensory_motor_map"]
+__all__ = ["Evasion", "ideal_sensory_motor_map"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -25,34 +23,6 @@ _MIN_OBSERVED_MOTION_RAD = 0.02
 """Minimum joint motion [rad] that counts as an observation of a cell's evasion (assumed)."""
 _LIMIT_MARGIN_RAD = 0.005
 """Distance to a joint limit [rad] below which the joint does not move towards it."""
-
-
-def cell_poses(data: mujoco.MjData, surface: SkinSurface, thickness_m: float) -> tuple[Floats, Floats]:
-    """Compute cell poses on foam of `thickness_m` [m], world frame.
-
-    Returns:
-        Cell centres on the outer face of the foam (n, 3) [m], and rotations R_world_cell (n, 3, 3).
-    """
-    R_world_body = data.xmat[surface.body_id].reshape(-1, 3, 3)
-    R_world_cell = R_world_body @ surface.R_body_cell
-    on_surface_m = data.xpos[surface.body_id] + np.einsum("nij,nj->ni", R_world_body, surface.position_m)
-    return on_surface_m + thickness_m * R_world_cell[:, :, 2], R_world_cell
-
-
-def cell_jacobian(
-    model: BodyModel, data: mujoco.MjData, surface: SkinSurface, thickness_m: float, rows: Indices
-) -> Floats:
-    """Linear Jacobian of the cells `rows` (r,) in their own frames, (r, D, 3) [m/rad].
-
-    Component 2 of the last axis is the motion along the outward normal.
-    """
-    position_m, R_world_cell = cell_poses(data, surface, thickness_m)
-    result = np.empty((len(rows), len(model.dof_address), 3))
-    linear = np.empty((3, model.mj.nv))
-    for index, row in enumerate(rows.tolist()):
-        mujoco.mj_jac(model.mj, data, linear, None, position_m[row], int(surface.body_id[row]))
-        result[index] = linear[:, model.dof_address].T @ R_world_cell[row]
-    return result
 
 
 def ideal_sensory_motor_map(jacobian_m: Floats) -> Floats:
@@ -70,33 +40,29 @@ def ideal_sensory_motor_map(jacobian_m: Floats) -> Floats:
 class Evasion:
     """Evasive joint motion of each cell: the model's prediction until one has been observed."""
 
-    def __init__(
-        self, model: BodyModel, data: mujoco.MjData, surface: SkinSurface, thickness_m: float
-    ) -> None:
-        """Initialise the evasion with the ideal map, of cells on foam of `thickness_m` [m]."""
-        self._model, self._data, self._surface, self._thickness_m = model, data, surface, thickness_m
+    def __init__(self, skin: SkinState) -> None:
+        """Initialise the evasion of the cells of `skin` with the ideal map."""
+        self._skin = skin
         self._observed: dict[int, Floats] = {}
 
     def position_rad(self) -> Floats:
         """Joint positions (D,) of the controlled joints [rad], a copy."""
-        position_rad: Floats = self._data.qpos[self._model.qpos_address]
+        position_rad: Floats = self._skin.data.qpos[self._skin.model.qpos_address]
         return position_rad
 
     def directions(self, rows: Indices) -> Floats:
         """Evasive joint directions (r, D) of the cells `rows` now: norm one, smaller at joint limits."""
-        model, data = self._model, self._data
-        result = ideal_sensory_motor_map(cell_jacobian(model, data, self._surface, self._thickness_m, rows))
+        result = ideal_sensory_motor_map(cell_jacobian(self._skin, rows))
         for index, row in enumerate(rows.tolist()):
             result[index] = self._observed.get(row, result[index])
-        position_rad, (lowest, highest) = self.position_rad(), model.range_rad.T
+        position_rad, (lowest, highest) = self.position_rad(), self._skin.model.range_rad.T
         up = np.where(position_rad > highest - _LIMIT_MARGIN_RAD, 0.0, np.inf)
         down = np.where(position_rad < lowest + _LIMIT_MARGIN_RAD, 0.0, -np.inf)
         return np.clip(result, down, up)
 
     def observe(self, row: int, joint_motion_rad: Floats) -> bool:
         """Observe the joint motion (D,) [rad] since the finger approached a cell; False if too small."""
-        rows = np.array([row])
-        jacobian_m = cell_jacobian(self._model, self._data, self._surface, self._thickness_m, rows)[0]
+        jacobian_m = cell_jacobian(self._skin, np.array([row]))[0]
         its_own_rad = np.where(jacobian_m.any(axis=1), joint_motion_rad, 0.0)
         length_rad = float(np.linalg.norm(its_own_rad))
         if length_rad < _MIN_OBSERVED_MOTION_RAD:
@@ -106,4 +72,4 @@ class Evasion:
 
     def mark_unresponsive(self, row: int) -> None:
         """Record zero evasion for a cell: it does not evade."""
-        self._observed[row] = np.zeros(len(self._model.dof_address))
+        self._observed[row] = np.zeros(len(self._skin.model.dof_address))

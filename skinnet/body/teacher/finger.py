@@ -1,19 +1,19 @@
 """Teacher finger: a position-controlled mocap body with a spherical tip, in contact with the skin."""
 
-from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.contact_scene import ContactScene, Motion, ray_distance_m
+from skinnet.body.contact.contact_scene import ContactScene, ray_distance_m
+from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import force_cell_centre_m
 from skinnet.compilation import compiled
 from skinnet.deployment.deployment import CellSpec
 
-__all__ = ["ApproachLine", "ContactTarget", "Finger", "FingerPhase", "FingerTask", "contact_target"]
+__all__ = ["ApproachLine", "ContactTarget", "Finger", "contact_target"]
 
 Floats = NDArray[np.float64]
 
@@ -23,33 +23,6 @@ _PURSUIT_GAIN_PER_S = 30.0
 
 It is somewhat faster than an evading arm changes its speed (assumed).
 """
-
-
-class FingerPhase(Enum):
-    """Motion phase of the finger."""
-
-    PARKED = "parked"
-    APPROACH = "approach"
-    HOLD = "hold"
-    WITHDRAW = "withdraw"
-
-
-class FingerTask(Protocol):
-    """Finger task of the teacher (protocol), from the finger's appearance to its removal.
-
-    Attributes:
-        phase: Motion phase of the finger.
-        finished: The finger has been removed; the next task may begin.
-    """
-
-    phase: FingerPhase
-    finished: bool
-
-    def step(self, t_ns: int, step_ns: int) -> None:
-        """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
-
-    def abort(self, t_ns: int) -> None:
-        """Abort the task at `t_ns` [ns], the end of its stage: the finger withdraws."""
 
 
 class ContactTarget(NamedTuple):

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.ground_truth.teaching_outcome import StrokeGroundTruth
-from skinnet.body.teacher.finger import ContactTarget, Finger, FingerPhase
+from skinnet.body.teacher.finger import ContactTarget, Finger
+from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.teacher import StrokeSpec
 from skinnet.skin.lattice import pitch_m
@@ -52,12 +53,10 @@ class SweepPath:
         return self.targets[0]._replace(point_m=point_m, normal=normal / np.linalg.norm(normal))
 
 
-class Stroke:
+class Stroke(FingerTask):
     """Stroke task of the teacher's script.
 
     Attributes:
-        phase: Motion phase of the finger.
-        finished: The stroke has ended and the finger is parked.
         ground_truth: Ground truth of the stroke.
     """
 
@@ -70,23 +69,18 @@ class Stroke:
         ground_truth: StrokeGroundTruth,
     ) -> None:
         """Place the finger above the beginning of the first of `sweeps`."""
-        self.phase = FingerPhase.APPROACH
-        self.finished = False
+        super().__init__(finger, ground_truth)
         self.ground_truth = ground_truth
-        self._finger, self._foundation, self._spec, self._remaining_sweeps = (
-            finger,
-            foundation,
-            spec,
-            list(sweeps),
-        )
+        self._foundation, self._spec, self._remaining_sweeps = foundation, spec, list(sweeps)
         self._peak_n = np.zeros(len(foundation.surface.body_id))
         self._aborted = False
-        self._arc_length_m, self._height_m = 0.0, spec.approach_m
+        self._arc_length_m = 0.0
         self._begin(self._remaining_sweeps.pop(0))
 
     def abort(self, t_ns: int) -> None:
-        """Abort the stroke: the finger withdraws."""
-        self.phase, self._aborted = FingerPhase.WITHDRAW, True
+        """Abort the stroke at `t_ns` [ns]: the finger withdraws, and the remaining sweeps are dropped."""
+        super().abort(t_ns)
+        self._aborted = True
 
     def step(self, t_ns: int, step_ns: int) -> None:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
@@ -95,35 +89,26 @@ class Stroke:
         truth.touched_cells = np.flatnonzero(self._peak_n >= _MIN_TOUCH_N).tolist()
         truth.peak_force_n = max(truth.peak_force_n, self._finger.force_n())
         if self.phase is FingerPhase.APPROACH:
-            self._height_m = max(self._height_m - spec.speed_m_s * step_s, -spec.depth_m)
-            if self._height_m <= -spec.depth_m:
-                self.phase = FingerPhase.HOLD
+            if self._lower(spec, spec.depth_m, step_s):
+                self._enter(FingerPhase.HOLD)
         elif self.phase is FingerPhase.HOLD:
             self._arc_length_m = min(self._arc_length_m + spec.speed_m_s * step_s, self._sweep.length_m)
             if self._arc_length_m >= self._sweep.length_m:
-                self.phase = FingerPhase.WITHDRAW
-        else:
-            self._height_m += spec.speed_m_s * step_s
-            if self._height_m >= spec.approach_m:
+                self._enter(FingerPhase.WITHDRAW)
+        elif self._raise(spec, step_s):
+            if self._aborted or not self._remaining_sweeps:
                 self._finish(t_ns)
-                return
+            else:
+                self._begin(self._remaining_sweeps.pop(0))
+            return
         self._finger.move(
             self._finger.approach_line(self._sweep.target_at(self._arc_length_m)), self._height_m, step_s
         )
 
     def _begin(self, sweep: SweepPath) -> None:
         self._sweep, self._arc_length_m, self._height_m = sweep, 0.0, self._spec.approach_m
-        self.phase = FingerPhase.APPROACH
+        self._enter(FingerPhase.APPROACH)
         self._finger.place(self._finger.approach_line(sweep.target_at(0.0)), self._height_m)
-
-    def _finish(self, t_ns: int) -> None:
-        """Begin the next sweep, or end the stroke and park the finger."""
-        if self._remaining_sweeps and not self._aborted:
-            self._begin(self._remaining_sweeps.pop(0))
-            return
-        self.ground_truth.end_ns = t_ns
-        self.phase, self.finished = FingerPhase.PARKED, True
-        self._finger.park()
 
 
 def plan_sweeps(targets: Sequence[ContactTarget], side_m: float) -> list[list[ContactTarget]]:

@@ -8,12 +8,19 @@ from typing import NamedTuple
 import mujoco
 
 from skinnet.body.contact.skin_foundation import Foundation
-from skinnet.body.ground_truth.contact_onsets import TouchGroundTruth
-from skinnet.body.ground_truth.teaching_outcome import LessonGroundTruth, StrokeGroundTruth
+from skinnet.body.ground_truth.cell_kinematics import MovingSkin
+from skinnet.body.ground_truth.teaching_outcome import (
+    LessonGroundTruth,
+    StrokeGroundTruth,
+    TeachingOutcome,
+    TouchGroundTruth,
+)
 from skinnet.body.model import BodyModel
 from skinnet.body.teacher.evasion import Evasion
-from skinnet.body.teacher.finger import ContactTarget, Finger, FingerPhase, FingerTask, contact_target
+from skinnet.body.teacher.finger import ContactTarget, Finger, contact_target
+from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.body.teacher.lesson_plan import PositionGoals
+from skinnet.body.teacher.lesson_touch import LessonContext
 from skinnet.body.teacher.lessons import Lesson
 from skinnet.body.teacher.strokes import Stroke, SweepPath, plan_sweeps
 from skinnet.body.teacher.touches import Touch
@@ -21,7 +28,7 @@ from skinnet.clock import NS_PER_S
 from skinnet.deployment.deployment import CellSpec
 from skinnet.deployment.environment.teacher import TeacherSpec, parse_cell_range
 
-__all__ = ["FingerPhase", "Teacher", "TeacherSkin"]
+__all__ = ["Teacher", "TeacherSkin"]
 
 _PUSHED_FORCE_CELL = 0
 """Force cell that a lesson with contact pushes on each cell: one force cell gives the largest reading."""
@@ -70,9 +77,8 @@ class Teacher:
     tasks of the old stage are dropped.
 
     Attributes:
-        touches: Ground truth of the touches so far; the last one may be in progress.
-        lessons: Ground truth of the lessons so far.
-        strokes: Ground truth of the strokes so far.
+        finger: The finger.
+        outcome: Ground truth of the tasks so far.
     """
 
     def __init__(
@@ -91,12 +97,11 @@ class Teacher:
             DeploymentError: the script names a cell that does not exist.
             ModelError: a lesson's goal names a body that does not exist.
         """
-        self.touches: list[TouchGroundTruth] = []
-        self.lessons: list[LessonGroundTruth] = []
-        self.strokes: list[StrokeGroundTruth] = []
+        self.outcome = TeachingOutcome()
         foundation = skin.foundation
-        self._finger = Finger(data, model.finger_body_id, foundation, spec.tip_radius_m)
-        self._model, self._data, self._foundation, self._spec = model, data, foundation, spec
+        self.finger = Finger(data, model.finger_body_id, foundation, spec.tip_radius_m)
+        self._foundation, self._spec = foundation, spec
+        self._moving_skin = MovingSkin(model, data, foundation.surface, foundation.foam.thickness_m)
         self._touch_targets = [
             skin.contact_targets(f"teacher.touches[{i}].cell", [touch.cell], touch.force_cell)[0]
             for i, touch in enumerate(spec.touches)
@@ -148,10 +153,6 @@ class Teacher:
         if self._task is not None:
             self._task.abort(t_ns)
 
-    def write_finger_velocity(self) -> None:
-        """Write the finger's velocity into MuJoCo's state."""
-        self._finger.write_velocity()
-
     def step(self, t_ns: int, step_ns: int) -> None:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         if self._task is None and self._queue and t_ns >= self._queue[0].t_ns:
@@ -163,20 +164,26 @@ class Teacher:
 
     def _touch(self, index: int, t_ns: int) -> FingerTask:
         spec = self._spec.touches[index]
-        truth = TouchGroundTruth(touch=index, cell=spec.cell, stage=spec.stage, begin_ns=t_ns)
-        self.touches.append(truth)
-        return Touch(self._finger, spec, self._touch_targets[index], truth, self._foundation.foam.thickness_m)
+        truth = TouchGroundTruth(
+            touch=index,
+            cell=spec.cell,
+            stage=spec.stage,
+            begin_ns=t_ns,
+            depth_controlled=spec.depth_m is not None,
+        )
+        self.outcome.touches.append(truth)
+        return Touch(self.finger, spec, self._touch_targets[index], truth, self._foundation.foam.thickness_m)
 
     def _lesson(self, index: int, t_ns: int) -> FingerTask:
-        spec, foundation = self._spec.lessons[index], self._foundation
+        spec = self._spec.lessons[index]
         truth = LessonGroundTruth(lesson=index, stage=spec.stage, begin_ns=t_ns)
-        self.lessons.append(truth)
-        evasion = Evasion(self._model, self._data, foundation.surface, foundation.foam.thickness_m)
-        return Lesson(self._finger, spec, self._lesson_targets[index], self._goals[index], evasion, truth)
+        self.outcome.lessons.append(truth)
+        lesson = LessonContext(self.finger, spec, self._goals[index], Evasion(self._moving_skin), truth)
+        return Lesson(lesson, self._lesson_targets[index])
 
     def _stroke(self, index: int, t_ns: int) -> FingerTask:
         spec, sweeps = self._spec.strokes[index], self._sweeps[index]
         asked = [spot.row for sweep in sweeps for spot in sweep.targets]
         truth = StrokeGroundTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, requested_cells=asked)
-        self.strokes.append(truth)
-        return Stroke(self._finger, self._foundation, spec, sweeps, truth)
+        self.outcome.strokes.append(truth)
+        return Stroke(self.finger, self._foundation, spec, sweeps, truth)

@@ -1,7 +1,8 @@
 """Touch task: the finger approaches a cell, holds a depth or a force, and withdraws."""
 
-from skinnet.body.ground_truth.contact_onsets import TouchGroundTruth
-from skinnet.body.teacher.finger import ContactTarget, Finger, FingerPhase
+from skinnet.body.ground_truth.teaching_outcome import TouchGroundTruth
+from skinnet.body.teacher.finger import ContactTarget, Finger
+from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.teacher import TouchSpec
 
@@ -16,15 +17,13 @@ _FORCE_TOLERANCE = 0.02
 """Relative tolerance within which a force counts as reached."""
 
 
-class Touch:
+class Touch(FingerTask):
     """Touch task of the teacher's script.
 
     A touch by force controls the force on the targeted force cell, or the total force on the finger
     when it targets the centre of a cell.
 
     Attributes:
-        phase: Motion phase of the finger.
-        finished: The touch has ended and the finger is parked.
         ground_truth: Ground truth of the touch.
     """
 
@@ -37,18 +36,13 @@ class Touch:
         foam_thickness_m: float,
     ) -> None:
         """Place the finger above `target`, on foam of thickness `foam_thickness_m` [m]."""
-        self.phase = FingerPhase.APPROACH
-        self.finished = False
+        super().__init__(finger, ground_truth)
         self.ground_truth = ground_truth
-        self._finger, self._spec, self._target = finger, spec, target
+        self._spec, self._target = spec, target
         self._min_height_m = -foam_thickness_m
         self._height_m = spec.approach_m
         self._line = finger.approach_line(target)
         finger.place(self._line, self._height_m)
-
-    def abort(self, t_ns: int) -> None:
-        """Abort the touch: the finger withdraws."""
-        self.phase = FingerPhase.WITHDRAW
 
     def step(self, t_ns: int, step_ns: int) -> None:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
@@ -56,11 +50,8 @@ class Touch:
         felt_n = self._target_force_n()
         self.ground_truth.record(t_ns, step_s, finger.force_n(), felt_n, self.phase is FingerPhase.HOLD)
         if self.phase is FingerPhase.WITHDRAW:
-            self._height_m += spec.speed_m_s * step_s
-            if self._height_m >= spec.approach_m:
-                self.ground_truth.end_ns = t_ns
-                self.phase, self.finished = FingerPhase.PARKED, True
-                finger.park()
+            if self._raise(spec, step_s):
+                self._finish(t_ns)
                 return
         else:
             self._advance(felt_n, t_ns, step_s)
@@ -78,13 +69,13 @@ class Touch:
             there = abs(error) <= _FORCE_TOLERANCE or self._height_m <= self._min_height_m
         else:
             assert spec.depth_m is not None
-            self._height_m = max(self._height_m - spec.speed_m_s * step_s, -spec.depth_m)
-            there = self._height_m <= -spec.depth_m
+            there = self._lower(spec, spec.depth_m, step_s)
         truth = self.ground_truth
         if self.phase is FingerPhase.APPROACH and there:
-            truth.hold_ns, self.phase = t_ns, FingerPhase.HOLD
+            truth.hold_ns = t_ns
+            self._enter(FingerPhase.HOLD)
         if truth.hold_ns is not None and t_ns >= truth.hold_ns + round(spec.hold_s * NS_PER_S):
-            self.phase = FingerPhase.WITHDRAW
+            self._enter(FingerPhase.WITHDRAW)
 
     def _target_force_n(self) -> float:
         """Normal force [N] on the target: a force cell, or the finger."""
