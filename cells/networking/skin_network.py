@@ -120,7 +120,7 @@ class SkinNetwork:
         n = n_events + len(output.full_cell)
         ids = self._pool.allocate(n)
         cell, t_ns = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
-        write_packets(*output, readings, t_sampled_ns, ids, self._pool.rows, cell, t_ns)
+        write_packets(output, readings, t_sampled_ns, ids, self._pool.rows, cell, t_ns)
         self._counters.count_offered(PacketKind.EVENT, n_events)
         self._counters.count_offered(PacketKind.READING, n - n_events)
         size = np.full(n, self._spec.stream_bytes)
