@@ -288,18 +288,3 @@ def test_every_babbler_has_its_own_stream() -> None:
     assert len(set(events.t_ns.tolist())) == len(events.t_ns)
     other = said(faults(BABBLE | {"target": "arm"}, seed=2), 0, 2 * 10**9)
     assert not set(events.t_ns.tolist()) & set(other.t_ns.tolist())
-
-
-def test_a_snapshot_brings_everything_back() -> None:
-    rules = (BABBLE, {"kind": "stuck_at", "target": "arm", "channel": "all", "at_s": 0.9})
-    broken = faults(*rules)
-    sick(broken, SERIES[:250])
-    said(broken, 0, 10**9)
-    then = broken.snapshot()
-    expected = sick(broken, SERIES[250:], first=250), said(broken, 10**9, 2 * 10**9)
-    for again in (broken, faults(*rules)):
-        again.restore(then)
-        assert np.array_equal(sick(again, SERIES[250:], first=250), expected[0])
-        events = said(again, 10**9, 2 * 10**9)
-        assert all(np.array_equal(a, b) for a, b in zip(events, expected[1], strict=True))
-    assert not np.array_equal(sick(faults(*rules), SERIES[250:], first=250), expected[0])

@@ -13,6 +13,7 @@ from skinnet.skin.tactile_sheets import PlacedSheet, place_sheets
 PERIOD_NS = 4_000_000
 COMPUTE_NS = 200_000
 BYTE_NS = 14_000
+BITS_PER_S = BoardNetworkSpec().bits_per_s
 EXACT = BoardSpec(pressure=PressureSpec(noise_kpa=0.0))
 
 
@@ -71,17 +72,14 @@ def test_a_bus_carries_one_message_at_a_time() -> None:
 
 
 def test_a_star_has_no_waiting_and_a_chain_a_hop_for_each_board() -> None:
-    for kind, hops in (("star", [1] * 5), ("chain", [1, 2, 3, 4, 5])):
-        some = boards(5, kind=kind, propagation_delay_us=10.0)
-        alone = 4 if kind == "chain" else None
-        for board in range(5):
-            if alone is not None and board != alone:
-                some.set_power(board, False)
+    """The chain is 100 times as fast, so that no message waits for that of another board."""
+    for kind, hops, speed in (("star", [1] * 5, 1), ("chain", [1, 2, 3, 4, 5], 100)):
+        some = boards(5, kind=kind, propagation_delay_us=10.0, bits_per_s=speed * BITS_PER_S)
         frames = run(some, 4, pressures(5)).frames
         delay_ns = frames["t_delivered_ns"] - frames["t_sampled_ns"] - COMPUTE_NS
-        expected = [hops[b] * (8 * BYTE_NS + 10_000) for b in frames["board"].tolist()]
+        expected = [hops[b] * (8 * BYTE_NS // speed + 10_000) for b in frames["board"].tolist()]
         assert delay_ns.tolist() == expected
-        assert set(frames["board"].tolist()) == ({alone} if kind == "chain" else set(range(5)))
+        assert set(frames["board"].tolist()) == set(range(5))
 
 
 def test_features_arrive_as_the_board_found_them_up_to_the_steps_of_the_wire() -> None:
@@ -178,22 +176,6 @@ def test_a_lost_message_takes_its_rows_with_it_and_nothing_else() -> None:
     assert len(arrived.frames) == len(whole.frames) - lost
     assert set(arrived.frames.tolist()) < set(whole.frames.tolist())
     assert set(arrived.rows.tolist()) < set(whole.rows.tolist())
-
-
-def test_silence_of_a_board_is_its_own() -> None:
-    some = boards(3, kind="star")
-    kpa = pressures(3, b0=(0, 0, 2, 2), b1=(0, 0, 2, 2), b2=(0, 0, 2, 2))
-    heard: dict[int, list[int]] = {0: [], 1: [], 2: []}
-    for frame in range(13):
-        if frame == 4:
-            some.set_power(1, False)
-        if frame == 8:
-            some.set_power(1, True)
-        for row in some.step(frame, kpa, kpa).frames:
-            heard[int(row["board"])].append(int(row["scan_index"]))
-    assert [frame for frame in heard[1] if frame < 12] == [0, 1, 2, 3, 8, 9, 10, 11]
-    assert all([frame for frame in heard[board] if frame < 12] == list(range(12)) for board in (0, 2))
-    assert some.tracker.rows["region_id"][:, 0].tolist() == [1, 2, 1]  # it knows nothing of what was
 
 
 def test_a_cut_wire_silences_a_board_of_a_star_and_all_behind_it_in_a_chain() -> None:

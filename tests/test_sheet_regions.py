@@ -241,13 +241,6 @@ def test_numbers_come_back_only_after_all_others_and_never_while_in_use() -> Non
     assert given_numbers[65534:] == given_numbers[: len(given_numbers) - 65534]
 
 
-def test_a_board_that_restarts_begins_with_regions_that_nobody_knows() -> None:
-    regions = tracker()
-    assert story(regions, blocks((0, 0, 2, 2)))[0] == [(1, 0, 4)]
-    regions.reset(0)
-    assert story(regions, blocks((0, 0, 2, 2)))[0] == [(2, 0, 4)]
-
-
 def test_elements_say_to_which_region_they_belong() -> None:
     regions = tracker()
     pattern = blocks((0, 0, 2, 2), (5, 5, 2, 2))

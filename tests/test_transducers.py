@@ -243,15 +243,3 @@ def test_a_cell_that_is_switched_on_again_begins_at_the_temperature_around_it() 
     assert readings == pytest.approx([20.04, 30.0, 20.04], abs=0.031)  # one frame of 2.6 s, in steps of 0.06
     other = read(cells(1, SILENT), warm[:1], frame=1)[0, 7]
     assert readings[1] == other
-
-
-def test_a_snapshot_of_transducers_brings_their_warmth_and_frame_back() -> None:
-    rows = stimulus(5, force=1.0, temperature=30.0)
-    transducers = cells(5)
-    read(transducers, stimulus(5, temperature=20.0), frame=3)
-    then = transducers.snapshot()
-    expected = read(transducers, rows, frame=400)
-    for again in (transducers, cells(5)):
-        again.restore(then)
-        assert np.array_equal(read(again, rows, frame=400), expected)
-    assert not np.array_equal(read(cells(5), rows, frame=400)[:, 7], expected[:, 7])

@@ -3,7 +3,7 @@
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from skinnet.network.records import Outcome
 
@@ -29,9 +29,9 @@ class PacketCounters:
         """Count `n` packets of a kind that were offered to the network."""
         self._offered[kind] += n
 
-    def count_ended(self, kind: ArrayLike, outcome: NDArray[np.integer]) -> None:
+    def count_ended(self, kind: IntEnum | NDArray[np.integer], outcome: NDArray[np.integer]) -> None:
         """Count packets that have ended, by kind (n,), or one for all, and outcome (n,)."""
-        np.add.at(self._ended, (kind, outcome), 1)
+        np.add.at(self._ended, (np.asarray(kind), outcome), 1)
 
     def count_delivered(self, kind: IntEnum, n: int) -> None:
         """Count `n` packets of one kind that were all delivered."""

@@ -16,7 +16,7 @@ from skinnet.network.faults.fault_schedule import FaultSpan
 from skinnet.protocol.messages import EventKind
 from skinnet.random_streams import StreamName, uniform
 
-__all__ = ["BabblingIdiotState", "BabblingIdiots", "SpuriousEvents"]
+__all__ = ["BabblingIdiots", "SpuriousEvents"]
 
 _MODALITY, _CHANNEL = np.array(MODALITY_OF, dtype=np.uint8), np.array(CHANNEL_OF, dtype=np.uint8)
 
@@ -35,13 +35,6 @@ class SpuriousEvents(NamedTuple):
     kind: NDArray[np.uint8]
     level: NDArray[np.uint8]
     value: NDArray[np.float32]
-
-
-class BabblingIdiotState(NamedTuple):
-    """Snapshot of the event generators: time of the last event [ns] and number of events of each; opaque."""
-
-    last_sent_ns: NDArray[np.int64]
-    n_sent: NDArray[np.int64]
 
 
 class _EventSources(NamedTuple):
@@ -98,15 +91,6 @@ class BabblingIdiots:
             level=np.zeros(len(order), dtype=np.uint8),
             value=value[order],
         )
-
-    def snapshot(self) -> BabblingIdiotState:
-        """Return a copy of the time-varying state."""
-        return BabblingIdiotState(self._sources.last_sent_ns.copy(), self._sources.n_sent.copy())
-
-    def restore(self, state: BabblingIdiotState) -> None:
-        """Restore a snapshot that was taken with the same cells and faults."""
-        np.copyto(self._sources.last_sent_ns, state.last_sent_ns)
-        np.copyto(self._sources.n_sent, state.n_sent)
 
 
 _NO_EVENTS = SpuriousEvents._make(

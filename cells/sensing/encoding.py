@@ -23,7 +23,7 @@ from skinnet.deployment.deployment import CellSpec
 from skinnet.errors import DeploymentError, ProtocolError
 from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
 
-__all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Encoder", "EncoderOutput", "EncoderState"]
+__all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Encoder", "EncoderOutput"]
 
 ENCODINGS = ("level_crossing", "send_on_delta", "periodic")
 _LEVEL_CROSSING, _SEND_ON_DELTA, _PERIODIC = range(len(ENCODINGS))
@@ -53,8 +53,8 @@ class EncoderOutput(NamedTuple):
     full_cell: NDArray[np.int64]
 
 
-class EncoderState(NamedTuple):
-    """Encoder settings and last sent levels and values, one entry per cell in each array; opaque."""
+class _EncoderState(NamedTuple):
+    """Encoder settings and last sent levels and values, one entry per cell in each array."""
 
     encoding: NDArray[np.uint8]
     stream: NDArray[np.bool_]
@@ -93,7 +93,7 @@ class Encoder:
             steps = np.array([validated_deltas(deltas)[m] for m in DELTA_MODALITIES])
         except ValueError as error:
             raise DeploymentError(f"cells: {error}") from error
-        self._initial_state = EncoderState(
+        self._initial_state = _EncoderState(
             encoding=np.array([ENCODINGS.index(spec.encoding.kind)], dtype=np.uint8),
             stream=np.zeros(1, dtype=np.bool_),
             levels=thresholds[None],
@@ -102,7 +102,9 @@ class Encoder:
             last_level=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
             last_sent=np.full((1, _N), np.nan),
         )
-        self._state = EncoderState._make(np.repeat(column, n_cells, axis=0) for column in self._initial_state)
+        self._state = _EncoderState._make(
+            np.repeat(column, n_cells, axis=0) for column in self._initial_state
+        )
         room = n_cells * _N
         self._columns = EncoderOutput(
             cell=np.empty(room, dtype=np.int64),
@@ -168,14 +170,6 @@ class Encoder:
         for column, fresh in zip(columns, self._initial_state, strict=True):
             column[cells] = fresh
 
-    def snapshot(self) -> EncoderState:
-        """Return a copy of the time-varying state."""
-        return EncoderState._make(column.copy() for column in self._state)
-
-    def restore(self, state: EncoderState) -> None:
-        """Restore a snapshot of an encoder with the same number of cells."""
-        self._state = EncoderState._make(column.copy() for column in state)
-
 
 @compiled
 def _next_level(reading: float, level: int, levels: NDArray[np.float32], hysteresis: float) -> int:
@@ -191,7 +185,7 @@ def _next_level(reading: float, level: int, levels: NDArray[np.float32], hystere
 
 
 @compiled
-def _encode(readings: NDArray[np.float32], state: EncoderState, output: EncoderOutput) -> tuple[int, int]:
+def _encode(readings: NDArray[np.float32], state: _EncoderState, output: EncoderOutput) -> tuple[int, int]:
     """Write the events and the cells that send a full reading into `output`; return the number of each."""
     encoding, last_level, last_sent = state.encoding, state.last_level, state.last_sent
     events = 0

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cells.sensing.babbling_idiots import BabblingIdiots, BabblingIdiotState, SpuriousEvents
+from cells.sensing.babbling_idiots import BabblingIdiots, SpuriousEvents
 from cells.sensing.fault_intervals import FaultIntervals
 from cells.sensing.transducers import ChannelScales, channel_scales
 from skinnet.compilation import compiled
@@ -19,14 +19,7 @@ from skinnet.deployment.experiment.faults import Drift, StuckAt
 from skinnet.network.faults.fault_schedule import FaultSpan
 from skinnet.protocol.messages import READING_NAMES
 
-__all__ = ["SensorFaultState", "SensorFaults"]
-
-
-class SensorFaultState(NamedTuple):
-    """Snapshot of the time-varying state of sensor faults; opaque."""
-
-    stuck_value: NDArray[np.float64]
-    babbling_idiots: BabblingIdiotState
+__all__ = ["SensorFaults"]
 
 
 class _ChannelFaults(NamedTuple):
@@ -95,15 +88,6 @@ class SensorFaults:
     def spurious_events(self, start_ns: int, end_ns: int) -> SpuriousEvents:
         """Generate the spurious events in [start_ns, end_ns), the same however time is split into calls."""
         return self._babbling_idiots.generate(start_ns, end_ns)
-
-    def snapshot(self) -> SensorFaultState:
-        """Return a copy of the time-varying state."""
-        return SensorFaultState(self._faults.stuck_value.copy(), self._babbling_idiots.snapshot())
-
-    def restore(self, state: SensorFaultState) -> None:
-        """Restore a snapshot that was taken with the same cells and faults."""
-        np.copyto(self._faults.stuck_value, state.stuck_value)
-        self._babbling_idiots.restore(state.babbling_idiots)
 
 
 @compiled

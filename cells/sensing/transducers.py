@@ -19,7 +19,6 @@ from skinnet.random_streams import StreamName, standard_normal, stream_key, unif
 __all__ = [
     "STANDARD_GRAVITY_M_S2",
     "ChannelScales",
-    "TransducerState",
     "Transducers",
     "channel_scales",
     "noise_keys",
@@ -59,13 +58,6 @@ class ChannelScales(NamedTuple):
     lsb: NDArray[np.float64]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
-
-
-class TransducerState(NamedTuple):
-    """Snapshot of the time-varying state of transducers; opaque, valid for the same cells."""
-
-    period_index: int
-    sensor_temperature_c: NDArray[np.float64]
 
 
 class _SensorBank(NamedTuple):
@@ -156,15 +148,6 @@ class Transducers:
     def reset(self, cells: NDArray[np.int64]) -> None:
         """Reset `cells` after a power cycle: their temperature sensors start at ambient temperature."""
         self._sensors.temperature_c[cells] = math.nan
-
-    def snapshot(self) -> TransducerState:
-        """Return a copy of the time-varying state."""
-        return TransducerState(self._period_index, self._sensors.temperature_c.copy())
-
-    def restore(self, state: TransducerState) -> None:
-        """Restore a snapshot of transducers of the same cells."""
-        self._period_index = state.period_index
-        self._sensors.temperature_c[:] = state.sensor_temperature_c
 
 
 def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDArray[np.float64]:

@@ -17,6 +17,8 @@ from skinnet.random_streams import StreamName, stream_key
 
 __all__ = ["BoardNetwork"]
 
+_STREAM = "boards"
+"""Name of the network in its random streams; frozen, as streams do not change with names."""
 _PC = 0
 _MEDIUM = 1
 
@@ -29,8 +31,8 @@ class BoardNetwork:
         node_of_board: (boards,) node of each board; on a bus all share one.
     """
 
-    def __init__(self, spec: BoardNetworkSpec, name: str, n_boards: int, seed: int) -> None:
-        """Create the network of `n_boards` boards; its random streams belong to `name`."""
+    def __init__(self, spec: BoardNetworkSpec, n_boards: int, seed: int) -> None:
+        """Create the network of `n_boards` boards."""
         number = np.arange(n_boards)
         self._is_bus = spec.kind == "bus"
         self.node_of_board = np.full(n_boards, _MEDIUM) if self._is_bus else number + 1
@@ -53,7 +55,7 @@ class BoardNetwork:
             loss_probability=spec.loss,
             jitter_ns=round(spec.jitter_us * 1e3),
         )
-        keys = [stream_key(seed, StreamName.BOARD_NETWORK, name, node) for node in range(topology.n_nodes)]
+        keys = [stream_key(seed, StreamName.BOARD_NETWORK, _STREAM, node) for node in range(topology.n_nodes)]
         self.kernel = PacketNetwork(topology, seed=seed, node_keys=np.array(keys, dtype=np.uint64))
         self.kernel.set_routes(0, min_hop_routes(topology, np.arange(topology.n_nodes)))
 

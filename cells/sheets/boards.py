@@ -71,7 +71,6 @@ class Boards:
         spec: BoardSpec,
         network: BoardNetworkSpec,
         seed: int,
-        name: str = "boards",
     ) -> None:
         """Create boards without contact.
 
@@ -81,13 +80,12 @@ class Boards:
         self._spec, self._network_spec = spec, network
         self._transducers = PressureTransducers(sheets, spec, seed)
         self.tracker = RegionTracker(sheets, spec.regions)
-        self.network = BoardNetwork(network, name, len(sheets), seed)
+        self.network = BoardNetwork(network, len(sheets), seed)
         self._n_elements = np.array([sheet.n_elements for sheet in sheets])
         self._board_of_element = np.repeat(np.arange(len(sheets)), self._n_elements)
         self._element_of_board = np.concatenate([np.arange(size) for size in self._n_elements])
         self.readings_kpa = np.zeros(len(self._board_of_element))
         self._pattern_interval = np.full(len(sheets), spec.pattern_interval_scans, dtype=np.int64)
-        self._powered = np.ones(len(sheets), dtype=np.bool_)
         self._ready_ns = self._transducers.scan_end_ns + round(spec.processing_delay_us * 1e3)
         self._packet_ids = PacketSlots()
         self._messages: NDArray[Any] = np.zeros(0, dtype=_MESSAGE_ROW)
@@ -104,13 +102,11 @@ class Boards:
             after_kpa: (n,) pressures at its end [kPa].
         """
         self._transducers.scan(frame, before_kpa, after_kpa, self.readings_kpa)
-        if not self._powered.all():
-            self.readings_kpa[~self._powered[self._board_of_element]] = 0.0
         self.tracker.update(self.readings_kpa)
         begin_ns = frame * self._spec.period_ns
-        self._send_regions(begin_ns, frame, np.flatnonzero(self._powered))
+        self._send_regions(begin_ns, frame)
         every = np.maximum(self._pattern_interval, 1)
-        asked = np.flatnonzero(self._powered & (self._pattern_interval > 0) & (frame % every == 0))
+        asked = np.flatnonzero((self._pattern_interval > 0) & (frame % every == 0))
         if len(asked):
             self._send_patterns(begin_ns, frame, asked)
         return self._receive(begin_ns + self._spec.period_ns)
@@ -123,39 +119,34 @@ class Boards:
         Raises:
             ValueError: no such board, or a negative interval.
         """
-        if not 0 <= board < len(self._powered) or pattern_every < 0:
+        if not 0 <= board < len(self._n_elements) or pattern_every < 0:
             raise ValueError(
                 f"pattern of board {board} every {pattern_every} frames: there are boards 0 to "
-                f"{len(self._powered) - 1}, and frames count from 0"
+                f"{len(self._n_elements) - 1}, and frames count from 0"
             )
         number = self._register(MessageKind.REQUEST, 0, np.array([board]), np.array([t_ns]))
         self._messages["count"][number] = pattern_every
         self.network.send_to_board(t_ns, board, self._network_spec.header_bytes, int(number[0]))
 
-    def set_power(self, board: int, on: bool) -> None:
-        """Switch a board's power from the next frame on; a board that is switched on is reset."""
-        self._powered[board] = on
-        self.tracker.reset(board)
-        self._pattern_interval[board] = self._spec.pattern_interval_scans
-
     def counters(self) -> dict[str, dict[str, int]]:
         """Count messages by kind: offered, delivered, dropped by cause, in flight."""
         return self._counters.as_dict()
 
-    def _send_regions(self, begin_ns: int, frame: int, boards: Ints) -> None:
-        sampled_ns = begin_ns + self._transducers.scan_end_ns[boards]
+    def _send_regions(self, begin_ns: int, frame: int) -> None:
+        boards = np.arange(len(self._n_elements))
+        sampled_ns = begin_ns + self._transducers.scan_end_ns
         numbers = self._register(MessageKind.REGIONS, frame, boards, sampled_ns)
-        count = self.tracker.n_rows[boards]
+        count = self.tracker.n_rows
         self._messages["count"][numbers] = count
-        self._messages["rows"][numbers] = self.tracker.rows[boards]
+        self._messages["rows"][numbers] = self.tracker.rows
         size = self._network_spec.header_bytes + count * self._network_spec.region_bytes
-        self.network.send_to_pc(begin_ns + self._ready_ns[boards], boards, size, numbers)
+        self.network.send_to_pc(begin_ns + self._ready_ns, boards, size, numbers)
 
     def _send_patterns(self, begin_ns: int, frame: int, boards: Ints) -> None:
         sampled_ns = begin_ns + self._transducers.scan_end_ns[boards]
         numbers = self._register(MessageKind.PATTERN, frame, boards, sampled_ns)
         self._messages["count"][numbers] = self._n_elements[boards]
-        pattern = np.zeros((len(self._powered), MAX_SIDE * MAX_SIDE), dtype=np.float32)
+        pattern = np.zeros((len(self._n_elements), MAX_SIDE * MAX_SIDE), dtype=np.float32)
         pattern[self._board_of_element, self._element_of_board] = self.readings_kpa
         self._messages["pressure_kpa"][numbers] = pattern[boards]
         size = self._network_spec.header_bytes + -(-self._n_elements[boards] * self._spec.pressure.bits // 8)

@@ -117,13 +117,6 @@ class RegionTracker:
         assert readings_kpa.shape == self.region_id.shape
         _track(readings_kpa, self._graph, self._thresholds, self._tracked, self._workspace, self._frame)
 
-    def reset(self, board: int) -> None:
-        """Reset a board after a power cycle: it has no region; region IDs continue."""
-        mine = slice(*self._graph.start[board : board + 2].tolist())
-        self._tracked.label[mine] = -1
-        self._tracked.n_regions[board] = 0
-        self.region_id[mine] = 0
-
 
 def _element_graph(sheets: Sequence[PlacedSheet]) -> _ElementGraph:
     sizes = [sheet.n_elements for sheet in sheets]
