@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from controller.cell_input import CellInput, CellRows
 from controller.grasping.long_term_memory import LongTermMemory
 from controller.grasping.teach_and_grasp import TeachAndGrasp
-from controller.reaction_log import ReactionLog
 from controller.request_queue import Reply, RequestHandler
 from controller.self_model import SelfModel
 from controller.stages.stages import Stage, make_stage
+from controller.telemetry import ReactionLog
 from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_state import TactileState
 from skinnet.deployment.controller.controller import ControllerSpec
@@ -158,7 +158,8 @@ class Controller:
         """
         if self._clamp is None:
             self._home_rad = position_rad.copy()
-            self._clamp = SafetyClamp(_safety_limits(self._spec), len(position_rad), self._spec.period_ns)
+            limits = SafetyLimits.from_spec(self._spec.safety)
+            self._clamp = SafetyClamp(limits, len(position_rad), self._spec.period_ns)
         events, stream = self.cell_input.take_delivered(t_ns)
         self._fuse_input(events, stream)
         if ready:
@@ -225,14 +226,3 @@ class Controller:
         self._streaming = wanted
         self._last_stream_request_ns[on | off] = t_ns
         return np.flatnonzero(on), np.flatnonzero(off)
-
-
-def _safety_limits(control: ControllerSpec) -> SafetyLimits:
-    safety = control.safety
-    stale_ns = round(safety.input_timeout_ms * 1e6)
-    return SafetyLimits(
-        speed_rad_s=safety.max_joint_speed_rad_s,
-        joints_max_age_ns=stale_ns,
-        skin_max_age_ns=stale_ns,
-        ramp_ns=round(safety.ramp_ms * 1e6),
-    )

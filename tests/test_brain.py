@@ -15,6 +15,7 @@ from small_robot import small
 from controller.cell_input import CellInput
 from controller.controller import Controller, TickOutput
 from controller.process import ControllerProcess
+from controller.stages.core import StageCore
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.protocol.channels import Keys
@@ -367,7 +368,8 @@ class Wired:
         deployment: Deployment = small(
             controller=control, cell_processes="per_patch", run={"tolerated_losses": ("cells",)}
         )
-        self.node = ControllerProcess(deployment, "controller", SIZES)
+        self.core = StageCore(deployment.controller, SIZES)
+        self.node = ControllerProcess(deployment, "controller", self.core)
         self.sent: list[tuple[str, bytes]] = []
         self.position_rad = HOME_RAD
         self.t_ns = 0

@@ -159,7 +159,7 @@ def test_the_log_has_what_was_accepted_and_nothing_else_of_requests() -> None:
 
 def test_watchers_see_every_stage_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Between changes the wall clock decides, which stands still here."""
-    monkeypatch.setattr("controller.process.time.monotonic", lambda: 100.0)
+    monkeypatch.setattr("controller.telemetry.time.monotonic", lambda: 100.0)
     robot = Wired("bow", "structure", "home", formed_ns=5 * TICK_NS)
     told = []
     while robot.node.needs() is not None:

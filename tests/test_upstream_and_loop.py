@@ -19,6 +19,7 @@ from small_robot import small
 
 from cells.cell_process import CellProcess
 from controller.process import ControllerProcess
+from controller.stages.core import StageCore
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
@@ -518,7 +519,8 @@ def robot(stimulus_period_ms: int, control_ms: int, delay_ms: int) -> list[Any]:
     )
     sizes = {patch.name: patch.n_cells for patch in deployment.patches}
     hosts = [CellProcess(deployment, name) for name in deployment.patches_by_process()]
-    return [RestingBody(deployment), *hosts, ControllerProcess(deployment, "controller", sizes)]
+    core = StageCore(deployment.controller, sizes)
+    return [RestingBody(deployment), *hosts, ControllerProcess(deployment, "controller", core)]
 
 
 @pytest.mark.parametrize("periods_ms", [(4, 5, 3), (5, 4, 4), (4, 4, 1), (6, 4, 4), (4, 6, 2), (7, 1, 6)])

@@ -13,10 +13,10 @@ from test_host_node import Host
 from test_transport import KEYS, LONG_S, Star, endpoint, star  # noqa: F401 -- fixtures
 
 from cells.networking.link_telemetry import LinkTelemetry
-from controller.capabilities import describe_nursing, describe_program
 from controller.grasping import state_machine
 from controller.grasping.teach_and_grasp import request_arguments
 from controller.nursing import state_machine as nursing
+from controller.telemetry import describe_nursing, describe_program
 from skinnet.deployment import load
 from skinnet.protocol.messages import decode, unpack
 from skinnet.protocol.states import FORMING
@@ -156,7 +156,7 @@ def test_a_controller_tells_its_machine_once_and_when_it_has_learnt() -> None:
     for tick in range(6):
         robot.step()
         if tick == 3:
-            robot.node._controller.self_model.poses["new"] = robot.position_rad
+            robot.core.controller.self_model.poses["new"] = robot.position_rad
         news = [
             payload for key, payload in robot.node.best_effort_messages() if key == KEYS.of("state_machine")
         ]

@@ -1,9 +1,12 @@
 """Safety clamp between controller and joints: bounds every commanded velocity."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from skinnet.deployment.controller.controller import SafetySpec
 
 __all__ = ["SafetyClamp", "SafetyCounters", "SafetyLimits"]
 
@@ -26,6 +29,17 @@ class SafetyLimits:
     """Age [ns] of the skin's watermark beyond which the skin data is stale."""
     ramp_ns: int = 100_000_000
     """Ramp duration [ns] from full speed to rest when an input is stale, and back when it is fresh again."""
+
+    @classmethod
+    def from_spec(cls, safety: SafetySpec) -> Self:
+        """Return the limits of a deployment, one timeout for positions and skin."""
+        timeout_ns = round(safety.input_timeout_ms * 1e6)
+        return cls(
+            speed_rad_s=safety.max_joint_speed_rad_s,
+            joints_max_age_ns=timeout_ns,
+            skin_max_age_ns=timeout_ns,
+            ramp_ns=round(safety.ramp_ms * 1e6),
+        )
 
 
 @dataclass(frozen=True)

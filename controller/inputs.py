@@ -1,4 +1,4 @@
-"""External joint velocities, added to the controller's own while they are fresh. No I/O."""
+"""Inputs of the controller apart from skin and requests: joint positions and external velocities. No I/O."""
 
 from collections import Counter
 
@@ -7,12 +7,43 @@ from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
 from skinnet.protocol.external_messages import ExternalVelocity
-from skinnet.protocol.messages import decode
+from skinnet.protocol.messages import Joints, decode
 
-__all__ = ["ExternalVelocityInput"]
+__all__ = ["ExternalVelocityInput", "JointInput"]
 
 _VALIDITY_NS = 100_000_000
 """Simulated time [ns] for which an external velocity is valid; an assumption."""
+
+
+class JointInput:
+    """Joint positions by their time, until the tick that uses them.
+
+    Args:
+        n_dofs: D, number of joints.
+    """
+
+    def __init__(self, n_dofs: int) -> None:
+        self._n_dofs = n_dofs
+        self._position_rad: dict[int, NDArray[np.float64]] = {}
+
+    def accept(self, payload: bytes) -> int:
+        """Accept a joint message; return its watermark [ns].
+
+        Raises:
+            ProtocolError: the message is malformed, of the wrong length or not finite.
+        """
+        joints = decode(payload, Joints)
+        position = np.array(joints.position_rad, dtype=np.float64)
+        if len(position) != self._n_dofs:
+            raise ProtocolError(f"positions of {len(position)} joints; this run has {self._n_dofs}")
+        if not np.isfinite(position).all():
+            raise ProtocolError("joint positions that are not finite")
+        self._position_rad[joints.t_ns] = position
+        return joints.watermark_ns
+
+    def take(self, t_ns: int) -> NDArray[np.float64]:
+        """Remove and return the positions (D,) [rad] measured at `t_ns`, which must have arrived."""
+        return self._position_rad.pop(t_ns)
 
 
 class ExternalVelocityInput:
