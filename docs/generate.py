@@ -26,6 +26,7 @@ from controller.grasping.state_parameters import (
 from skinnet.deployment.controller.teach_and_grasp import TeachAndGraspSpec
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.documentation import attribute_docs, tables, toml_value
+from skinnet.migration import format_1
 from skinnet.protocol.channels import ALIVE, CHANNELS, Keys, Role
 from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.protocol.messages import READING_NAMES, STIMULUS_NAMES, STREAM_ROW, EventKind, Modality
@@ -34,7 +35,12 @@ from skinnet.protocol.sheet_messages import PATTERN_ROW, REGION_ROW, SCAN_FRAME_
 __all__ = ["PAGES", "defaults", "fill", "marked", "toml_value"]
 
 _HERE = Path(__file__).parent
-PAGES = (_HERE / "deployment.md", _HERE / "grasping.md", _HERE / "wire.md")
+PAGES = (
+    _HERE / "deployment.md",
+    _HERE / "grasping.md",
+    _HERE / "wire.md",
+    _HERE / "reference" / "formats.md",
+)
 _PART = re.compile(r"(<!-- generated: (?P<name>\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _COMMANDING = [
     state
@@ -187,6 +193,49 @@ def _directive(state: State, directive: StateParameters) -> tuple[str, ...]:
     return (f"`{state.value}`", *forces, *nears, pose, speed, patience)
 
 
+def _renamed(*tables: Iterable[tuple[str, str]]) -> str:
+    rows = ((f"`{_escaped(old)}`", f"`{_escaped(new)}`") for table in tables for old, new in table)
+    return _table(("format 1", "format 2"), rows)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _format_1_values() -> str:
+    rows = (
+        (f"`{path}`", f"`{old}`", f"`{new}`")
+        for path, values in format_1.DEPLOYMENT_VALUES.items()
+        for old, new in values.items()
+    )
+    return _table(("key in format 1", "value", "value in format 2"), rows)
+
+
+def _format_1_messages() -> str:
+    tags = dict.fromkeys([*format_1.MESSAGE_TYPES, *format_1.MESSAGE_FIELDS])
+    rows = (
+        (
+            f"`{tag}`",
+            f"`{format_1.MESSAGE_TYPES.get(tag, tag)}`",
+            ", ".join(f"`{old}` → `{new}`" for old, new in format_1.MESSAGE_FIELDS.get(tag, {}).items()),
+        )
+        for tag in tags
+    )
+    return _table(("`type` in format 1", "`type` in format 2", "fields"), rows)
+
+
+def _format_1_metrics() -> str:
+    return _renamed(
+        format_1.SUMMARY_KEYS.items(),
+        ((f"process_failures[].{old}", f"process_failures[].{new}") for old, new in _FAILURE_KEYS),
+        format_1.METRICS,
+        format_1.STRESS_METRICS,
+        ((f"c<n>-{old}…", f"c<n>-{new}…") for old, new in format_1.ENCODINGS.items()),
+        ((f"{old}.stimulated.…", f"{new}.stimulated.…") for old, new in format_1.ENCODINGS.items()),
+    )
+
+
+_FAILURE_KEYS = format_1.PROCESS_FAILURE_KEYS.items()
 _MAKERS = {
     "schema": _schema,
     "channels": _channels,
@@ -197,6 +246,14 @@ _MAKERS = {
     "numbers": _numbers,
     "states": _states,
     "directives": _directives,
+    "format_1_keys": lambda: _renamed(format_1.DEPLOYMENT_KEYS.items()),
+    "format_1_values": _format_1_values,
+    "format_1_channels": lambda: _renamed(format_1.CHANNEL_KEYS),
+    "format_1_messages": _format_1_messages,
+    "format_1_counters": lambda: _renamed(
+        format_1.COUNTERS.items(), ((f"….{old}", f"….{new}") for old, new in format_1.PARAMETERS.items())
+    ),
+    "format_1_metrics": _format_1_metrics,
 }
 
 

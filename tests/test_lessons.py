@@ -58,7 +58,7 @@ def test_a_reachable_pose_is_reached_without_a_touch(tmp_path, pose):
     assert truth.min_height_m > 0.0015
     np.testing.assert_allclose(body.joints(), pose, atol=0.03)
     assert body.teacher.phase is FingerPhase.PARKED
-    assert sum(touch.moved_rad for touch in truth.touches) < 1.5 * np.abs(pose).sum()
+    assert sum(touch.joint_motion_rad for touch in truth.touches) < 1.5 * np.abs(pose).sum()
 
 
 def test_the_first_touch_is_on_the_side_from_which_the_arm_shall_go(tmp_path):

@@ -207,7 +207,7 @@ def test_watchers_see_what_was_recorded(touched: Path) -> None:
             (reply,) = session.get("skinnet/*/deployment", timeout=30)
             deployed = msgpack.unpackb(reply.ok.payload.to_bytes())
             assert json.loads(deployed["deployment"]) == own.deployment_dict
-            assert deployed["base"] == str(own.base)
+            assert deployed["base_folder"] == str(own.base)
 
             def keep(sample: Any) -> None:
                 heard.append((str(sample.key_expr), sample.payload.to_bytes()))

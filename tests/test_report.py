@@ -421,10 +421,10 @@ def claim(*figures: str, expected: Any = None, when: Any = ()) -> Claim:
         (None, {"a": 3.0}, "–", Verdict.NO_EXPECTATION),
     ],
 )
-def test_an_expectation_and_its_verdict(expected: Any, figures: Any, text: str, verdict: Verdict) -> None:
+def test_an_expectation_and_its_verdict(expected: Any, metrics: Any, text: str, verdict: Verdict) -> None:
     names = {"a": "x.a_n", "b": "x.b"}
     compared = evaluate_claim(
-        claim(expected=expected), {names[key]: value for key, value in figures.items()}, {}
+        claim(expected=expected), {names[key]: value for key, value in metrics.items()}, {}
     )
     assert compared is not None
     assert compared.verdict is verdict

@@ -52,7 +52,9 @@ class Lift:
 @pytest.fixture
 def lift(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stages of controllers take requests."""
-    monkeypatch.setattr("controller.brain.make_stage", lambda *args, **more: Lift(make_stage(*args, **more)))
+    monkeypatch.setattr(
+        "controller.controller.make_stage", lambda *args, **more: Lift(make_stage(*args, **more))
+    )
 
 
 def ask(robot: Wired, number: int, what: str, argument: str = "") -> None:

@@ -116,7 +116,7 @@ def test_links_become_one_tree_of_transforms() -> None:
     fixed, moving = told(one.static_transforms()).transforms, told(one.moving_transforms()).transforms
     parents = {t.child_frame_id: t.header.frame_id for t in (*fixed, *moving)}
     assert parents == {
-        "arm/base": "free_bodies",
+        "arm/base": "world",
         "arm/upper_link": "arm/base",
         "arm/fore_link": "arm/upper_link",
     }
@@ -244,7 +244,7 @@ def test_regions_of_sheets_lie_on_their_surface() -> None:
     rows["board"], rows["region_id"], rows["n_elements"] = (0, 1, 1), (1, 1, 2), (4, 2, 0)
     rows["force_n"], rows["xi2_m"] = (5.0, 2.0, 0.0), (0.01, 0.0, 0.0)
     frames = np.zeros(2, dtype=SCAN_FRAME_ROW)
-    frames["board"], frames["rows"] = (0, 1), (1, 2)
+    frames["board"], frames["n_regions"] = (0, 1), (1, 2)
     message = Regions(t_ns=0, watermark_ns=1, frames=frames.tobytes(), rows=rows.tobytes())
     one.handle(keys.of("regions", "boards"), encode(message))
     cloud = points(told(one.region_cloud()))

@@ -474,7 +474,7 @@ def test_an_operator_who_waits_in_vain_ends_the_session() -> None:
 
 
 def test_without_an_operator_a_session_lasts() -> None:
-    robot = Robot(timeout_s=0.1)
+    robot = Robot(operator_timeout_s=0.1)
     robot.tick(200)
     assert robot.session.state is State.IDLE
 

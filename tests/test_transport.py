@@ -130,6 +130,19 @@ async def test_a_recorder_hears_all_that_is_recorded_in_the_order_of_each_sender
     assert [tuple(one) for one in await hear(recorder, len(sent))] == sent
 
 
+async def test_a_recorder_gets_fewer_periods_from_a_sender_that_is_slow(
+    star: Star, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skinnet.transport.loop_transport._MAX_RECORDER_WAIT_S", 0.0)
+    body, recorder = await star.gather("body", "recorder")
+    recorder.subscribe([KEYS.of("command")], ["body"])
+    await star.agree("listening")
+    body.enable_recording(1000)
+    body.put(KEYS.of("command"), b"go")
+    body.flush()
+    assert await hear(recorder, 1) == [Delivery(KEYS.of("command"), b"go")]
+
+
 async def test_a_sender_knows_whether_it_is_heard(star: Star) -> None:
     body, watcher = await star.gather("body", "watcher")
     world = KEYS.of("free_bodies")

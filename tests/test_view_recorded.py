@@ -44,7 +44,7 @@ def key(told: ReceivedMessage, robot: str = "bot") -> str:
 
 def write(path: Path, deployed: Deployment, told: list[ReceivedMessage], chunk_size: int = 2_000) -> Path:
     """A recording as the plain writer makes it, with a channel of somebody else's in between."""
-    about = {"format": "1", "robot": deployed.robot, "base": str(path.parent)}
+    about = {"format": "2", "robot": deployed.robot, "base": str(path.parent)}
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.ZSTD)
         writer.start()

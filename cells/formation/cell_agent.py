@@ -19,6 +19,7 @@ The driver delivers packets at their arrival times and, at equal times, in the o
 wins a tie. The links below (`LinkLayer`) deliver packets reliably and in order.
 """
 
+from cells.formation.formation_agent import FormationAgent
 from cells.formation.link_layer import LinkLayer
 from cells.formation.neighbour_table import NeighbourTable
 from cells.formation.packets import (
@@ -26,7 +27,6 @@ from cells.formation.packets import (
     REPORTS_PER_CELL,
     FormationPacket,
     FormationPacketKind,
-    OutgoingPackets,
     is_newer,
 )
 from skinnet.skin.lattice import N_PORTS
@@ -34,17 +34,13 @@ from skinnet.skin.lattice import N_PORTS
 __all__ = ["CellAgent"]
 
 
-class CellAgent:
+class CellAgent(FormationAgent):
     """Formation agent of one cell: its position in the tree, its ID, routes and neighbours.
 
     Attributes:
         uid: Hardware ID of the cell.
-        epoch: Current epoch; None before the first.
         master_port: Port towards the gateway; None while unreached.
-        network_id: Network ID of the cell; 0 while it has none.
         joined_ns: Time at which the cell found its present master [ns].
-        route_changes: New routes: (network ID or 0 for the computer, port); the reader empties the list.
-        dropped_packets: Number of packets that were dropped as stale or unexpected.
     """
 
     def __init__(self, uid: int, retransmission_timeout_ns: int, boot_count: int = 0) -> None:
@@ -55,15 +51,10 @@ class CellAgent:
             retransmission_timeout_ns: Retransmission timeout of a link [ns].
             boot_count: Number of earlier power-ups.
         """
+        super().__init__(LinkLayer(N_PORTS, retransmission_timeout_ns, boot_count), epoch=None)
         self.uid = uid
-        self.links = LinkLayer(N_PORTS, retransmission_timeout_ns, boot_count)
-        self.epoch: int | None = None
-        self.network_id = 0
         self.master_port: int | None = None
         self.joined_ns: int | None = None
-        self.route_changes: list[tuple[int, int]] = []
-        self.dropped_packets = 0
-        self._routes: dict[int, int] = {}
         self._warm = False
         self._hops = 0
         self._neighbour_table = NeighbourTable()
@@ -77,30 +68,9 @@ class CellAgent:
         self._to_collect: list[int] = []
         self._expected_reports = 0
 
-    def next_deadline(self) -> int | None:
-        """Return the deadline [ns] at which `on_deadline` is to be called; None if there is none."""
-        return self.links.next_deadline()
-
     def next_port(self, network_id: int) -> int | None:
         """Return the port towards the cell `network_id` (0: the computer); None if it is this cell."""
         return None if network_id == self.network_id else self._routes.get(network_id, self.master_port)
-
-    def set_carrier(self, port: int, present: bool, t_ns: int) -> OutgoingPackets:
-        """Process a change of carrier at a port; return the packets to send."""
-        self.links.set_carrier(port, present, t_ns)
-        return self._collect_outgoing(t_ns)
-
-    def on_deadline(self, t_ns: int) -> OutgoingPackets:
-        """Process expired timers; return the packets to send."""
-        self.links.on_deadline(t_ns)
-        return self._collect_outgoing(t_ns)
-
-    def handle(self, packet: FormationPacket, port: int, t_ns: int) -> OutgoingPackets:
-        """Process a packet that arrives on `port`; return the packets to send."""
-        new = self.links.receive(port, packet, t_ns)
-        if new is not None:
-            self._dispatch(new, port, t_ns)
-        return self._collect_outgoing(t_ns)
 
     def _dispatch(self, packet: FormationPacket, port: int, t_ns: int) -> None:
         match packet.kind:
@@ -132,19 +102,13 @@ class CellAgent:
             case _:
                 self.dropped_packets += 1
 
-    def _collect_outgoing(self, t_ns: int) -> OutgoingPackets:
-        """Process pending link changes; return all packets to send."""
-        links = self.links
-        while links.link_changes:
-            port, is_up = links.link_changes.pop(0)
-            if is_up:
-                self._on_link_up(port, t_ns)
-            else:
-                self._on_link_down(port, t_ns)
-        sends, links.outgoing = links.outgoing, []
-        return sends
-
     # link changes
+
+    def _on_link_change(self, port: int, is_up: bool, t_ns: int) -> None:
+        if is_up:
+            self._on_link_up(port, t_ns)
+        else:
+            self._on_link_down(port, t_ns)
 
     def _on_link_up(self, port: int, t_ns: int) -> None:
         if self.network_id:
@@ -291,12 +255,6 @@ class CellAgent:
         else:
             self._send(port, packet, t_ns)
 
-    def _learn_route(self, network_id: int, port: int) -> None:
-        """Learn the route to a cell from the port of its packets (backward learning)."""
-        if self._routes.get(network_id) != port:
-            self._routes[network_id] = port
-            self.route_changes.append((network_id, port))
-
     # reports of a cold epoch
 
     def _on_collect(self, port: int, t_ns: int) -> None:
@@ -347,12 +305,6 @@ class CellAgent:
 
     def _children(self) -> list[int]:
         return [port for port, size in enumerate(self._subtree_size) if size]
-
-    def _packet(
-        self, kind: FormationPacketKind, cell: int = 0, port: int = 0, value: int = 0
-    ) -> FormationPacket:
-        assert self.epoch is not None
-        return FormationPacket(kind, self.epoch, cell, port, value)
 
     def _identity_packet(self) -> FormationPacket:
         return self._packet(FormationPacketKind.IDENTITY, self.network_id, self._neighbour_table.generation)

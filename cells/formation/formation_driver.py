@@ -9,21 +9,48 @@ import heapq
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from cells.formation.cell_agent import CellAgent
+from cells.formation.formation_agent import FormationAgent
 from cells.formation.gateway_agent import GatewayAgent
-from cells.formation.packets import FormationPacket, OutgoingPackets
+from cells.formation.packets import FormationPacket, OutgoingPackets, max_round_trip_ns
 from cells.networking.packet_pool import PacketKind, PacketPool
 from cells.networking.wiring import Wiring
-from skinnet.network.packet_network import PacketNetwork
+from skinnet.deployment.network import NetworkSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.network.packet_network import EndedPackets, PacketNetwork
+from skinnet.network.records import Outcome
 from skinnet.network.routes import Routes
 from skinnet.protocol.messages import FOREVER_NS
 
-__all__ = ["FormationDriver"]
+__all__ = ["FormationDriver", "FormationTiming"]
 
-_Agent = CellAgent | GatewayAgent
+
+class FormationTiming(NamedTuple):
+    """Timing of the formation agents.
+
+    Attributes:
+        reaction_ns: Time from the arrival of a packet to the agent's answer [ns].
+        retransmission_ns: Retransmission timeout of a link [ns].
+        settle_ns: Time for links to come up before the first epoch [ns].
+        carrier_detect_ns: Time from a change of carrier to its detection by the receiver [ns].
+    """
+
+    reaction_ns: int
+    retransmission_ns: int
+    settle_ns: int
+    carrier_detect_ns: int
+
+    @classmethod
+    def build(cls, cells: CellSpec, network: NetworkSpec) -> "FormationTiming":
+        """Timing of `cells` on the links of `network`: timeouts follow from the largest round-trip time."""
+        reaction_ns = round(cells.processing_delay_us * 1e3)
+        retransmission_ns = max_round_trip_ns(network, reaction_ns)
+        carrier_detect_ns = round(network.failure_detection_us * 1e3)
+        return cls(reaction_ns, retransmission_ns, 2 * retransmission_ns, carrier_detect_ns)
 
 
 class FormationDriver:
@@ -42,11 +69,7 @@ class FormationDriver:
         wiring: Wiring,
         network: PacketNetwork,
         pool: PacketPool,
-        *,
-        reaction_ns: int,
-        retransmission_timeout_ns: int,
-        settle_ns: int,
-        carrier_detect_ns: int,
+        timing: FormationTiming,
         size_bytes: int,
     ) -> None:
         """Create the agents, all without power.
@@ -55,30 +78,28 @@ class FormationDriver:
             wiring: Nodes and links.
             network: Kernel that carries the packets.
             pool: Rows of packets in flight.
-            reaction_ns: Time from the arrival of a packet to the agent's answer [ns].
-            retransmission_timeout_ns: Retransmission timeout of a link [ns].
-            settle_ns: Time for links to come up before the first epoch [ns].
-            carrier_detect_ns: Time from a change of carrier to its detection by the receiver [ns].
+            timing: Reaction time and timeouts of the agents.
             size_bytes: Size of a formation packet.
         """
         self._wiring = wiring
         self._network = network
         self._pool = pool
-        self._reaction_ns = max(reaction_ns, 1)  # a reaction time of zero would leave no lookahead
-        self._retransmission_timeout_ns = retransmission_timeout_ns
-        self._carrier_detect_ns = carrier_detect_ns
+        self._reaction_ns = max(timing.reaction_ns, 1)  # a reaction time of zero would leave no lookahead
+        self._timing = timing
         self._size_bytes = size_bytes
         self.sent = self.in_flight = 0
         n = wiring.n_cells
-        self.cells = [CellAgent(uid, retransmission_timeout_ns) for uid in wiring.uid_of_cell.tolist()]
+        self.cells = [CellAgent(uid, timing.retransmission_ns) for uid in wiring.uid_of_cell.tolist()]
         self.gateways = [
-            GatewayAgent(ports, retransmission_timeout_ns=retransmission_timeout_ns, settle_ns=settle_ns)
+            GatewayAgent(
+                ports, retransmission_timeout_ns=timing.retransmission_ns, settle_ns=timing.settle_ns
+            )
             for ports in wiring.group_ports
         ]
         self.powered = np.zeros(n, dtype=np.bool_)
         self._boot_count = [0] * n
         self._replaced_counts = Counter[str]()  # counts of agents that a power cycle replaced
-        self._agents: list[_Agent | None] = [None] * wiring.topology.n_nodes
+        self._agents: list[FormationAgent | None] = [None] * wiring.topology.n_nodes
         self._node_of_id: list[dict[int, int]] = [{} for _ in self.gateways]
         for node, gateway in zip(wiring.interface_node.tolist(), self.gateways, strict=True):
             self._agents[node] = gateway
@@ -109,15 +130,23 @@ class FormationDriver:
 
     def schedule_carrier(self, t_ns: int, link: int, present: bool) -> None:
         """Schedule a change of carrier on a link; its receiver detects it after `carrier_detect_ns`."""
-        heapq.heappush(self._carrier_changes, (t_ns + self._carrier_detect_ns, link, present))
+        heapq.heappush(self._carrier_changes, (t_ns + self._timing.carrier_detect_ns, link, present))
 
-    def receive(self, t_ns: int, node: int, link: int, row: int) -> None:
-        """Deliver a formation packet to the agent of `node`, which answers after its reaction time."""
-        packet: FormationPacket = self._pool.objects[row]
-        agent = self._agents[node]
-        if agent is not None:
-            port = int(self._wiring.topology.dst_port[link])
-            self._send(t_ns + self._reaction_ns, node, agent.handle(packet, port, t_ns))
+    def receive(self, finished: EndedPackets) -> None:
+        """Deliver formation packets that have ended to the agents that they reached, and free their rows.
+
+        An agent answers after its reaction time.
+        """
+        self.in_flight -= len(finished.outcome)
+        for i in np.flatnonzero(finished.outcome == Outcome.DELIVERED).tolist():
+            node, t_ns = int(finished.node[i]), int(finished.t_ns[i])
+            agent = self._agents[node]
+            if agent is not None:
+                packet: FormationPacket = self._pool.objects[int(finished.packet_id[i])]
+                port = int(self._wiring.topology.dst_port[int(finished.link[i])])
+                self._send(t_ns + self._reaction_ns, node, agent.handle(packet, port, t_ns))
+        self.flush()
+        self._pool.free(finished.packet_id)
 
     def horizon_ns(self, until_ns: int) -> int:
         """Return the lookahead horizon [ns], at most `until_ns`: no agent can send a packet before it."""
@@ -158,7 +187,7 @@ class FormationDriver:
         """Number of stale or unexpected packets that agents dropped."""
         return self._replaced_counts["ignored"] + sum(agent.dropped_packets for agent in self._all_agents())
 
-    def _all_agents(self) -> Iterator[_Agent]:
+    def _all_agents(self) -> Iterator[FormationAgent]:
         return chain(self.cells, self.gateways)
 
     @property
@@ -178,7 +207,7 @@ class FormationDriver:
         before = self.cells[cell]
         self._replaced_counts.update(repeated=before.links.retransmitted, ignored=before.dropped_packets)
         self.cells[cell] = self._agents[node] = CellAgent(
-            uid, self._retransmission_timeout_ns, self._boot_count[cell]
+            uid, self._timing.retransmission_ns, self._boot_count[cell]
         )
         self.powered[cell] = True
 
@@ -193,7 +222,7 @@ class FormationDriver:
     def _send(self, t_ns: int, node: int, sends: OutgoingPackets) -> None:
         agent = self._agents[node]
         assert agent is not None
-        if isinstance(agent, CellAgent) and agent.network_id:
+        if agent.network_id:
             self._node_of_id[int(self._wiring.group_of_node[node])][agent.network_id] = node
         if agent.route_changes:
             self._set_routes(t_ns, node, agent)
@@ -211,7 +240,7 @@ class FormationDriver:
             row = self._pool.allocate_object(PacketKind.FORMATION, node, packet)
             self._outbox.append((t_ns, node, row, link))
 
-    def _set_routes(self, t_ns: int, node: int, agent: _Agent) -> None:
+    def _set_routes(self, t_ns: int, node: int, agent: FormationAgent) -> None:
         """Install an agent's new routes in the kernel at `t_ns`."""
         group = int(self._wiring.group_of_node[node])
         known = self._node_of_id[group]

@@ -7,6 +7,7 @@ change of links starts a warm one, in which cells keep their IDs (`cells.formati
 
 from enum import Enum, auto
 
+from cells.formation.formation_agent import FormationAgent
 from cells.formation.link_layer import LinkLayer
 from cells.formation.packets import ID_BITS, MAX_ID, FormationPacket, FormationPacketKind, OutgoingPackets
 from cells.formation.routing_forest import ForestNode, RoutingForest
@@ -20,6 +21,10 @@ _PORT_PAIRS = range(0, N_PORTS, 2)
 """First port of each pair that one LINKS packet reports."""
 _EPOCH_MODULUS = 2**12
 _GENERATIONS = 8
+_MAX_COLD_EPOCHS = 3
+"""Cold epochs before formation fails *(assumed)*."""
+_EPOCH_TIMEOUT_NS = 10_000_000_000
+"""Timeout of a cold epoch [ns] *(assumed)*."""
 _WARM_TIMEOUT_DIVISOR = 10
 """Ratio of the timeouts of a cold and a warm epoch, which has no depth-first traversal *(assumed)*."""
 
@@ -36,39 +41,27 @@ class FormationPhase(Enum):
     """No cell answers at any port."""
 
 
-class GatewayAgent:
+class GatewayAgent(FormationAgent):
     """Formation agent of the gateway: it starts epochs and collects the cells' reports.
 
-    An epoch that is not complete after `epoch_timeout_ns` has lost a packet or a cell; another one starts.
-    `start` may be called again at any time.
+    An epoch that is not complete in time has lost a packet or a cell; another one starts. `start` may be
+    called again at any time.
 
     Attributes:
         phase: Phase of the current epoch.
-        epoch: Epoch number, modulo 4096.
+        epoch: Current epoch, modulo 4096.
         forest: Routing forest from the cells' reports.
         version: Number of changes of the known topology; the end of an epoch counts as one.
         has_settled: True once any epoch has completed or failed.
-        route_changes: New routes: (network ID, port); the reader empties the list.
-        dropped_packets: Number of packets that were dropped as stale or unexpected.
     """
 
-    def __init__(
-        self,
-        ports: int,
-        *,
-        retransmission_timeout_ns: int,
-        settle_ns: int,
-        epoch_timeout_ns: int = 10_000_000_000,
-        max_cold_epochs: int = 3,
-    ) -> None:
+    def __init__(self, ports: int, *, retransmission_timeout_ns: int, settle_ns: int) -> None:
         """Create an idle gateway.
 
         Args:
             ports: Number of ports, 1 to 16.
             retransmission_timeout_ns: Retransmission timeout of a link [ns].
             settle_ns: Time for links to come up before the first epoch [ns].
-            epoch_timeout_ns: Timeout of a cold epoch [ns] *(assumed)*.
-            max_cold_epochs: Cold epochs before formation fails *(assumed)*.
 
         Raises:
             DeploymentError: `ports` is out of range.
@@ -77,22 +70,16 @@ class GatewayAgent:
             raise DeploymentError(
                 f"a gateway with {ports} ports: allowed are 1 to {MAX_PORTS}; split the patch"
             )
+        super().__init__(LinkLayer(ports, retransmission_timeout_ns), epoch=0)
         self.phase = FormationPhase.IDLE
-        self.epoch = 0
         self.forest = RoutingForest()
         self.version = 0
         self.has_settled = False
-        self.route_changes: list[tuple[int, int]] = []
-        self.dropped_packets = 0
-        self.links = LinkLayer(ports, retransmission_timeout_ns)
         self._settle_ns = settle_ns
-        self._epoch_timeout_ns = epoch_timeout_ns
-        self._attempts = max_cold_epochs
         self._attempts_left = 0
         self._warm = self._has_formed = False
         self._generation = 0
         self._deadline_ns: int | None = None
-        self._routes: dict[int, int] = {}
         self._reset_epoch()
 
     def _reset_epoch(self) -> None:
@@ -102,7 +89,7 @@ class GatewayAgent:
 
     def start(self, t_ns: int) -> OutgoingPackets:
         """Start formation afresh; return the packets to send."""
-        self._attempts_left = self._attempts
+        self._attempts_left = _MAX_COLD_EPOCHS
         self._start_sync(t_ns)
         return self._collect_outgoing(t_ns)
 
@@ -117,37 +104,21 @@ class GatewayAgent:
 
     def next_deadline(self) -> int | None:
         """Return the deadline [ns] at which `on_deadline` is to be called; None if there is none."""
-        both = (self._deadline_ns, self.links.next_deadline())
+        both = (self._deadline_ns, super().next_deadline())
         return min((t_ns for t_ns in both if t_ns is not None), default=None)
 
-    def set_carrier(self, port: int, present: bool, t_ns: int) -> OutgoingPackets:
-        """Process a change of carrier at a port; return the packets to send."""
-        self.links.set_carrier(port, present, t_ns)
-        return self._collect_outgoing(t_ns)
-
-    def on_deadline(self, t_ns: int) -> OutgoingPackets:
-        """Process expired timers; return the packets to send."""
-        self.links.on_deadline(t_ns)
+    def _on_timers(self, t_ns: int) -> None:
         if self._deadline_ns is not None and t_ns >= self._deadline_ns:
             self._on_timeout(t_ns)
-        return self._collect_outgoing(t_ns)
-
-    def handle(self, packet: FormationPacket, port: int, t_ns: int) -> OutgoingPackets:
-        """Process a packet that arrives on `port`; return the packets to send.
-
-        Raises:
-            DeploymentError: more cells than IDs of 14 bits.
-        """
-        new = self.links.receive(port, packet, t_ns)
-        if new is not None:
-            self._dispatch(new, port, t_ns)
-            if self.phase is FormationPhase.REPORTS and self._all_reported():
-                self.phase, self._deadline_ns, self._has_formed = FormationPhase.COMPLETE, None, True
-                self.version += 1
-                self.has_settled = True
-        return self._collect_outgoing(t_ns)
 
     def _dispatch(self, packet: FormationPacket, port: int, t_ns: int) -> None:
+        self._process(packet, port, t_ns)
+        if self.phase is FormationPhase.REPORTS and self._all_reported():
+            self.phase, self._deadline_ns, self._has_formed = FormationPhase.COMPLETE, None, True
+            self.version += 1
+            self.has_settled = True
+
+    def _process(self, packet: FormationPacket, port: int, t_ns: int) -> None:
         forest, member = self.forest, self.forest.nodes.get(packet.cell)
         match packet.kind:
             case FormationPacketKind.NEIGHBOUR_REPORT if member is not None and packet.port in _PORT_PAIRS:
@@ -183,15 +154,10 @@ class GatewayAgent:
             case _:
                 self.dropped_packets += 1
 
-    def _collect_outgoing(self, t_ns: int) -> OutgoingPackets:
-        """Process pending link changes; return all packets to send."""
-        links = self.links
-        while links.link_changes:
-            links.link_changes.clear()
-            if self.phase not in (FormationPhase.IDLE, FormationPhase.LINK_SYNC):
-                self._start_epoch(t_ns)
-        sends, links.outgoing = links.outgoing, []
-        return sends
+    def _on_link_change(self, port: int, is_up: bool, t_ns: int) -> None:
+        self.links.link_changes.clear()  # one new epoch explores them all
+        if self.phase not in (FormationPhase.IDLE, FormationPhase.LINK_SYNC):
+            self._start_epoch(t_ns)
 
     # epochs
 
@@ -222,11 +188,9 @@ class GatewayAgent:
             self._generation = (self._generation + 1) % _GENERATIONS
             self.forest = RoutingForest()
         self.forest.joined = set()
-        self.epoch = (self.epoch + 1) % _EPOCH_MODULUS
+        self.epoch = ((self.epoch or 0) + 1) % _EPOCH_MODULUS
         self.phase = FormationPhase.EXPLORATION
-        self._deadline_ns = t_ns + (
-            self._epoch_timeout_ns // _WARM_TIMEOUT_DIVISOR if self._warm else self._epoch_timeout_ns
-        )
+        self._deadline_ns = t_ns + _EPOCH_TIMEOUT_NS // (_WARM_TIMEOUT_DIVISOR if self._warm else 1)
         self._unanswered = set(ports)
         for port in ports:
             self.links.send(port, self._explore_packet(), t_ns)
@@ -296,13 +260,3 @@ class GatewayAgent:
             )
         else:
             self.dropped_packets += 1
-
-    def _learn_route(self, network_id: int, port: int) -> None:
-        if self._routes.get(network_id) != port:
-            self._routes[network_id] = port
-            self.route_changes.append((network_id, port))
-
-    def _packet(
-        self, kind: FormationPacketKind, cell: int = 0, port: int = 0, value: int = 0
-    ) -> FormationPacket:
-        return FormationPacket(kind, self.epoch, cell, port, value)

@@ -1,5 +1,6 @@
 """Network membership of cells, as seen by the cells and as known to the computer."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -52,12 +53,15 @@ class Membership:
             if gateway.has_settled and self.formed_ns[group] is None:  # even if another epoch has begun since
                 self.formed_ns[group] = t_ns
             if gateway.phase in _FINAL_PHASES and gateway.version != self._snapshots[group].version:
-                members = [gateway.forest.nodes[i] for i in gateway.forest.joined]
-                uids, depth = frozenset(m.uid for m in members), max((m.hops for m in members), default=0)
-                self._snapshots[group] = _GroupSnapshot(gateway.version, uids, depth)
+                forest = gateway.forest
+                self._snapshots[group] = _GroupSnapshot(gateway.version, forest.joined_uids(), forest.depth())
         formed = np.array([t_ns is not None for t_ns in self.formed_ns])[self._group_of_cell]
         has_id = np.array([agent.network_id > 0 for agent in self._driver.cells])
         self.is_member = formed & has_id & self._driver.powered
+
+    def switch_off(self, cells: Sequence[int]) -> None:
+        """Remove cells whose power has changed; those that are switched on must join again."""
+        self.is_member[list(cells)] = False
 
     def topology_version(self, patch: int) -> int:
         """Return the topology version of a patch, its number of changes; 0 before it has formed."""

@@ -87,8 +87,7 @@ class RecoveryLog:
     def _rejoined_ns(self, recovery: Recovery) -> int | None:
         """Return the last time [ns] after the change at which a cell of the group joined; None if none."""
         of_patch = self._wiring.group_of_patch[self._wiring.patch_of_cell] == recovery.group
-        in_network = self._driver.gateways[recovery.group].forest
-        uids = {in_network.nodes[i].uid for i in in_network.joined}
+        uids = self._driver.gateways[recovery.group].forest.joined_uids()
         agents = (self._driver.cells[cell] for cell in of_patch.nonzero()[0].tolist())
         joined = [a.joined_ns for a in agents if a.uid in uids and a.joined_ns is not None]
         return max((t_ns for t_ns in joined if t_ns > recovery.t_ns), default=None)

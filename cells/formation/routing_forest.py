@@ -45,6 +45,14 @@ class RoutingForest:
         self.nodes: dict[int, ForestNode] = {}
         self.joined: set[int] = set()
 
+    def joined_uids(self) -> frozenset[int]:
+        """Hardware IDs of the cells that are in the network."""
+        return frozenset(self.nodes[i].uid for i in self.joined)
+
+    def depth(self) -> int:
+        """Maximum number of hops from a cell in the network to its gateway, 0 without cells."""
+        return max((self.nodes[i].hops for i in self.joined), default=0)
+
     def assign_id(self, uid: int) -> int:
         """Return the network ID of the cell with hardware ID `uid`; assign the next free one if it is new."""
         known = next((i for i, member in self.nodes.items() if member.uid == uid), None)

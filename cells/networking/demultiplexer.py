@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cells.networking.packet_counters import LatencyHistogram, PacketCounters
 from cells.networking.packet_io import read_stream_rows
 from cells.networking.packet_pool import PacketKind, PacketPool
 from cells.networking.wiring import Wiring
@@ -18,8 +19,6 @@ __all__ = ["DeliveredPackets", "PacketDemultiplexer"]
 _READING, _DELIVERED = int(PacketKind.READING), int(Outcome.DELIVERED)
 _UNDELIVERABLE = (Outcome.LINK_FAILED, Outcome.NO_ROUTE, Outcome.TTL)
 """Outcomes of packets that had no link or no route."""
-_LATENCY_BINS = 100_001
-"""Latency bins of 1 µs up to 0.1 s; the last bin holds all longer latencies."""
 
 
 class DeliveredPackets(NamedTuple):
@@ -40,19 +39,24 @@ class PacketDemultiplexer:
     """Demultiplexer of finished packets: sorts and counts them, measures latency, frees their rows.
 
     Attributes:
-        outcome_counts: (kinds, outcomes) packets by kind and outcome.
         undeliverable: (groups,) data packets that were dropped for want of a link or a route.
-        latency_us: Histogram of the latency of data packets, from sample to gateway, in bins of 1 µs.
-        latency_max_ns: Maximum latency [ns].
     """
 
-    def __init__(self, wiring: Wiring, pool: PacketPool) -> None:
-        self.outcome_counts = np.zeros((len(PacketKind), len(Outcome)), dtype=np.int64)
+    def __init__(self, wiring: Wiring, pool: PacketPool, counters: PacketCounters) -> None:
+        """Start with empty counts; outcomes are counted in `counters`, of `PacketKind`."""
         self.undeliverable = np.zeros(len(wiring.group_ports), dtype=np.int64)
-        self.latency_us = np.zeros(_LATENCY_BINS, dtype=np.int64)
-        self.latency_max_ns = 0
-        self._wiring = wiring
-        self._pool = pool
+        self._latency = LatencyHistogram()
+        self._wiring, self._pool, self._counters = wiring, pool, counters
+
+    @property
+    def latency_us(self) -> NDArray[np.int64]:
+        """Histogram of the latency of data packets, from sample to gateway, in bins of 1 µs."""
+        return self._latency.counts
+
+    @property
+    def latency_max_ns(self) -> int:
+        """Maximum latency of a data packet [ns]."""
+        return self._latency.max_ns
 
     def demultiplex(self, finished: EndedPackets) -> tuple[list[DeliveredPackets], list[tuple[int, Config]]]:
         """Demultiplex finished packets: data by patch, configurations by cell, in order of delivery.
@@ -68,9 +72,9 @@ class PacketDemultiplexer:
         data: list[DeliveredPackets] = []
         configs: list[tuple[int, Config]] = []
         if is_reading.all():
-            self.outcome_counts[_READING, _DELIVERED] += len(packet_id)
+            self._counters.count_delivered(PacketKind.READING, len(packet_id))
         else:
-            np.add.at(self.outcome_counts, (kind, finished.outcome), 1)
+            self._counters.count_ended(kind, finished.outcome)
             wanting = np.isin(finished.outcome, _UNDELIVERABLE) & (kind != PacketKind.CONFIG)
             np.add.at(self.undeliverable, self._wiring.group_of_node[finished.node[wanting]], 1)
             for i in np.flatnonzero(arrived & (kind == PacketKind.CONFIG)).tolist():
@@ -119,6 +123,4 @@ class PacketDemultiplexer:
 
     def _count_latency(self, finished: EndedPackets, index: NDArray[np.int64]) -> None:
         sampled_ns = self._pool.rows["t_sampled_ns"][finished.packet_id[index]]
-        latency_ns = finished.t_ns[index] - sampled_ns
-        np.add.at(self.latency_us, np.minimum(latency_ns // 1000, _LATENCY_BINS - 1), 1)
-        self.latency_max_ns = max(self.latency_max_ns, int(latency_ns.max()))
+        self._latency.add(finished.t_ns[index] - sampled_ns)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cells.networking.packet_pool import PacketKind
+from cells.sensing.encoding import EncoderOutput
 from skinnet.compilation import compiled
 
 __all__ = ["read_stream_rows", "write_packets"]
@@ -15,13 +16,7 @@ _EVENT, _READING = int(PacketKind.EVENT), int(PacketKind.READING)
 
 @compiled
 def write_packets(
-    event_cell: NDArray[np.int64],
-    modality: NDArray[np.uint8],
-    channel: NDArray[np.uint8],
-    event_kind: NDArray[np.uint8],
-    level: NDArray[np.uint8],
-    value: NDArray[np.float32],
-    full_cell: NDArray[np.int64],
+    output: EncoderOutput,
     readings: NDArray[np.float32],
     t_sampled_ns: NDArray[np.int64],
     packet_id: NDArray[np.int64],
@@ -32,13 +27,7 @@ def write_packets(
     """Write packet payloads of events, then of full readings, and the cell and time of each packet.
 
     Args:
-        event_cell: (e,) cells of the events; the next five columns are those of `EncoderOutput`.
-        modality: (e,) modality of the event.
-        channel: (e,) channel within the modality.
-        event_kind: (e,) `EventKind`: level crossing or delta.
-        level: (e,) new level.
-        value: (e,) reading.
-        full_cell: (f,) cells that send their full reading.
+        output: Events (e) and cells that send their full reading (f).
         readings: (cells, 8) readings of all cells.
         t_sampled_ns: (cells,) sampling times [ns].
         packet_id: (e + f,) rows of `payload` to write.
@@ -46,6 +35,7 @@ def write_packets(
         cell: (e + f,) out: cell of each packet.
         t_ns: (e + f,) out: time at which each packet is sent [ns].
     """
+    event_cell, full_cell = output.cell, output.full_cell
     n_events = event_cell.size
     for i in range(n_events + full_cell.size):
         row = packet_id[i]
@@ -57,11 +47,11 @@ def write_packets(
         is_event = i < n_events
         payload[row].kind = _EVENT if is_event else _READING
         # overwrite every field: rows are reused
-        payload[row].modality = modality[i] if is_event else 0
-        payload[row].channel = channel[i] if is_event else 0
-        payload[row].event_kind = event_kind[i] if is_event else 0
-        payload[row].level = level[i] if is_event else 0
-        payload[row].value = value[i] if is_event else 0.0
+        payload[row].modality = output.modality[i] if is_event else 0
+        payload[row].channel = output.channel[i] if is_event else 0
+        payload[row].event_kind = output.kind[i] if is_event else 0
+        payload[row].level = output.level[i] if is_event else 0
+        payload[row].value = output.value[i] if is_event else 0.0
         for column in range(readings.shape[1]):
             payload[row].values[column] = 0.0 if is_event else readings[who, column]
 

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cells.formation.formation_driver import FormationDriver
+from cells.formation.formation_driver import FormationDriver, FormationTiming
 from cells.formation.membership import Membership
-from cells.formation.packets import max_round_trip_ns
 from cells.formation.recovery import RecoveryLog
 from cells.networking.demultiplexer import DeliveredPackets, PacketDemultiplexer
 from cells.networking.link_faults import Impairment
 from cells.networking.outages import TopologyChange, compute_topology_changes
+from cells.networking.packet_counters import PacketCounters
 from cells.networking.packet_io import write_packets
 from cells.networking.packet_pool import PACKET_ROW, PacketKind, PacketPool
 from cells.networking.wiring import Wiring
@@ -21,7 +21,6 @@ from cells.sensing.encoding import EncoderOutput
 from skinnet.deployment.network import NetworkSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.network.packet_network import EndedPackets
-from skinnet.network.records import Outcome
 from skinnet.protocol.messages import FOREVER_NS, Config
 
 __all__ = ["SkinNetwork"]
@@ -63,27 +62,17 @@ class SkinNetwork:
         self.kernel = wiring.packet_network(seed)
         self._spec = spec
         self._pool = PacketPool()
-        reaction_ns = round(cells.processing_delay_us * 1e3)
-        resend_ns = max_round_trip_ns(spec, reaction_ns)
-        self.formation_driver = FormationDriver(
-            wiring,
-            self.kernel,
-            self._pool,
-            reaction_ns=reaction_ns,
-            retransmission_timeout_ns=resend_ns,
-            settle_ns=2 * resend_ns,
-            carrier_detect_ns=round(spec.failure_detection_us * 1e3),
-            size_bytes=spec.control_bytes,
-        )
+        self._counters = PacketCounters(PacketKind)
+        timing = FormationTiming.build(cells, spec)
+        self.formation_driver = FormationDriver(wiring, self.kernel, self._pool, timing, spec.control_bytes)
         self.membership = Membership(wiring, self.formation_driver)
-        self.demultiplexer = PacketDemultiplexer(wiring, self._pool)
+        self.demultiplexer = PacketDemultiplexer(wiring, self._pool, self._counters)
         self.recovery_log = RecoveryLog(wiring, self.formation_driver, self.demultiplexer.undeliverable)
         self._restarted: list[int] = []
         self._topology_changes = deque(topology_changes or compute_topology_changes(wiring, (), None, ()))
         self._impairments = iter(impairments)
         self._next_impairment = next(self._impairments, None)
         self._interface_of_cell = wiring.interface_node[wiring.group_of_patch[wiring.patch_of_cell]]
-        self._offered = np.zeros(len(PacketKind), dtype=np.int64)
         for change in self._topology_changes:
             for link in change.links_down:
                 self.kernel.fail_link(change.t_ns, link)
@@ -132,9 +121,9 @@ class SkinNetwork:
         n = n_events + len(output.full_cell)
         ids = self._pool.allocate(n)
         cell, t_ns = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
-        write_packets(*output, readings, t_sampled_ns, ids, self._pool.rows, cell, t_ns)
-        self._offered[PacketKind.EVENT] += n_events
-        self._offered[PacketKind.READING] += n - n_events
+        write_packets(output, readings, t_sampled_ns, ids, self._pool.rows, cell, t_ns)
+        self._counters.count_offered(PacketKind.EVENT, n_events)
+        self._counters.count_offered(PacketKind.READING, n - n_events)
         size = np.full(n, self._spec.stream_bytes)
         size[:n_events] = self._spec.event_bytes
         self.kernel.enqueue(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
@@ -153,7 +142,7 @@ class SkinNetwork:
         ):
             rows[name] = column
         self._pool.rows[ids] = rows
-        self._offered[PacketKind.EVENT] += len(cell)
+        self._counters.count_offered(PacketKind.EVENT, len(cell))
         size = np.full(len(cell), self._spec.event_bytes)
         self.kernel.enqueue(t_ns, self.wiring.node_of_cell[cell], self._interface_of_cell[cell], size, ids)
 
@@ -161,7 +150,7 @@ class SkinNetwork:
         """Send a configuration from the interface to a cell (index within the process) at `t_ns`."""
         node, interface = int(self.wiring.node_of_cell[cell]), int(self._interface_of_cell[cell])
         row = self._pool.allocate_object(PacketKind.CONFIG, cell, config)
-        self._offered[PacketKind.CONFIG] += 1
+        self._counters.count_offered(PacketKind.CONFIG, 1)
         self.kernel.enqueue([t_ns], [interface], [node], [self._spec.control_bytes], [row])
 
     def advance(self, until_ns: int) -> tuple[list[DeliveredPackets], list[tuple[int, Config]]]:
@@ -187,15 +176,11 @@ class SkinNetwork:
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Count packets by kind: offered, delivered, dropped by cause, in flight."""
-        result = {}
-        self._offered[PacketKind.FORMATION] = self.formation_driver.sent
-        for kind in PacketKind:
-            ended = self.demultiplexer.outcome_counts[kind]
-            offered = int(self._offered[kind])
-            entry = {"offered": offered, "in_flight": offered - int(ended.sum())}
-            entry |= {outcome.name.lower(): int(ended[outcome]) for outcome in Outcome}
-            result[kind.name.lower()] = entry
-        return result
+        counts = self._counters.as_dict()
+        formation, sent = counts["formation"], self.formation_driver.sent
+        return counts | {
+            "formation": formation | {"offered": sent, "in_flight": sent + formation["in_flight"]}
+        }
 
     def _next_change_ns(self) -> int:
         change_ns = self._topology_changes[0].t_ns if self._topology_changes else FOREVER_NS
@@ -214,7 +199,7 @@ class SkinNetwork:
             change = self._topology_changes.popleft()
             for cell in change.cells_off + change.cells_on:
                 self.formation_driver.set_power(cell, cell in change.cells_on)
-                self.membership.is_member[cell] = False
+            self.membership.switch_off(change.cells_off + change.cells_on)
             self._restarted += change.cells_on
             for link in change.links_down + change.links_up:
                 self.formation_driver.schedule_carrier(change.t_ns, link, link in change.links_up)
@@ -226,12 +211,6 @@ class SkinNetwork:
         if not forming.any():
             return finished
         heard = EndedPackets._make(column[forming] for column in finished)
-        np.add.at(self.demultiplexer.outcome_counts[PacketKind.FORMATION], heard.outcome, 1)
-        self.formation_driver.in_flight -= len(heard.outcome)
-        for i in np.flatnonzero(heard.outcome == Outcome.DELIVERED).tolist():
-            self.formation_driver.receive(
-                int(heard.t_ns[i]), int(heard.node[i]), int(heard.link[i]), int(heard.packet_id[i])
-            )
-        self.formation_driver.flush()
-        self._pool.free(heard.packet_id)
+        self._counters.count_ended(PacketKind.FORMATION, heard.outcome)
+        self.formation_driver.receive(heard)
         return EndedPackets._make(column[~forming] for column in finished)

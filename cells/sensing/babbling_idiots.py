@@ -44,6 +44,20 @@ class BabblingIdiotState(NamedTuple):
     n_sent: NDArray[np.int64]
 
 
+class _EventSources(NamedTuple):
+    """Event sources, one per babbling-idiot fault: cell, end, random stream, mean interval, state.
+
+    `last_sent_ns` and `n_sent` are updated: time [ns] and number of the events so far.
+    """
+
+    cell: NDArray[np.int64]
+    end_ns: NDArray[np.int64]
+    keys: NDArray[np.uint64]
+    mean_interval_ns: NDArray[np.float64]
+    last_sent_ns: NDArray[np.int64]
+    n_sent: NDArray[np.int64]
+
+
 class BabblingIdiots:
     """Babbling-idiot cells of a process: sources of spurious events.
 
@@ -58,33 +72,21 @@ class BabblingIdiots:
         found = [(span, span.rule) for span in spans if isinstance(span.rule, BabblingIdiot)]
         self._times = FaultIntervals([span for span, _ in found], first_cell)
         self._scales = scales
-        self._keys = np.array(
-            [span.stream_key(seed, StreamName.BABBLING) for span, _ in found], dtype=np.uint64
+        self._sources = _EventSources(
+            cell=self._times.cell,
+            end_ns=self._times.end_ns,
+            keys=np.array([span.stream_key(seed, StreamName.BABBLING) for span, _ in found], dtype=np.uint64),
+            mean_interval_ns=np.array([1e9 / rule.rate_hz for _, rule in found], dtype=np.float64),
+            last_sent_ns=self._times.begin_ns.copy(),
+            n_sent=np.zeros(len(found), dtype=np.int64),
         )
-        self._mean_interval_ns = np.array([1e9 / rule.rate_hz for _, rule in found], dtype=np.float64)
-        self._last_sent_ns = self._times.begin_ns.copy()
-        self._n_sent = np.zeros(len(found), dtype=np.int64)
 
     def generate(self, start_ns: int, end_ns: int) -> SpuriousEvents:
         """Generate the spurious events in [start_ns, end_ns), the same however time is split into calls."""
         active = self._times.overlapping(start_ns, end_ns)
         if not active.size:
             return _NO_EVENTS
-        _, lsb, lowest, highest = self._scales
-        cell, t_ns, column, value = _generate(
-            active,
-            self._times.cell,
-            self._times.end_ns,
-            self._keys,
-            self._mean_interval_ns,
-            self._last_sent_ns,
-            self._n_sent,
-            start_ns,
-            end_ns,
-            lsb,
-            lowest,
-            highest,
-        )
+        cell, t_ns, column, value = _generate(active, self._sources, self._scales, start_ns, end_ns)
         order = np.lexsort((cell, t_ns))
         column = column[order]
         return SpuriousEvents(
@@ -99,12 +101,12 @@ class BabblingIdiots:
 
     def snapshot(self) -> BabblingIdiotState:
         """Return a copy of the time-varying state."""
-        return BabblingIdiotState(self._last_sent_ns.copy(), self._n_sent.copy())
+        return BabblingIdiotState(self._sources.last_sent_ns.copy(), self._sources.n_sent.copy())
 
     def restore(self, state: BabblingIdiotState) -> None:
         """Restore a snapshot that was taken with the same cells and faults."""
-        np.copyto(self._last_sent_ns, state.last_sent_ns)
-        np.copyto(self._n_sent, state.n_sent)
+        np.copyto(self._sources.last_sent_ns, state.last_sent_ns)
+        np.copyto(self._sources.n_sent, state.n_sent)
 
 
 _NO_EVENTS = SpuriousEvents._make(
@@ -115,28 +117,23 @@ _NO_EVENTS = SpuriousEvents._make(
 @compiled
 def _generate(
     active: NDArray[np.int64],
-    cell: NDArray[np.int64],
-    until_ns: NDArray[np.int64],
-    keys: NDArray[np.uint64],
-    mean_interval_ns: NDArray[np.float64],
-    last_sent_ns: NDArray[np.int64],
-    n_sent: NDArray[np.int64],
+    sources: _EventSources,
+    scales: ChannelScales,
     start_ns: int,
     end_ns: int,
-    lsb: NDArray[np.float64],
-    lowest: NDArray[np.float64],
-    highest: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
     """Return cell, time [ns], column and value of every event; each event uses three draws of its own."""
     who, when = np.empty(16, dtype=np.int64), np.empty(16, dtype=np.int64)
     what, value = np.empty(16, dtype=np.int64), np.empty(16, dtype=np.float32)
+    _, lsb, lowest, highest = scales
+    keys, last_sent_ns, n_sent = sources.keys, sources.last_sent_ns, sources.n_sent
     n = 0
     for i in active:
         while True:
             draw = np.uint64(3 * n_sent[i])
-            wait_ns = int(-math.log(uniform(keys[i], draw)) * mean_interval_ns[i] + 0.5)
+            wait_ns = int(-math.log(uniform(keys[i], draw)) * sources.mean_interval_ns[i] + 0.5)
             t_ns = last_sent_ns[i] + max(wait_ns, 1)
-            if t_ns >= min(end_ns, until_ns[i]):
+            if t_ns >= min(end_ns, sources.end_ns[i]):
                 break
             last_sent_ns[i] = t_ns
             n_sent[i] += 1
@@ -148,6 +145,6 @@ def _generate(
             which = int(uniform(keys[i], draw + np.uint64(1)) * lsb.size)
             span = highest[which] - lowest[which] + 1.0
             steps = lowest[which] + np.floor(uniform(keys[i], draw + np.uint64(2)) * span)
-            who[n], when[n], what[n], value[n] = cell[i], t_ns, which, lsb[which] * steps
+            who[n], when[n], what[n], value[n] = sources.cell[i], t_ns, which, lsb[which] * steps
             n += 1
     return who[:n], when[:n], what[:n], value[:n]

@@ -124,7 +124,7 @@ class Encoder:
     def encode(self, readings: NDArray[np.float32]) -> EncoderOutput:
         """Encode `readings` (n, 8), the next sample of every cell."""
         assert readings.shape == self._state.last_sent.shape
-        events, full = _encode(readings, *self._state, *self._columns)
+        events, full = _encode(readings, self._state, self._columns)
         columns: tuple[NDArray[Any], ...] = self._columns
         return EncoderOutput._make(
             [*(column[:events] for column in columns[:-1]), self._columns.full_cell[:full]]
@@ -191,29 +191,14 @@ def _next_level(reading: float, level: int, levels: NDArray[np.float32], hystere
 
 
 @compiled
-def _encode(
-    readings: NDArray[np.float32],
-    encoding: NDArray[np.uint8],
-    stream: NDArray[np.bool_],
-    levels: NDArray[np.float32],
-    hysteresis: NDArray[np.float64],
-    deltas: NDArray[np.float64],
-    last_level: NDArray[np.uint8],
-    last_sent: NDArray[np.float64],
-    event_cell: NDArray[np.int64],
-    event_modality: NDArray[np.uint8],
-    event_channel: NDArray[np.uint8],
-    event_kind: NDArray[np.uint8],
-    event_level: NDArray[np.uint8],
-    event_value: NDArray[np.float32],
-    full_cell: NDArray[np.int64],
-) -> tuple[int, int]:
-    """Write the events and the cells that send a full reading; return the number of each."""
+def _encode(readings: NDArray[np.float32], state: EncoderState, output: EncoderOutput) -> tuple[int, int]:
+    """Write the events and the cells that send a full reading into `output`; return the number of each."""
+    encoding, last_level, last_sent = state.encoding, state.last_level, state.last_sent
     events = 0
     full = 0
     for cell in range(readings.shape[0]):
-        if stream[cell] or encoding[cell] == _PERIODIC:
-            full_cell[full] = cell
+        if state.stream[cell] or encoding[cell] == _PERIODIC:
+            output.full_cell[full] = cell
             full += 1
         channels = 0
         if encoding[cell] == _LEVEL_CROSSING:
@@ -227,20 +212,22 @@ def _encode(
             if encoding[cell] == _LEVEL_CROSSING:
                 kind = _LEVEL_EVENT
                 old = int(last_level[cell, channel])
-                level = _next_level(reading, old, levels[cell, modality], hysteresis[cell, modality])
+                level = _next_level(
+                    reading, old, state.levels[cell, modality], state.hysteresis[cell, modality]
+                )
                 if level == old:
                     continue
                 last_level[cell, channel] = level
             else:
                 kind = _DELTA_EVENT
-                if abs(reading - last_sent[cell, channel]) <= deltas[cell, modality]:
+                if abs(reading - last_sent[cell, channel]) <= state.deltas[cell, modality]:
                     continue  # never for the first sample: the last sent value is NaN
                 last_sent[cell, channel] = reading
-            event_cell[events] = cell
-            event_modality[events] = modality
-            event_channel[events] = CHANNEL_OF[channel]
-            event_kind[events] = kind
-            event_level[events] = level
-            event_value[events] = readings[cell, channel]
+            output.cell[events] = cell
+            output.modality[events] = modality
+            output.channel[events] = CHANNEL_OF[channel]
+            output.kind[events] = kind
+            output.level[events] = level
+            output.value[events] = readings[cell, channel]
             events += 1
     return events, full

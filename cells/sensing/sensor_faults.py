@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cells.sensing.babbling_idiots import BabblingIdiots, BabblingIdiotState, SpuriousEvents
 from cells.sensing.fault_intervals import FaultIntervals
-from cells.sensing.transducers import channel_scales
+from cells.sensing.transducers import ChannelScales, channel_scales
 from skinnet.compilation import compiled
 from skinnet.deployment.experiment.faults import Drift, StuckAt
 from skinnet.deployment.skin.cells import CellSpec
@@ -27,6 +27,20 @@ class SensorFaultState(NamedTuple):
 
     stuck_value: NDArray[np.float64]
     babbling_idiots: BabblingIdiotState
+
+
+class _ChannelFaults(NamedTuple):
+    """Faults of single channels: cell, begin and end [ns], column of the reading, drift, stuck value.
+
+    A stuck value is NaN until the first reading during the fault; `drift_per_s` is 0 for stuck-at faults.
+    """
+
+    cell: NDArray[np.int64]
+    begin_ns: NDArray[np.int64]
+    end_ns: NDArray[np.int64]
+    column: NDArray[np.int64]
+    drift_per_s: NDArray[np.float64]
+    stuck_value: NDArray[np.float64]
 
 
 class SensorFaults:
@@ -54,9 +68,14 @@ class SensorFaults:
         self._scales = channel_scales(spec)
         self._period_ns = spec.period_ns
         self._intervals = FaultIntervals([span for span, *_ in broken], first_cell)
-        self._column = np.array([READING_NAMES.index(name) for _, name, _, _ in broken], dtype=np.int64)
-        self._drift_per_s = np.array([per_s for _, _, per_s, _ in broken], dtype=np.float64)
-        self._stuck_value = np.array([value for *_, value in broken], dtype=np.float64)
+        self._faults = _ChannelFaults(
+            cell=self._intervals.cell,
+            begin_ns=self._intervals.begin_ns,
+            end_ns=self._intervals.end_ns,
+            column=np.array([READING_NAMES.index(name) for _, name, _, _ in broken], dtype=np.int64),
+            drift_per_s=np.array([per_s for _, _, per_s, _ in broken], dtype=np.float64),
+            stuck_value=np.array([value for *_, value in broken], dtype=np.float64),
+        )
         self._babbling_idiots = BabblingIdiots(mine, first_cell, self._scales, seed)
 
     def apply(self, start_ns: int, t_sampled_ns: NDArray[np.int64], readings: NDArray[np.float32]) -> None:
@@ -71,21 +90,7 @@ class SensorFaults:
         """
         active = self._intervals.overlapping(start_ns, start_ns + self._period_ns)
         if active.size:
-            _, lsb, lowest, highest = self._scales
-            _apply(
-                active,
-                self._intervals.cell,
-                self._intervals.begin_ns,
-                self._intervals.end_ns,
-                self._column,
-                self._drift_per_s,
-                self._stuck_value,
-                t_sampled_ns,
-                lsb,
-                lowest,
-                highest,
-                readings,
-            )
+            _apply(active, self._faults, self._scales, t_sampled_ns, readings)
 
     def spurious_events(self, start_ns: int, end_ns: int) -> SpuriousEvents:
         """Generate the spurious events in [start_ns, end_ns), the same however time is split into calls."""
@@ -93,11 +98,11 @@ class SensorFaults:
 
     def snapshot(self) -> SensorFaultState:
         """Return a copy of the time-varying state."""
-        return SensorFaultState(self._stuck_value.copy(), self._babbling_idiots.snapshot())
+        return SensorFaultState(self._faults.stuck_value.copy(), self._babbling_idiots.snapshot())
 
     def restore(self, state: SensorFaultState) -> None:
         """Restore a snapshot that was taken with the same cells and faults."""
-        np.copyto(self._stuck_value, state.stuck_value)
+        np.copyto(self._faults.stuck_value, state.stuck_value)
         self._babbling_idiots.restore(state.babbling_idiots)
 
 
@@ -112,26 +117,20 @@ def _quantise(value: float, lsb: float, lowest: float, highest: float) -> float:
 @compiled
 def _apply(
     active: NDArray[np.int64],
-    cell: NDArray[np.int64],
-    begin_ns: NDArray[np.int64],
-    end_ns: NDArray[np.int64],
-    column: NDArray[np.int64],
-    drift_per_s: NDArray[np.float64],
-    stuck_value: NDArray[np.float64],
+    faults: _ChannelFaults,
+    scales: ChannelScales,
     t_sampled_ns: NDArray[np.int64],
-    lsb: NDArray[np.float64],
-    lowest: NDArray[np.float64],
-    highest: NDArray[np.float64],
     readings: NDArray[np.float32],
 ) -> None:
+    _, lsb, lowest, highest = scales
     for i in active:
-        who, what = cell[i], column[i]
-        if not begin_ns[i] <= t_sampled_ns[who] < end_ns[i]:
+        who, what, begin_ns = faults.cell[i], faults.column[i], faults.begin_ns[i]
+        if not begin_ns <= t_sampled_ns[who] < faults.end_ns[i]:
             continue
-        if drift_per_s[i] != 0.0:
-            value = readings[who, what] + drift_per_s[i] * ((t_sampled_ns[who] - begin_ns[i]) * 1e-9)
+        if faults.drift_per_s[i] != 0.0:
+            value = readings[who, what] + faults.drift_per_s[i] * ((t_sampled_ns[who] - begin_ns) * 1e-9)
         else:
-            if math.isnan(stuck_value[i]):
-                stuck_value[i] = readings[who, what]
-            value = stuck_value[i]
+            if math.isnan(faults.stuck_value[i]):
+                faults.stuck_value[i] = readings[who, what]
+            value = faults.stuck_value[i]
         readings[who, what] = _quantise(value, lsb[what], lowest[what], highest[what])

@@ -68,6 +68,26 @@ class TransducerState(NamedTuple):
     sensor_temperature_c: NDArray[np.float64]
 
 
+class _SensorBank(NamedTuple):
+    """Sensors of a set of cells, as compiled code reads them.
+
+    Attributes:
+        keys: (n,) noise keys of the cells.
+        phase_fraction: (n,) sampling phases, as fractions of the period.
+        temperature_c: (n,) temperatures of the sensors [°C], updated; NaN before the first sample.
+        calibration: (2, k) forces [N] and readings.
+        reference_distance_m: Distance d0 of the proximity law [m].
+        scales: Noise, quantisation and range of the channels.
+    """
+
+    keys: NDArray[np.uint64]
+    phase_fraction: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    calibration: NDArray[np.float64]
+    reference_distance_m: float
+    scales: ChannelScales
+
+
 class Transducers:
     """Transducers of a set of cells.
 
@@ -83,21 +103,24 @@ class Transducers:
             DeploymentError: an invalid calibration or range in `spec`.
         """
         force, proximity = spec.force, spec.proximity
-        self._calibration = _calibration(force.calibration_n, force.calibration_reading)
+        calibration = _calibration(force.calibration_n, force.calibration_reading)
         if not proximity.reading_at_range < 1.0:
             raise DeploymentError(
                 f"cells.proximity.reading_at_range = {proximity.reading_at_range}: must be below 1"
             )
         root = math.sqrt(proximity.reading_at_range)
-        self._reference_distance_m = proximity.range_m * root / (1.0 - root)
-        self._scales = channel_scales(spec)
         self._period_ns = spec.period_ns
         self._lag_rate = spec.period_ns * 1e-9 / spec.temperature.time_constant_s
-        self._keys = np.array(cell_keys, dtype=np.uint64)
         self._phases_ns = np.array(phases_ns, dtype=np.int64)
-        self._phase_fraction = self._phases_ns / spec.period_ns
-        n = len(self._keys)
-        self._sensor_temperature_c = np.full(n, math.nan)
+        n = len(cell_keys)
+        self._sensors = _SensorBank(
+            keys=np.array(cell_keys, dtype=np.uint64),
+            phase_fraction=self._phases_ns / spec.period_ns,
+            temperature_c=np.full(n, math.nan),
+            calibration=calibration,
+            reference_distance_m=proximity.range_m * root / (1.0 - root),
+            scales=channel_scales(spec),
+        )
         self._before, self._after = np.empty((n, _N_CHANNELS)), np.empty((n, _N_CHANNELS))
         self._period_index = -1
 
@@ -128,32 +151,20 @@ class Transducers:
         np.copyto(self._after, after)
         warming = -math.expm1(-self._lag_rate * (period_index - self._period_index))
         self._period_index = period_index
-        _sample(
-            self._before,
-            self._after,
-            self._phase_fraction,
-            self._keys,
-            period_index,
-            self._sensor_temperature_c,
-            warming,
-            self._calibration,
-            self._reference_distance_m,
-            *self._scales,
-            out,
-        )
+        _sample(self._before, self._after, period_index, warming, self._sensors, out)
 
     def reset(self, cells: NDArray[np.int64]) -> None:
         """Reset `cells` after a power cycle: their temperature sensors start at ambient temperature."""
-        self._sensor_temperature_c[cells] = math.nan
+        self._sensors.temperature_c[cells] = math.nan
 
     def snapshot(self) -> TransducerState:
         """Return a copy of the time-varying state."""
-        return TransducerState(self._period_index, self._sensor_temperature_c.copy())
+        return TransducerState(self._period_index, self._sensors.temperature_c.copy())
 
     def restore(self, state: TransducerState) -> None:
         """Restore a snapshot of transducers of the same cells."""
         self._period_index = state.period_index
-        self._sensor_temperature_c[:] = state.sensor_temperature_c
+        self._sensors.temperature_c[:] = state.sensor_temperature_c
 
 
 def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDArray[np.float64]:
@@ -224,26 +235,20 @@ def _proximity_reading(distance_m: float, reference_distance_m: float) -> float:
 def _sample(
     before: NDArray[np.float64],
     after: NDArray[np.float64],
-    phase_fraction: NDArray[np.float64],
-    keys: NDArray[np.uint64],
     period_index: int,
-    sensor_temperature_c: NDArray[np.float64],
     lag_gain: float,
-    calibration: NDArray[np.float64],
-    reference_distance_m: float,
-    noise: NDArray[np.float64],
-    lsb: NDArray[np.float64],
-    lowest: NDArray[np.float64],
-    highest: NDArray[np.float64],
+    sensors: _SensorBank,
     out: NDArray[np.float32],
 ) -> None:
+    noise, lsb, lowest, highest = sensors.scales
+    sensor_temperature_c, calibration = sensors.temperature_c, sensors.calibration
     for cell in range(out.shape[0]):
         for channel in range(_N_CHANNELS):
             start, end = before[cell, channel], after[cell, channel]
             if channel == _PROXIMITY:
-                start = _proximity_reading(start, reference_distance_m)
-                end = _proximity_reading(end, reference_distance_m)
-            value = start + phase_fraction[cell] * (end - start)
+                start = _proximity_reading(start, sensors.reference_distance_m)
+                end = _proximity_reading(end, sensors.reference_distance_m)
+            value = start + sensors.phase_fraction[cell] * (end - start)
             if channel < _PROXIMITY:
                 value = _force_reading(value, calibration)
             elif channel == _TEMPERATURE:
@@ -255,7 +260,7 @@ def _sample(
                 value /= STANDARD_GRAVITY_M_S2
             if noise[channel] > 0.0:
                 value += noise[channel] * standard_normal(
-                    keys[cell], np.uint64(period_index * _N_CHANNELS + channel)
+                    sensors.keys[cell], np.uint64(period_index * _N_CHANNELS + channel)
                 )
             steps = np.floor(value / lsb[channel] + 0.5)
             if not steps > lowest[channel]:  # also for a NaN stimulus

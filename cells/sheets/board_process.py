@@ -9,6 +9,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
+from cells.networking.packet_counters import LatencyHistogram
 from cells.sheets.boards import Boards
 from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
@@ -28,8 +29,6 @@ __all__ = ["BoardProcess"]
 
 _PATTERN_INTERVAL_FRAMES = 25
 """Scan frames between two patterns [kPa] that are kept for plots."""
-_LATENCY_BINS = 100_001
-"""Latency bins of 1 µs up to 0.1 s; the last bin holds all longer latencies."""
 
 
 class BoardProcess(WiredProcess):
@@ -52,8 +51,7 @@ class BoardProcess(WiredProcess):
         self._pressures: dict[int, NDArray[np.float32]] = {}
         self._seq = 0
         self._log_hash = hashlib.sha256()
-        self._latency_us = np.zeros(_LATENCY_BINS, dtype=np.int64)
-        self._latency_max_ns = 0
+        self._latency = LatencyHistogram()
         self._kept_patterns: list[tuple[int, NDArray[np.float32]]] = []
 
     def start(self, put: Put) -> None:
@@ -122,10 +120,7 @@ class BoardProcess(WiredProcess):
             seq=self._seq,
         )
         self._seq += len(told.frames)
-        latency_ns = told.frames["t_delivered_ns"] - told.frames["t_sampled_ns"]
-        if len(latency_ns):
-            np.add.at(self._latency_us, np.minimum(latency_ns // 1000, _LATENCY_BINS - 1), 1)
-            self._latency_max_ns = max(self._latency_max_ns, int(latency_ns.max()))
+        self._latency.add(told.frames["t_delivered_ns"] - told.frames["t_sampled_ns"])
         payload = encode(message)
         self._log_hash.update(payload)
         put(self._regions_key, payload)
@@ -145,10 +140,10 @@ class BoardProcess(WiredProcess):
         facts = {
             "logs": {self.name: self._log_hash.hexdigest()},
             "boards": self._boards.counters(),
-            "latency_max_ns": self._latency_max_ns,
+            "latency_max_ns": self._latency.max_ns,
         }
         arrays = {
-            "latency_us": self._latency_us,
+            "latency_us": self._latency.counts,
             "pattern_t_ns": np.array([t_ns for t_ns, _ in self._kept_patterns], dtype=np.int64),
             "pattern_kpa": np.array([kpa for _, kpa in self._kept_patterns]).reshape(-1, self._n_elements),
         }

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cells.networking.packet_counters import PacketCounters
 from cells.sheets.board_network import BoardNetwork
 from cells.sheets.pressure_transducers import PressureTransducers
 from cells.sheets.region_quantisation import FORCE_STEP_N, MAX_ROWS, PEAK_STEPS, XI_STEP_M
@@ -91,8 +92,7 @@ class Boards:
         self._ready_ns = self._transducers.scan_end_ns + round(spec.processing_delay_us * 1e3)
         self._packet_ids = PacketSlots()
         self._messages: NDArray[Any] = np.zeros(0, dtype=_MESSAGE_ROW)
-        self._offered = np.zeros(len(MessageKind), dtype=np.int64)
-        self._outcome_counts = np.zeros((len(MessageKind), len(Outcome)), dtype=np.int64)
+        self._counters = PacketCounters(MessageKind)
 
     def step(
         self, frame: int, before_kpa: NDArray[np.floating], after_kpa: NDArray[np.floating]
@@ -141,12 +141,7 @@ class Boards:
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Count messages by kind: offered, delivered, dropped by cause, in flight."""
-        result = {}
-        for kind in MessageKind:
-            ended, offered = self._outcome_counts[kind], int(self._offered[kind])
-            entry = {"offered": offered, "in_flight": offered - int(ended.sum())}
-            result[kind.name.lower()] = entry | {o.name.lower(): int(ended[o]) for o in Outcome}
-        return result
+        return self._counters.as_dict()
 
     def _send_regions(self, begin_ns: int, frame: int, boards: Ints) -> None:
         sampled_ns = begin_ns + self._transducers.scan_end_ns[boards]
@@ -174,7 +169,7 @@ class Boards:
             self._messages = np.concatenate([self._messages, np.zeros(2 * missing, dtype=_MESSAGE_ROW)])
         self._messages["kind"][numbers] = kind
         self._messages["scan_index"][numbers] = frame
-        self._offered[kind] += len(numbers)
+        self._counters.count_offered(kind, len(numbers))
         return numbers
 
     def _receive(self, until_ns: int) -> DeliveredMessages:
@@ -182,7 +177,7 @@ class Boards:
         numbers = finished.packet_id
         board, sampled_ns = self._packet_ids.release(numbers)
         kind = self._messages["kind"][numbers]
-        np.add.at(self._outcome_counts, (kind, finished.outcome), 1)
+        self._counters.count_ended(kind, finished.outcome)
         arrived = finished.outcome == Outcome.DELIVERED
         asked = np.flatnonzero(arrived & (kind == MessageKind.REQUEST))
         for i in asked.tolist():

@@ -6,6 +6,7 @@ name, the element and the frame.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,16 @@ from skinnet.random_streams import StreamName, standard_normal, stream_key, unif
 from skinnet.skin.tactile_sheets import PlacedSheet
 
 __all__ = ["PressureTransducers"]
+
+
+class _Elements(NamedTuple):
+    """Elements of all boards: sampling phases in the frame, noise keys, noise and quantisation [kPa]."""
+
+    sample_fraction: NDArray[np.float64]
+    keys: NDArray[np.uint64]
+    noise_kpa: float
+    lsb_kpa: float
+    max_steps: float
 
 
 class PressureTransducers:
@@ -53,11 +64,14 @@ class PressureTransducers:
             sampled_ns.append(begin_ns + element_ns * np.arange(1, sheet.n_elements + 1))
             self.scan_end_ns[b] = sampled_ns[-1][-1]
         self.sample_offset_ns = np.concatenate(sampled_ns)
-        self._sample_fraction = self.sample_offset_ns / spec.period_ns
-        self._keys = np.concatenate([noise_keys(seed, sheet.name, sheet.n_elements) for sheet in sheets])
-        self._noise_kpa, self._lsb_kpa = spec.pressure.noise_kpa, spec.pressure.lsb_kpa
-        self._max_steps = 2.0**spec.pressure.bits - 1.0
-        self._before_kpa, self._after_kpa = np.empty((2, len(self._keys)))
+        self._elements = _Elements(
+            sample_fraction=self.sample_offset_ns / spec.period_ns,
+            keys=np.concatenate([noise_keys(seed, sheet.name, sheet.n_elements) for sheet in sheets]),
+            noise_kpa=float(spec.pressure.noise_kpa),
+            lsb_kpa=float(spec.pressure.lsb_kpa),
+            max_steps=2.0**spec.pressure.bits - 1.0,
+        )
+        self._before_kpa, self._after_kpa = np.empty((2, len(self._elements.keys)))
 
     def scan(
         self,
@@ -74,40 +88,27 @@ class PressureTransducers:
             after_kpa: (n,) pressures at its end [kPa].
             out: (n,) readings [kPa].
         """
-        assert before_kpa.shape == after_kpa.shape == out.shape == self._keys.shape
+        assert before_kpa.shape == after_kpa.shape == out.shape == self._before_kpa.shape
         # copies, so that any dtype and read-only arrays use one compiled signature
         np.copyto(self._before_kpa, before_kpa)
         np.copyto(self._after_kpa, after_kpa)
-        _scan(
-            self._before_kpa,
-            self._after_kpa,
-            self._sample_fraction,
-            self._keys,
-            frame,
-            self._noise_kpa,
-            self._lsb_kpa,
-            self._max_steps,
-            out,
-        )
+        _scan(self._before_kpa, self._after_kpa, frame, self._elements, out)
 
 
 @compiled
 def _scan(
     before_kpa: NDArray[np.float64],
     after_kpa: NDArray[np.float64],
-    sample_fraction: NDArray[np.float64],
-    keys: NDArray[np.uint64],
     frame: int,
-    noise_kpa: float,
-    lsb_kpa: float,
-    max_steps: float,
+    elements: _Elements,
     out: NDArray[np.float64],
 ) -> None:
+    noise_kpa, lsb_kpa = elements.noise_kpa, elements.lsb_kpa
     for i in range(out.size):
-        value = before_kpa[i] + sample_fraction[i] * (after_kpa[i] - before_kpa[i])
+        value = before_kpa[i] + elements.sample_fraction[i] * (after_kpa[i] - before_kpa[i])
         if noise_kpa > 0.0:
-            value += noise_kpa * standard_normal(keys[i], np.uint64(frame))
+            value += noise_kpa * standard_normal(elements.keys[i], np.uint64(frame))
         steps = np.floor(value / lsb_kpa + 0.5)
         if not steps > 0.0:  # also for a NaN pressure
             steps = 0.0
-        out[i] = lsb_kpa * min(steps, max_steps)
+        out[i] = lsb_kpa * min(steps, elements.max_steps)

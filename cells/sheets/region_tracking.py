@@ -25,6 +25,7 @@ class TrackedRegions(NamedTuple):
     """Tracked regions of all boards in the last frame.
 
     Attributes:
+        first_element: (boards + 1,) first element of each board, then the number of elements; constant.
         label: (elements,) index of an element's region in its board's list, −1 for none.
         n_regions: (boards,) number of regions.
         region_id: (boards, 16) region IDs.
@@ -32,6 +33,7 @@ class TrackedRegions(NamedTuple):
         last_id: (boards,) last assigned region ID.
     """
 
+    first_element: NDArray[np.int64]
     label: NDArray[np.int64]
     n_regions: NDArray[np.int64]
     region_id: NDArray[np.uint16]
@@ -42,8 +44,6 @@ class TrackedRegions(NamedTuple):
 @compiled
 def match_regions(
     board: int,
-    begin: int,
-    end: int,
     n: int,
     label: NDArray[np.int64],
     max_displacement_m: float,
@@ -55,8 +55,6 @@ def match_regions(
 
     Args:
         board: Index of the board.
-        begin: First element of the board.
-        end: One past its last element.
         n: Number of current regions.
         label: (elements,) index of an element's current region in the board's list, −1 for none.
         max_displacement_m: Maximum displacement of a region without overlap [m].
@@ -68,6 +66,7 @@ def match_regions(
     Returns:
         Number of rows.
     """
+    begin, end = tracked.first_element[board], tracked.first_element[board + 1]
     before = tracked.n_regions[board]
     overlap[:before, :n] = 0
     for i in range(begin, end):
@@ -77,9 +76,9 @@ def match_regions(
     for new in range(n):
         row[new].region_id = 0
         row[new].lineage_id = 0
-    while _match_best_pair(board, before, n, True, math.inf, tracked, overlap, ended, row):
+    while _match_best_pair(board, n, True, math.inf, tracked, overlap, ended, row):
         pass
-    while _match_best_pair(board, before, n, False, max_displacement_m, tracked, overlap, ended, row):
+    while _match_best_pair(board, n, False, max_displacement_m, tracked, overlap, ended, row):
         pass
     _assign_new_ids(board, before, n, tracked, overlap, row)
     rows = _write_ended(board, before, n, tracked, overlap, ended, row)
@@ -96,7 +95,6 @@ def match_regions(
 @compiled
 def _match_best_pair(
     board: int,
-    n_previous: int,
     n: int,
     with_overlap: bool,
     max_distance_m: float,
@@ -106,6 +104,7 @@ def _match_best_pair(
     row: Any,
 ) -> bool:
     """Match the best remaining pair, with overlap or among regions without any; return False if none."""
+    n_previous = tracked.n_regions[board]
     best_old, best_new, most, nearest_m = -1, -1, 0, 0.0
     for old in range(n_previous):
         for new in range(n):

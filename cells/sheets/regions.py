@@ -39,6 +39,31 @@ class _ElementGraph(NamedTuple):
     area_m2: NDArray[np.float64]
 
 
+class _Thresholds(NamedTuple):
+    """Thresholds of regions: pressures [kPa] and association distance [m], as in `RegionSpec`."""
+
+    activation_kpa: float
+    deactivation_kpa: float
+    association_distance_m: float
+
+
+class _Workspace(NamedTuple):
+    """Scratch arrays: component of each element, also with rims; stack of a search; overlap of regions."""
+
+    component: NDArray[np.int64]
+    component_with_rim: NDArray[np.int64]
+    stack: NDArray[np.int64]
+    overlap: NDArray[np.int64]
+
+
+class _FrameRegions(NamedTuple):
+    """Regions of one frame: rows, number of rows per board, region ID per element; all overwritten."""
+
+    rows: NDArray[Any]
+    n_rows: NDArray[np.int64]
+    region_id: NDArray[np.uint16]
+
+
 class RegionTracker:
     """Tracker of the contact regions of boards.
 
@@ -63,40 +88,34 @@ class RegionTracker:
         boards = len(sheets)
         self._graph = _element_graph(sheets)
         n = len(self._graph.xi_m)
-        self._spec = spec
+        self._thresholds = _Thresholds(
+            float(spec.activation_kpa), float(spec.deactivation_kpa), float(spec.association_distance_m)
+        )
         self.region_id = np.zeros(n, dtype=np.uint16)
         self.rows: NDArray[Any] = np.zeros((boards, MAX_ROWS), dtype=REGION_ROW)
         self.rows["board"] = np.arange(boards)[:, None]
         self.n_rows = np.zeros(boards, dtype=np.int64)
-        self._component, self._component_with_rim = np.full((2, n), -1, dtype=np.int64)
+        component, component_with_rim = np.full((2, n), -1, dtype=np.int64)
         self._tracked = TrackedRegions(
+            first_element=self._graph.start,
             label=np.full(n, -1, dtype=np.int64),
             n_regions=np.zeros(boards, dtype=np.int64),
             region_id=np.zeros((boards, MAX_REGIONS), dtype=np.uint16),
             xi_m=np.zeros((boards, MAX_REGIONS, 2)),
             last_id=np.zeros(boards, dtype=np.uint16),
         )
-        self._stack = np.empty(n, dtype=np.int64)
-        self._overlap = np.zeros((MAX_REGIONS, MAX_REGIONS), dtype=np.int64)
+        self._workspace = _Workspace(
+            component,
+            component_with_rim,
+            stack=np.empty(n, dtype=np.int64),
+            overlap=np.zeros((MAX_REGIONS, MAX_REGIONS), dtype=np.int64),
+        )
+        self._frame = _FrameRegions(self.rows, self.n_rows, self.region_id)
 
     def update(self, readings_kpa: NDArray[np.float64]) -> None:
         """Update the regions of all boards with the readings (n,) [kPa] of the next frame."""
         assert readings_kpa.shape == self.region_id.shape
-        _track(
-            readings_kpa,
-            self._graph,
-            self._spec.activation_kpa,
-            self._spec.deactivation_kpa,
-            self._spec.association_distance_m,
-            self._tracked,
-            self._component,
-            self._component_with_rim,
-            self._stack,
-            self._overlap,
-            self.rows,
-            self.n_rows,
-            self.region_id,
-        )
+        _track(readings_kpa, self._graph, self._thresholds, self._tracked, self._workspace, self._frame)
 
     def reset(self, board: int) -> None:
         """Reset a board after a power cycle: it has no region; region IDs continue."""
@@ -126,47 +145,38 @@ def _element_graph(sheets: Sequence[PlacedSheet]) -> _ElementGraph:
 def _track(
     readings_kpa: NDArray[np.float64],
     graph: _ElementGraph,
-    on_kpa: float,
-    off_kpa: float,
-    max_displacement_m: float,
+    thresholds: _Thresholds,
     tracked: TrackedRegions,
-    component: NDArray[np.int64],
-    component_with_rim: NDArray[np.int64],
-    stack: NDArray[np.int64],
-    overlap: NDArray[np.int64],
-    rows: Any,
-    n_rows: NDArray[np.int64],
-    region_id: NDArray[np.uint16],
+    workspace: _Workspace,
+    frame: _FrameRegions,
 ) -> None:
-    for b in range(n_rows.size):
-        begin, end = graph.start[b], graph.start[b + 1]
-        n = _label_components(
-            readings_kpa, graph, begin, end, on_kpa, off_kpa, tracked.label, component, stack
-        )
+    component, rows, distance_m = workspace.component, frame.rows, thresholds.association_distance_m
+    for b in range(frame.n_rows.size):
+        n = _label_components(readings_kpa, graph, b, thresholds, tracked.label, workspace)
         if n > 0:
-            _add_rims(readings_kpa, graph, begin, end, component, component_with_rim)
-            _write_features(readings_kpa, graph, b, component, component_with_rim, rows[b], n)
-        n_rows[b] = match_regions(b, begin, end, n, component, max_displacement_m, tracked, overlap, rows[b])
-        for i in range(begin, end):
-            region_id[i] = rows[b, component[i]].region_id if component[i] >= 0 else 0
+            _add_rims(readings_kpa, graph, b, component, workspace.component_with_rim)
+            _write_features(readings_kpa, graph, b, component, workspace.component_with_rim, rows[b], n)
+        frame.n_rows[b] = match_regions(b, n, component, distance_m, tracked, workspace.overlap, rows[b])
+        for i in range(graph.start[b], graph.start[b + 1]):
+            frame.region_id[i] = rows[b, component[i]].region_id if component[i] >= 0 else 0
 
 
 @compiled
 def _label_components(
     readings_kpa: NDArray[np.float64],
     graph: _ElementGraph,
-    begin: int,
-    end: int,
-    on_kpa: float,
-    off_kpa: float,
+    board: int,
+    thresholds: _Thresholds,
     last_component: NDArray[np.int64],
-    component: NDArray[np.int64],
-    stack: NDArray[np.int64],
+    workspace: _Workspace,
 ) -> int:
-    """Label the connected components of active elements in [begin, end); return their number.
+    """Label the connected components of active elements of a board; return their number.
 
     Elements with `last_component` ≥ 0 were active in the last frame.
     """
+    component, stack = workspace.component, workspace.stack
+    on_kpa, off_kpa = thresholds.activation_kpa, thresholds.deactivation_kpa
+    begin, end = graph.start[board], graph.start[board + 1]
     waits = -2
     for i in range(begin, end):
         active = readings_kpa[i] >= (off_kpa if last_component[i] >= 0 else on_kpa)
@@ -194,13 +204,12 @@ def _label_components(
 def _add_rims(
     readings_kpa: NDArray[np.float64],
     graph: _ElementGraph,
-    begin: int,
-    end: int,
+    board: int,
     component: NDArray[np.int64],
     component_with_rim: NDArray[np.int64],
 ) -> None:
     """Add rims to components: `component_with_rim` is that of the element or of its highest neighbour."""
-    for i in range(begin, end):
+    for i in range(graph.start[board], graph.start[board + 1]):
         component_with_rim[i] = component[i]
         highest_kpa = 0.0
         if component[i] < 0 and readings_kpa[i] > 0.0:

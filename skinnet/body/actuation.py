@@ -63,10 +63,9 @@ class Actuation:
         """Integrate the servo targets over `step_s` [s] of the active command."""
         _advance(
             self._target_rad,
-            self.velocity_rad_s,
+            self.velocity_rad_s * step_s,
             self.model.range_rad,
             self.servo.torque_limit_nm / self.servo.kp_nm_per_rad,
-            step_s,
             self.data.qpos,
             self.model.qpos_address,
             self.data.ctrl,
@@ -82,10 +81,9 @@ def is_valid_command(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) ->
 @compiled_without_nrt
 def _advance(
     target_rad: Floats,
-    velocity_rad_s: Floats,
+    change_rad: Floats,
     range_rad: Floats,
     lag_rad: float,
-    step_s: float,
     qpos: Floats,
     qpos_index: NDArray[np.int64],
     ctrl: Floats,
@@ -93,7 +91,7 @@ def _advance(
 ) -> None:
     for d in range(len(target_rad)):
         position_rad = qpos[qpos_index[d]]
-        target = target_rad[d] + velocity_rad_s[d] * step_s
+        target = target_rad[d] + change_rad[d]
         target = min(max(target, position_rad - lag_rad), position_rad + lag_rad)
         target_rad[d] = min(max(target, range_rad[d, 0]), range_rad[d, 1])
         ctrl[ctrl_index[d]] = target_rad[d]

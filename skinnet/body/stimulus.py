@@ -16,7 +16,7 @@ from skinnet.body.contact.contact_scene import (
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.contact.winkler import ContactState
+from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 from skinnet.protocol.messages import STIMULUS_NAMES
 
@@ -54,34 +54,16 @@ class StimulusSampler:
         """
         mujoco.mj_rnePostConstraint(self.mj, self.data)
         stimulus = np.empty((len(self.foundation.surface.body_id), len(STIMULUS_NAMES)))
-        _sample(
-            self.foundation.surface,
-            self.foundation.scene,
-            self.foundation.motion,
-            self.data.cacc,
-            self.foundation.contact,
-            self.foundation.temperature_c,
-            self.foundation.foam.thickness_m,
-            self.range_m,
-            self._nearby_solids,
-            stimulus,
-        )
+        _sample(self.foundation.problem, self.data.cacc, self.range_m, self._nearby_solids, stimulus)
         return stimulus
 
 
 @compiled_without_nrt
 def _sample(
-    surface: SkinSurface,
-    scene: ContactScene,
-    motion: Motion,
-    cacc: Floats,
-    contact: ContactState,
-    temperature_c: Floats,
-    thickness_m: float,
-    range_m: float,
-    near: NDArray[np.int64],
-    stimulus: Floats,
+    problem: ContactProblem, cacc: Floats, range_m: float, near: NDArray[np.int64], stimulus: Floats
 ) -> None:
+    surface, scene, motion, foam, temperature_c, contact, _, _ = problem
+    thickness_m = foam.thickness_m
     for p in range(len(surface.patch_body_id)):
         n_near = solids_near_patch(surface, scene, motion, p, thickness_m + range_m, near)
         for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
@@ -90,7 +72,7 @@ def _sample(
             x, y, z = point_above_cell(surface, motion, i, thickness_m)
             stimulus[i, 3] = math.inf
             if n_near > 0:  # the call alone, with its array arguments, costs as much as the rest
-                stimulus[i, 3] = _distance_m(surface, scene, motion, i, x, y, z, range_m, near, n_near)
+                stimulus[i, 3] = _distance_m(surface, scene, motion, i, thickness_m, range_m, near, n_near)
             write_proper_acceleration(surface, motion, cacc, i, x, y, z, stimulus)
             touch_c = contact.contact_temperature_c[i]
             stimulus[i, 7] = temperature_c[surface.body_id[i]] if math.isnan(touch_c) else touch_c
@@ -102,14 +84,13 @@ def _distance_m(
     scene: ContactScene,
     motion: Motion,
     i: int,
-    x: float,
-    y: float,
-    z: float,
+    thickness_m: float,
     range_m: float,
     near: NDArray[np.int64],
     n_near: int,
 ) -> float:
-    """Measure the distance [m] from the face of cell `i` at (x, y, z) along its normal; inf out of range."""
+    """Measure the distance [m] from the face of cell `i` along its normal; inf out of range."""
+    x, y, z = point_above_cell(surface, motion, i, thickness_m)
     u, v, w = cell_axis(surface, motion, i, 2)
     nearest_m = math.inf
     middle_m = 0.5 * range_m

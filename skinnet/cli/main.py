@@ -64,6 +64,7 @@ _COMMANDS = (
     replay,
     schema,
     migrate,
+    schema,
     network,
     bench,
     bridge,

@@ -136,11 +136,13 @@ def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) ->
     from skinnet.deployment import load
     from skinnet.deployment.checks import check
     from skinnet.deployment.load import apply_override, from_document
+    from skinnet.migration.deployments import FORMAT, FORMAT_KEY, translate
 
     if changes.file is not None:
         deployment = load(changes.file, changes.settings)
     else:
-        changed = msgspec.json.decode(msgspec.json.encode(raw))
+        current, _ = translate(msgspec.json.decode(msgspec.json.encode(raw)), str(path))
+        changed = {FORMAT_KEY: FORMAT, **current}
         for setting in changes.settings:
             apply_override(changed, setting)
         deployment = from_document(changed, str(path))

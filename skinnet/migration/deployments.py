@@ -9,7 +9,18 @@ from typing import Any
 from skinnet.errors import FormatError
 from skinnet.migration.format_1 import DEPLOYMENT_KEYS, DEPLOYMENT_VALUES
 
-__all__ = ["FORMAT", "FORMAT_KEY", "Renamed", "current_name", "renames", "require_known", "translate"]
+__all__ = [
+    "FORMAT",
+    "FORMAT_KEY",
+    "Renamed",
+    "current_name",
+    "current_process",
+    "forget_names",
+    "has_default_processes",
+    "renames",
+    "require_known",
+    "translate",
+]
 
 FORMAT = 2
 """Format of deployments; format 1 has no key that says so."""
@@ -67,16 +78,26 @@ def translate(raw: Mapping[str, Any], source: str) -> tuple[dict[str, Any], int]
 
 def renames(document: Mapping[str, Any]) -> Iterator[Renamed]:
     """All that a document of format 1 says otherwise, in its own order, tables before what is in them."""
-    default_names = not isinstance(document.get(_NAMED_PROCESSES), dict)
+    default_names = has_default_processes(document)
     for path, value in _walk(document, ()):
         new_name = _new_name(_pattern(path))
         new_value = value
         if isinstance(value, str):
             new_value = _new_value(_pattern(path), value)
             if default_names and _matches(_pattern(path), _PROCESS_LISTS):
-                new_value = _PROCESS_NAME.sub(r"cells\1", value) if _PROCESS_NAME.fullmatch(value) else value
+                new_value = current_process(value)
         if new_name is not None or new_value != value:
             yield path, new_name, new_value
+
+
+def has_default_processes(document: Mapping[str, Any]) -> bool:
+    """Test whether a document of format 1 leaves the names of its cell processes to the program."""
+    return not isinstance(document.get(_NAMED_PROCESSES), dict)
+
+
+def current_process(name: str) -> str:
+    """Present name of a cell process that the program named."""
+    return _PROCESS_NAME.sub(r"cells\1", name) if _PROCESS_NAME.fullmatch(name) else name
 
 
 def current_name(path: str) -> str | None:
@@ -131,6 +152,11 @@ def _matches(path: str, patterns: tuple[str, ...]) -> bool:
 @cache
 def _new_name(path: str) -> str | None:
     return next((new for old, new in DEPLOYMENT_KEYS.items() if _compiled(old).fullmatch(path)), None)
+
+
+def forget_names() -> None:
+    """Forget the names found so far, for a vocabulary that has changed."""
+    _new_name.cache_clear()
 
 
 def _new_value(path: str, value: str) -> str:

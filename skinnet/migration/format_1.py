@@ -20,7 +20,7 @@ __all__ = [
     "METRICS",
     "PARAMETERS",
     "POINT",
-    "PROCESS_FAILURE_FIELDS",
+    "PROCESS_FAILURE_KEYS",
     "STAGE_KINDS",
     "STRESS_METRICS",
     "SUMMARY_KEYS",
@@ -207,8 +207,8 @@ SUMMARY_KEYS: Mapping[str, str] = MappingProxyType(
     {"figures": "metrics", "late_frames": "deadline_misses", "faults": "process_failures"}
 )
 """New name of a key of a summary."""
-PROCESS_FAILURE_FIELDS: Mapping[str, str] = MappingProxyType({"what": "cause"})
-"""New name of a field of an entry of `process_failures`."""
+PROCESS_FAILURE_KEYS: Mapping[str, str] = MappingProxyType({"what": "cause"})
+"""New name of a key of a process failure in a summary."""
 
 METRICS: tuple[tuple[str, str], ...] = (
     (r"grasp\.peak_reading_told", r"grasp.peak_reading_received"),

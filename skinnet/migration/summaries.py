@@ -13,7 +13,7 @@ from skinnet.migration.format_1 import (
     ENCODINGS,
     METRICS,
     POINT,
-    PROCESS_FAILURE_FIELDS,
+    PROCESS_FAILURE_KEYS,
     STRESS_METRICS,
     SUMMARY_KEYS,
 )
@@ -103,7 +103,7 @@ class _Translation:
         match summary:
             case {"process_failures": list() as failures}:
                 summary["process_failures"] = [
-                    self._renamed(failure, PROCESS_FAILURE_FIELDS) for failure in failures
+                    self._renamed(failure, PROCESS_FAILURE_KEYS) for failure in failures
                 ]
         match summary:
             case {"runs": list() as runs}:

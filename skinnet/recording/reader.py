@@ -21,7 +21,7 @@ from skinnet.deployment.load import from_document
 from skinnet.errors import FormatError, ProtocolError, RecordingError
 from skinnet.memory.conversion import to_present_version
 from skinnet.migration import deployments
-from skinnet.migration.recordings import is_channel_key, translate_key, translate_message
+from skinnet.migration.recordings import MessageTranslator, is_channel_key
 from skinnet.migration.renaming import remark_old_format
 from skinnet.protocol.channels import Keys
 from skinnet.recording.format import DEPLOYMENT_ATTACHMENT, FORMAT, MEMORY_PREFIX, METADATA_NAME
@@ -77,7 +77,7 @@ class Recording:
         path: Path of the file.
         metadata: Format, version of skinnet, robot, deployment, seed, pace and base folder.
         complete: Whether the file has its footer; if not, it ends with its last whole chunk.
-        is_old: Whether the file is of an earlier format; then it is read under the present names.
+        translator: Translator of messages of an earlier format; None if the file is of the present one.
         deployment_dict: Resolved deployment of the run, with every default.
         end_ns: Time of the last message [ns]; 0 if there is none.
     """
@@ -94,7 +94,7 @@ class Recording:
         """
         self.path = path
         self.metadata: dict[str, str] = {}
-        self.complete = self.is_old = False
+        self.complete = False
         self.deployment_dict: dict[str, Any] = {}
         self._chunks: list[_ChunkLocation] = []
         self._topics: dict[int, str] = {}
@@ -105,8 +105,8 @@ class Recording:
             raise RecordingError(f"{path}: {(error.strerror or str(error)).lower()}") from error
         except _DECODE_ERRORS as error:
             raise RecordingError(f"{path}: damaged: {error}") from error
-        self._check_format()
-        if self.is_old and remark:
+        self.translator = self._check_format()
+        if self.translator is not None and remark:
             remark_old_format(path, "recording")
         self.end_ns = max((place.last_ns for place in self._chunks), default=0)
 
@@ -127,7 +127,7 @@ class Recording:
         Raises:
             MemoryFileError: it is of an earlier version, and damaged.
         """
-        if self._memory is None or not self.is_old:
+        if self._memory is None or self.translator is None:
             return self._memory
         name, content = self._memory
         return name, to_present_version(name, content)[0]
@@ -173,9 +173,9 @@ class Recording:
     def _present(self, message: tuple[int, str, bytes]) -> tuple[int, str, bytes]:
         """Message under its present names."""
         t_ns, topic, payload = message
-        if not self.is_old or not is_channel_key(topic):
+        if self.translator is None or not is_channel_key(topic):
             return message
-        return t_ns, translate_key(topic), translate_message(payload)
+        return t_ns, self.translator.key(topic), self.translator.message(payload)
 
     def _messages_of_chunk(self, content: bytes) -> Iterator[tuple[int, str, bytes]]:
         at, topics, unpack = 0, self._topics, MESSAGE_HEADER.unpack_from
@@ -232,7 +232,7 @@ class Recording:
         channel = Channel.read(ReadDataStream(BytesIO(content)))
         self._topics[channel.id] = channel.topic
 
-    def _check_format(self) -> None:
+    def _check_format(self) -> MessageTranslator | None:
         if not self.metadata:
             cut = "" if self.complete else ", or one that ends before it begins"
             raise RecordingError(
@@ -247,12 +247,13 @@ class Recording:
             )
         if not self.deployment_dict:
             raise RecordingError(f"{self.path}: it ends before it says what was run: nothing to see")
-        self.is_old = int(version) < FORMAT
+        translator = MessageTranslator(self.deployment_dict) if int(version) < FORMAT else None
         try:
             document, _ = deployments.translate(self.deployment_dict, str(self.path))
         except FormatError as error:
             raise RecordingError(str(error)) from None
         self.deployment_dict = {deployments.FORMAT_KEY: deployments.FORMAT, **document}
+        return translator
 
 
 def _decompress(content: bytes) -> bytes:

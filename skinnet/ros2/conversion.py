@@ -144,7 +144,7 @@ def region_points(cell_poses: CellPoses, poses: LinkPoses, rows: NDArray[Any]) -
     ).T
     for name in ("force_n", "area_m2", "peak_kpa", "board"):
         cloud[name] = rows[name]
-    cloud["region"] = rows["number"]
+    cloud["region"] = rows["region_id"]
     return cloud
 
 

@@ -5,9 +5,10 @@ There is no order between senders, and no caller may depend on one.
 
 Each hop of a message wakes threads in three processes, whatever its size. So the messages that a process
 puts in one period are sent as one batch per route group, under `skinnet/<robot>/loop/<process>/<receivers>`,
-and unpacked by the receiver. The recorder, which has no deadline, gets several periods in one batch.
+and unpacked by the receiver. The recorder, which no process waits for, gets several periods in one batch.
 """
 
+import time
 from collections.abc import Callable, Iterable
 from itertools import product
 
@@ -17,6 +18,9 @@ from skinnet.transport.interface import Delivery, OnMessage, PublicSession, Unde
 from skinnet.transport.mailbox import Mailbox
 
 __all__ = ["LoopTransport"]
+
+_MAX_RECORDER_WAIT_S = 1.0
+"""Wall time [s] after which pending messages are sent: the recorder takes longer silence for a loss."""
 
 
 class LoopTransport:
@@ -43,6 +47,7 @@ class LoopTransport:
         self._batches: dict[str, Messages] = {}
         self._recorder_batch: Messages = []
         self._recorder_batch_periods = self._recorder_pending_periods = 0
+        self._recorder_sent_s = time.monotonic()
         self._matching: dict[str, Callable[[], bool]] = {}
 
     def subscribe(self, expressions: Iterable[str], senders: Iterable[str]) -> None:
@@ -105,10 +110,17 @@ class LoopTransport:
             self._send(group, messages)
         if self._recorder_batch:
             self._recorder_pending_periods += 1
-            if last or self._recorder_pending_periods >= self._recorder_batch_periods:
+            if last or self._is_recorder_batch_due():
                 messages, self._recorder_batch = self._recorder_batch, []
                 self._recorder_pending_periods = 0
+                self._recorder_sent_s = time.monotonic()
                 self._send(RECORDER, messages)
+
+    def _is_recorder_batch_due(self) -> bool:
+        return (
+            self._recorder_pending_periods >= self._recorder_batch_periods
+            or time.monotonic() - self._recorder_sent_s >= _MAX_RECORDER_WAIT_S
+        )
 
     def _send(self, route_group: str, messages: Messages) -> None:
         batch = encode_batch(messages)

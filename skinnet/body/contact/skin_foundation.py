@@ -11,7 +11,7 @@ from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
 from skinnet.body.contact.point_kinematics import Motion, motion_views
 from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.contact.winkler import ContactState, Foam, Workspace, compute_contact
+from skinnet.body.contact.winkler import ContactProblem, ContactState, Foam, Workspace, compute_contact
 from skinnet.body.environment.stand_model import OBJECT
 from skinnet.body.model import PAYLOAD, BodyModel
 from skinnet.deployment.deployment import Deployment
@@ -46,6 +46,7 @@ class Foundation:
         applied_wrench: (nbody, 6) MuJoCo's `xfrc_applied`; forces are added in place.
         contact: Contact state of the last call of `compute_contact`.
         n_in_contact: Number of cells in contact.
+        problem: All of these, as compiled code reads them.
     """
 
     surface: SkinSurface
@@ -56,7 +57,7 @@ class Foundation:
     applied_wrench: Floats
     contact: ContactState = field(init=False)
     n_in_contact: int = 0
-    _scratch: Workspace = field(init=False)
+    problem: ContactProblem = field(init=False)
 
     def __post_init__(self) -> None:
         n, n_samples, n_bodies = (
@@ -75,11 +76,20 @@ class Foundation:
             in_contact=np.zeros(n, dtype=np.bool_),
         )
         solids = len(self.scene.geom_id)
-        self._scratch = Workspace(
-            near=np.zeros(solids, dtype=np.int64),
-            close=np.zeros(solids, dtype=np.int64),
-            hit=np.zeros(n_samples, dtype=np.int64),
-            nearest_m=np.zeros(n_samples),
+        self.problem = ContactProblem(
+            self.surface,
+            self.scene,
+            self.motion,
+            self.foam,
+            self.temperature_c,
+            self.contact,
+            self.applied_wrench,
+            Workspace(
+                near=np.zeros(solids, dtype=np.int64),
+                close=np.zeros(solids, dtype=np.int64),
+                hit=np.zeros(n_samples, dtype=np.int64),
+                nearest_m=np.zeros(n_samples),
+            ),
         )
 
     @classmethod
@@ -105,14 +115,4 @@ class Foundation:
         """Compute contact forces at the present poses and add them to `applied_wrench`; step `step_s` [s]."""
         if not len(self.surface.body_id):  # the call alone, with all its arrays, costs 7 µs
             return
-        self.n_in_contact = compute_contact(
-            self.surface,
-            self.scene,
-            self.motion,
-            self.foam,
-            self.temperature_c,
-            step_s,
-            self.contact,
-            self.applied_wrench,
-            self._scratch,
-        )
+        self.n_in_contact = compute_contact(self.problem, step_s)

@@ -35,7 +35,7 @@ from skinnet.body.contact.ray_casting import entry_distance_m
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = ["ContactState", "Foam", "Workspace", "compute_contact"]
+__all__ = ["ContactProblem", "ContactState", "Foam", "Workspace", "compute_contact"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -95,34 +95,37 @@ class Workspace(NamedTuple):
     nearest_m: Floats
 
 
-@compiled_without_nrt
-def compute_contact(
-    surface: SkinSurface,
-    scene: ContactScene,
-    motion: Motion,
-    foam: Foam,
-    temperature_c: Floats,
-    step_s: float,
-    contact: ContactState,
-    wrench: Floats,
-    workspace: Workspace,
-) -> int:
-    """Compute contact of all cells with the solids near them.
+class ContactProblem(NamedTuple):
+    """Contact of a skin with the solids of one simulation: what is given, and what is computed.
 
-    Args:
+    Attributes:
         surface: The cells.
         scene: The solids.
         motion: Poses and velocities now.
         foam: Material of the foam.
         temperature_c: (nbody,) temperatures of the bodies [°C].
-        step_s: Step over which shear displacement is integrated [s].
         contact: Contact state, overwritten; shear is updated.
         wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; added to.
         workspace: Scratch arrays.
-
-    Returns:
-        Number of cells in contact.
     """
+
+    surface: SkinSurface
+    scene: ContactScene
+    motion: Motion
+    foam: Foam
+    temperature_c: Floats
+    contact: ContactState
+    wrench: Floats
+    workspace: Workspace
+
+
+@compiled_without_nrt
+def compute_contact(problem: ContactProblem, step_s: float) -> int:
+    """Compute contact of all cells with the solids near them; return the number of cells in contact.
+
+    Shear displacement is integrated over `step_s` [s].
+    """
+    surface, scene, motion, foam, _, contact, _, workspace = problem
     contact.body_normal_force_n[:] = 0.0
     contact.patch_body_force_n[:] = 0.0
     contact.peak_force_n[0] = 0.0
@@ -146,9 +149,7 @@ def compute_contact(
                         n_close += 1
             if n_close == 0 and not contact.in_contact[i]:
                 continue
-            _compute_cell_contact(
-                surface, scene, motion, foam, temperature_c, step_s, contact, wrench, p, i, workspace, n_close
-            )
+            _compute_cell_contact(problem, step_s, p, i, n_close)
             touching += contact.in_contact[i]
     return touching
 
@@ -203,20 +204,10 @@ def _cast_rays(
 
 @compiled_without_nrt
 def _compute_cell_contact(
-    surface: SkinSurface,
-    scene: ContactScene,
-    motion: Motion,
-    foam: Foam,
-    temperature_c: Floats,
-    step_s: float,
-    contact: ContactState,
-    wrench: Floats,
-    patch: int,
-    cell: int,
-    workspace: Workspace,
-    n_close: int,
+    problem: ContactProblem, step_s: float, patch: int, cell: int, n_close: int
 ) -> None:
     """Compute contact forces of cell `cell`, of patch `patch`, with the solids close to it."""
+    surface, scene, motion, foam, temperature_c, contact, wrench, workspace = problem
     hit, nearest_m = workspace.hit, workspace.nearest_m
     hit[:], nearest_m[:] = -1, _RAY_START_DEPTH_M + foam.thickness_m
     for j in range(n_close):
@@ -236,11 +227,8 @@ def _compute_cell_contact(
             continue
         a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
-        other, share, give_m = (
-            scene.body_id[hit[s]],
-            scene.foam_fraction[hit[s]],
-            scene.max_indentation_m[hit[s]],
-        )
+        k = hit[s]
+        other, share, give_m = scene.body_id[k], scene.foam_fraction[k], scene.max_indentation_m[k]
         lift_m = max(nearest_m[s], _RAY_START_DEPTH_M - give_m)
         depth_m = _RAY_START_DEPTH_M + foam.thickness_m - lift_m
         lift_m += min((1.0 - share) * depth_m, give_m)
@@ -251,17 +239,13 @@ def _compute_cell_contact(
         rate_m_s = -(vx * nx + vy * ny + vz * nz)
         elastic_pa, viscous_pa = foam.stiffness_pa_per_m * depth_m, foam.damping_pa_s_per_m * rate_m_s
         normal_n = area * max(0.0, share * (elastic_pa + viscous_pa))
-        along_x, along_y, slid_m = _friction_force(
-            foam,
-            share * area,
-            normal_n,
-            vx * xx + vy * xy + vz * xz,
-            vx * yx + vy * yy + vz * yz,
-            step_s,
-            contact.shear_m,
-            cell,
-            s,
+        slip_x, slip_y = vx * xx + vy * xy + vz * xz, vx * yx + vy * yy + vz * yz
+        shear_x = contact.shear_m[cell, s, 0] + slip_x * step_s
+        shear_y = contact.shear_m[cell, s, 1] + slip_y * step_s
+        along_x, along_y, shear_x, shear_y, slid_m = _friction_force(
+            foam, share * area, normal_n, slip_x, slip_y, shear_x, shear_y
         )
+        contact.shear_m[cell, s, 0], contact.shear_m[cell, s, 1] = shear_x, shear_y
         fx = normal_n * nx + along_x * xx + along_y * yx
         fy = normal_n * ny + along_x * xy + along_y * yy
         fz = normal_n * nz + along_x * xz + along_y * yz
@@ -286,30 +270,26 @@ def _friction_force(
     normal_n: float,
     slip_x: float,
     slip_y: float,
-    step_s: float,
-    shear_m: Floats,
-    i: int,
-    s: int,
-) -> tuple[float, float, float]:
-    """Friction force [N] at slip velocity (slip_x, slip_y) [m/s], plane of the cell; sliding distance [m].
+    shear_x: float,
+    shear_y: float,
+) -> tuple[float, float, float, float, float]:
+    """Friction force (2) [N], shear displacement (2) [m] and sliding distance [m], plane of the cell.
 
-    Elastic-plastic Coulomb friction: shear displacement grows with the slip until the force reaches μ N;
-    beyond, the solid slides at constant displacement. So a body at rest on a slope stays at rest.
+    Elastic-plastic Coulomb friction: the shear displacement (shear_x, shear_y) [m] grows with the slip
+    velocity (slip_x, slip_y) [m/s] until the force reaches μ N; beyond, the solid slides at constant
+    displacement. So a body at rest on a slope stays at rest.
     """
     stiffness = _SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
     damping = _SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
-    strain_x, strain_y = shear_m[i, s, 0] + slip_x * step_s, shear_m[i, s, 1] + slip_y * step_s
-    fx, fy = -stiffness * strain_x - damping * slip_x, -stiffness * strain_y - damping * slip_y
+    fx, fy = -stiffness * shear_x - damping * slip_x, -stiffness * shear_y - damping * slip_y
     limit_n, slid_m = foam.friction * normal_n, 0.0
-    if (
-        abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n
-    ):  # the first test is cheap and mostly decides
+    # the first test is cheap and mostly decides
+    if abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n:
         force_n = math.hypot(fx, fy)
         fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
         held = foam.friction * normal_n / stiffness
-        stretch = math.hypot(strain_x, strain_y)
+        stretch = math.hypot(shear_x, shear_y)
         if stretch > held:
             slid_m = stretch - held
-            strain_x, strain_y = strain_x * held / stretch, strain_y * held / stretch
-    shear_m[i, s, 0], shear_m[i, s, 1] = strain_x, strain_y
-    return fx, fy, slid_m
+            shear_x, shear_y = shear_x * held / stretch, shear_y * held / stretch
+    return fx, fy, shear_x, shear_y, slid_m

@@ -149,26 +149,19 @@ class Finger:
         top_m = max_distance_m + 2.0 * self.tip_radius_m
         for offset_m in (np.zeros(3), across, -across, sideways, -sideways):
             start_m = line.point_m + offset_m
-            way_m = _ray_distance_m(
-                self._foundation.scene, self._foundation.motion, self._body, *start_m, *line.normal
-            )
+            scene, motion = self._foundation.scene, self._foundation.motion
+            way_m = _ray_distance_m(scene, motion, self._body, start_m, line.normal)
             top_m = min(top_m, way_m)
         return top_m - 2.0 * self.tip_radius_m
 
 
 @compiled
 def _ray_distance_m(
-    scene: ContactScene,
-    motion: Motion,
-    finger_body_id: int,
-    x: float,
-    y: float,
-    z: float,
-    u: float,
-    v: float,
-    w: float,
+    scene: ContactScene, motion: Motion, finger_body_id: int, start_m: Floats, direction: Floats
 ) -> float:
-    """Ray distance [m] from (x, y, z) along (u, v, w) to the first solid but the finger; inf if none."""
+    """Ray distance [m] from `start_m` along `direction`, world, to the first solid but the finger, or inf."""
+    x, y, z = start_m[0], start_m[1], start_m[2]
+    u, v, w = direction[0], direction[1], direction[2]
     nearest_m = np.inf
     for k in range(len(scene.geom_id)):
         if scene.body_id[k] != finger_body_id:

@@ -1,6 +1,7 @@
 """Deployment files of earlier formats rewritten with their comments, order and layout."""
 
 import tomllib
+from typing import Any
 
 from skinnet.deployment.extends import EXTENDS
 from skinnet.errors import FormatError
@@ -29,13 +30,20 @@ def migrated_toml(text: str, source: str) -> str:
     end = 0
     for token in tokens_of(text):
         name, value = changes.get(token.path, (None, None))
-        new = name if token.is_key else f'"{value}"' if isinstance(value, str) else None
+        new = name if token.is_key else _changed_string(text[token.start : token.end], value)
         if new is not None:
             parts += (text[end : token.start], new)
             end = token.end
     migrated = _with_format("".join((*parts, text[end:])), has_format=FORMAT_KEY in raw)
     assert translate(tomllib.loads(migrated), source)[0] == expected
     return migrated
+
+
+def _changed_string(written: str, value: Any) -> str | None:
+    """TOML text of a string that differs from the written one; None if it does not."""
+    if not isinstance(value, str) or tomllib.loads(f"x = {written}")["x"] == value:
+        return None
+    return f'"{value}"'
 
 
 def _with_format(text: str, *, has_format: bool) -> str:

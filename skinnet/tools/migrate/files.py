@@ -73,12 +73,13 @@ def _of_recording(path: Path) -> Migration:
     from skinnet.tools.migrate.recording_file import count_renamed, rewrite_recording
 
     recording = Recording(path, remark=False)
-    if not recording.is_old:
+    translator = recording.translator
+    if translator is None:
         return Migration("recording", 0, None)
     return Migration(
         "recording",
-        count_renamed(path),
-        lambda target: rewrite_recording(path, target, complete=recording.complete),
+        count_renamed(path, translator),
+        lambda target: rewrite_recording(path, target, translator, complete=recording.complete),
     )
 
 

@@ -21,13 +21,7 @@ from skinnet.errors import MemoryFileError, ProtocolError, RecordingError
 from skinnet.files import atomic_replacement
 from skinnet.memory.conversion import to_present_version
 from skinnet.migration import deployments
-from skinnet.migration.recordings import (
-    FORMAT,
-    changed_names,
-    is_channel_key,
-    translate_key,
-    translate_message,
-)
+from skinnet.migration.recordings import FORMAT, MessageTranslator, is_channel_key
 from skinnet.protocol.channels import Keys
 from skinnet.recording.format import (
     DEPLOYMENT_ATTACHMENT,
@@ -44,7 +38,7 @@ __all__ = ["count_renamed", "rewrite_recording"]
 _RECORD_HEADER = struct.Struct("<BQ")
 
 
-def count_renamed(path: Path) -> int:
+def count_renamed(path: Path, translator: MessageTranslator) -> int:
     """Number of keys, messages, fields and deployment keys of a recording that are called otherwise today.
 
     Raises:
@@ -61,18 +55,19 @@ def count_renamed(path: Path) -> int:
             case Message(channel_id=number, data=payload) if number not in seen:
                 seen.add(number)
                 if is_channel_key(topics[number]):
-                    names |= changed_names(topics[number], payload)
+                    names |= translator.changed_names(topics[number], payload)
             case Attachment(name=name, data=content):
                 n_of_files += _translated_attachment(path, name, content)[1]
     return len(names) + n_of_files
 
 
-def rewrite_recording(path: Path, target: Path, *, complete: bool) -> None:
+def rewrite_recording(path: Path, target: Path, translator: MessageTranslator, *, complete: bool) -> None:
     """Rewrite a recording of format 1 in the present format.
 
     Args:
         path: Recording to read.
         target: File to write, atomically; may be `path`.
+        translator: Translator of its messages.
         complete: Whether the recording has its summary section.
 
     Raises:
@@ -82,7 +77,7 @@ def rewrite_recording(path: Path, target: Path, *, complete: bool) -> None:
         records = _records(path)
         first = next(records)
         assert isinstance(first, Header)
-        rewriter = _Rewriter(path, McapWriter(file, first.profile, first.library))
+        rewriter = _Rewriter(path, translator, McapWriter(file, first.profile, first.library))
         for record in records:
             rewriter.add(record)
         rewriter.close(complete=complete)
@@ -91,8 +86,8 @@ def rewrite_recording(path: Path, target: Path, *, complete: bool) -> None:
 class _Rewriter:
     """Translation of the records of one recording, one after the other."""
 
-    def __init__(self, path: Path, writer: McapWriter) -> None:
-        self._path, self._writer = path, writer
+    def __init__(self, path: Path, translator: MessageTranslator, writer: McapWriter) -> None:
+        self._path, self._translator, self._writer = path, translator, writer
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[int, int] = {}
         self._channels: dict[int, tuple[int, bool]] = {}
@@ -118,7 +113,7 @@ class _Rewriter:
                     self._channels[record.id] = self._declared(record)
             case Message():
                 number, translated = self._channels[record.channel_id]
-                payload = translate_message(record.data) if translated else record.data
+                payload = self._translator.message(record.data) if translated else record.data
                 self._writer.add_message(number, record.log_time, payload)
 
     def close(self, *, complete: bool) -> None:
@@ -129,7 +124,7 @@ class _Rewriter:
             self._writer.flush()
 
     def _declared(self, channel: Channel) -> tuple[int, bool]:
-        topic = translate_key(channel.topic)
+        topic = self._translator.key(channel.topic)
         schema_id = self._schema_ids.get(channel.schema_id)
         if schema_id is None:
             schema = _present_schema(topic, self._schemas[channel.schema_id])
