@@ -104,13 +104,26 @@ def test_a_part_of_a_chain_needs_no_more_than_it_says() -> None:
     assert not VALIDATOR.is_valid({"extends": "b.toml", "nam": "a"})
 
 
+def test_every_key_is_described() -> None:
+    described = [(table, key) for table, spec in SCHEMA["$defs"].items() for key in spec["properties"]]
+    assert [
+        (table, key)
+        for table, key in described
+        if key != "kind" and "description" not in SCHEMA["$defs"][table]["properties"][key]
+    ] == []
+    assert [key for key, value in SCHEMA["properties"].items() if "description" not in value] == []
+
+
 def test_keys_are_described_with_units_and_defaults() -> None:
     servo = SCHEMA["$defs"]["ServoSpec"]["properties"]
-    assert (servo["kp_nm_per_rad"]["description"], servo["kp_nm_per_rad"]["default"]) == ("[N·m/rad]", 3000.0)
+    assert (servo["kp_nm_per_rad"]["description"], servo["kp_nm_per_rad"]["default"]) == (
+        "Position gain (stiffness). [N·m/rad]",
+        3000.0,
+    )
     run = SCHEMA["$defs"]["RunSpec"]["properties"]
     assert run["max_s"]["description"] == "Simulated time after which the run ends at the latest. [s]"
     assert run["pace"]["enum"] == ["lockstep", "realtime"]
-    assert "\n" not in run["cpu_affinity" if "cpu_affinity" in run else "pin"]["description"]
+    assert "\n" not in run["pin"]["description"]
     assert set(SCHEMA["properties"]) >= {"extends", "format", "name", "body"}
 
 

@@ -40,15 +40,21 @@ class Deployment(Table, frozen=True, kw_only=True):
     """Deployment: the complete description of one run."""
 
     name: Name
+    """Name of the deployment; that of its file for the shipped ones."""
     robot: Name
+    """Name of the robot: part of every key on the wire, and what a memory belongs to."""
     seed: Annotated[int, Meta(ge=0)] = 1
     """Seed of all random streams."""
     cell_processes: int | Literal["per_patch"] | dict[Name, tuple[str, ...]] = 2
     """Cell processes: their number, one per patch, or a table of patches by process."""
     run: RunSpec = field(default_factory=RunSpec)
+    """Duration, pace and fault tolerance."""
     body: BodySpec
+    """Robot model, its joints and periods."""
     cells: CellSpec = field(default_factory=CellSpec)
+    """Sampling, sensors and encoding of the HEX-o-SKIN cells."""
     network: NetworkSpec = field(default_factory=NetworkSpec)
+    """Links between cells."""
     patches: tuple[PatchSpec, ...] = ()
     """HEX-o-SKIN cells; at least one patch or one tactile sheet."""
     surfaces: tuple[SurfaceSpec, ...] = ()
@@ -56,15 +62,21 @@ class Deployment(Table, frozen=True, kw_only=True):
     sheets: tuple[SheetSpec, ...] = ()
     """Tactile sheets, each with its board; all boards run in one process, `boards`."""
     boards: BoardSpec = field(default_factory=BoardSpec)
+    """Boards of the tactile sheets."""
     board_network: BoardNetworkSpec = field(default_factory=BoardNetworkSpec)
+    """Network from the boards to the main PC."""
     bridges: tuple[BridgeSpec, ...] = ()
+    """Wires between patches, which then form one network."""
     power: PowerSpec | None = None
     """Power network; without this table every cell has power."""
     plan: LinkBudgetSpec = field(default_factory=LinkBudgetSpec)
+    """Load and limits of `skinnet plan`; runs ignore them."""
     faults: tuple[FaultRule, ...] = ()
+    """Fault rules, each with a `kind` (docs/faults.md)."""
     scripted_stimuli: ScriptedStimuliSpec | None = None
     """Scripted stimuli instead of physics."""
     teacher: TeacherSpec = field(default_factory=TeacherSpec)
+    """Touches, lessons and strokes of the teacher's finger."""
     payload: PayloadSpec | None = None
     """Payload held between the robot's arms."""
     object: ObjectName = NO_OBJECT
@@ -74,7 +86,9 @@ class Deployment(Table, frozen=True, kw_only=True):
     nursing: NursingSpec | None = None
     """Whole-body contact manipulation [R11] as the controller's program, instead of stages."""
     controller: ControllerSpec
+    """Program, reactions and safety of the controller."""
     memory: MemorySpec = field(default_factory=MemorySpec)
+    """Long-term memory of earlier runs."""
     stress: StressSpec = field(default_factory=StressSpec)
     """Parameter sweep of `skinnet stress`; runs ignore it."""
 

@@ -20,15 +20,21 @@ class NetworkSpec(Table, frozen=True, kw_only=True):
     """
 
     bits_per_s: Annotated[int, Meta(gt=0)] = 2_000_000
+    """Bit rate of each link and direction."""
     bits_per_byte: Annotated[int, Meta(gt=0)] = 10
+    """Bits on the wire per byte, with start and stop bit."""
     hop_delay_us: NonNegative = 185.0
     """Processing delay of a cell that forwards a packet."""
     queue_packets: Annotated[int, Meta(ge=-1)] = 16
     """Capacity of the queue of each port; −1 for no bound."""
     event_bytes: Annotated[int, Meta(gt=0)] = 8
+    """Size of an event packet."""
     stream_bytes: Annotated[int, Meta(gt=0)] = 23
+    """Size of a packet with the full reading."""
     control_bytes: Annotated[int, Meta(gt=0)] = 8
+    """Size of a packet of network formation or configuration."""
     jitter_us: NonNegative = 0.0
+    """Largest random delay of a packet, added to the hop delay."""
     loss: Fraction = 0.0
     """Probability that a link loses a packet."""
     failure_detection_us: NonNegative = 500.0
@@ -42,7 +48,9 @@ class BridgeSpec(Table, frozen=True, kw_only=True):
     """Wire between free ports of cells of two patches, each "patch/cell:port"."""
 
     a: PortName
+    """Port at one end."""
     b: PortName
+    """Port at the other end, in another patch."""
 
 
 class BoardNetworkSpec(Table, frozen=True, kw_only=True):
@@ -54,11 +62,15 @@ class BoardNetworkSpec(Table, frozen=True, kw_only=True):
     """
 
     kind: Literal["bus", "star", "chain"] = "bus"
+    """Topology of the network."""
     bits_per_s: Annotated[int, Meta(gt=0)] = 1_000_000
+    """Bit rate of each link."""
     bits_per_byte: Annotated[int, Meta(gt=0, le=64)] = 14
+    """Bits on the wire per byte, with all overhead."""
     propagation_delay_us: NonNegative = 0.0
     """Propagation delay of each link."""
     jitter_us: NonNegative = 0.0
+    """Largest random delay of a message."""
     loss: Fraction = 0.0
     """Probability that a link loses a message."""
     queue_messages: Annotated[int, Meta(ge=-1)] = 32

@@ -16,9 +16,13 @@ class ServoSpec(Table, frozen=True, kw_only=True):
     """Stiff position servos, which turn velocity commands into position targets *(assumed)*."""
 
     kp_nm_per_rad: Positive = 3000.0
+    """Position gain (stiffness)."""
     kv_nm_s_per_rad: NonNegative = 60.0
+    """Velocity gain (damping)."""
     speed_limit_rad_s: Positive = 1.5
+    """Speed beyond which a command is refused."""
     torque_limit_nm: Positive = 400.0
+    """Torque limit."""
 
 
 class FoamSpec(Table, frozen=True, kw_only=True):
@@ -28,17 +32,24 @@ class FoamSpec(Table, frozen=True, kw_only=True):
     """
 
     thickness_m: Positive = 0.012
+    """Thickness of the uncompressed foam."""
     stiffness_pa_per_m: Positive = 1.5e6
+    """Foundation modulus: pressure per indentation."""
     damping_pa_s_per_m: NonNegative = 1.0e4
+    """Damping pressure per speed of indentation."""
     friction: NonNegative = 0.6
+    """Coulomb friction coefficient of the skin."""
 
 
 class SwaySpec(Table, frozen=True, kw_only=True):
     """Postural sway of the reference body: one sine per listed joint *(assumed)*."""
 
     joints: tuple[str, ...] = ()
+    """Joints of the model that sway; none unless given."""
     amplitude_rad: NonNegative = 0.001
+    """Amplitude of the sine."""
     frequency_hz: Positive = 0.3
+    """Frequency of the sine."""
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
@@ -66,8 +77,11 @@ class BodySpec(Table, frozen=True, kw_only=True):
     body_temperature_c: dict[str, float] = field(default_factory=dict)
     """Surface temperature, by body; ambient unless given."""
     servo: ServoSpec = field(default_factory=ServoSpec)
+    """Servos of the controlled joints."""
     foam: FoamSpec = field(default_factory=FoamSpec)
+    """Foam under the skin."""
     sway: SwaySpec = field(default_factory=SwaySpec)
+    """Postural sway of the reference body."""
 
     @property
     def timestep_ns(self) -> int:

@@ -20,7 +20,9 @@ class ContactWeightSpec(Table, frozen=True, kw_only=True):
     """Weights of one contact in the evaluation function (6); defaults are those of a forearm [R11]."""
 
     position: Positive = 1.0
+    """Weight of the position of the contact."""
     rotation: Positive = 0.2
+    """Weight of the rotation of the contact."""
 
     def __post_init__(self) -> None:
         _require_positive(self, "position", "rotation")
@@ -30,8 +32,11 @@ class ImpedanceSpec(Table, frozen=True, kw_only=True):
     """Virtual inertia, viscosity and stiffness of equation (19) or (21)."""
 
     inertia: Positive
+    """Virtual inertia."""
     damping: Positive
+    """Virtual viscosity."""
     stiffness: Positive
+    """Virtual stiffness."""
 
     def __post_init__(self) -> None:
         _require_positive(self, "inertia", "damping", "stiffness")
@@ -41,7 +46,9 @@ class AssumedContactSpec(Table, frozen=True, kw_only=True):
     """Contact that is assumed instead of sensed, at ξ on a surface, as in experiment A [R11, VI.A]."""
 
     surface: Name
+    """Surface of the contact."""
     xi_m: tuple[float, float] = (0.0, 0.0)
+    """Tactile coordinates of the contact."""
 
 
 class WaypointSpec(Table, frozen=True, kw_only=True):
@@ -50,6 +57,7 @@ class WaypointSpec(Table, frozen=True, kw_only=True):
     t_s: Positive
     """Time since the start of the motion."""
     displacement_m: Vector3 = (0.0, 0.0, 0.0)
+    """Displacement of the centre."""
     rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     """Rotation vector (axis times angle)."""
 
@@ -62,10 +70,13 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Controlled joints: arms and waist; with the cart all deviations vanish, contrary to [R11]."""
     waypoints: Annotated[tuple[WaypointSpec, ...], Meta(min_length=1)]
+    """Trajectory of the object, in the order of time."""
     assumed_contacts: tuple[AssumedContactSpec, ...] = ()
     """Contacts used instead of sensed ones; requires `feedback = "none"`."""
     solver: Literal["closed_form", "qp"] = "closed_form"
+    """Solution of the evaluation function (6): closed form, or quadratic program with limits."""
     feedback: Literal["none", "position", "rotation", "position_rotation"] = "position_rotation"
+    """Tactile feedback of contact positions and rotations."""
     weights: dict[str, ContactWeightSpec] = field(default_factory=dict)
     """Contact weights by sheet or by its body; default weights for all others."""
     joint_weight: Positive = 1e-4
@@ -89,8 +100,11 @@ class NursingSpec(Table, frozen=True, kw_only=True):
     link_error_mm: dict[str, Vector3] = field(default_factory=dict)
     """Link position errors given by body instead of drawn, in the frame of its parent."""
     hold_s: NonNegative = 1.0
+    """Duration of the hold before the motion."""
     record_s: NonNegative = 0.2
+    """Duration over which the initial contacts are averaged."""
     settle_s: NonNegative = 3.0
+    """Duration of the hold after the motion."""
     contact_threshold_n: Positive = 1.0
     """Force threshold of a contact *(assumed)*."""
     association_distance_m: NonNegative = 0.043

@@ -21,18 +21,26 @@ class AreaReactionSpec(Table, frozen=True, kw_only=True):
     """Tactile reaction of one area in one state; defaults are those of Table II [M14]."""
 
     force_threshold: NonNegative | None = None
+    """Reading of force above which a cell reacts."""
     force_gain: NonNegative | None = None
+    """Velocity per reading of force above the threshold."""
     proximity_threshold: NonNegative | None = None
+    """Reading of proximity above which a cell reacts."""
     proximity_gain: NonNegative | None = None
+    """Velocity per reading of proximity above the threshold."""
 
 
 class StateParametersSpec(Table, frozen=True, kw_only=True):
     """Parameters of one state; defaults are those of Table II [M14]."""
 
     speed_rad_s: Positive | None = None
+    """Speed limit of each joint on the way to a pose."""
     tolerance_rad: Positive | None = None
+    """Goal tolerance of each joint."""
     timeout_s: Positive | None = None
+    """Timeout of the state."""
     areas: dict[AreaName, AreaReactionSpec] = field(default_factory=dict)
+    """Tactile reactions by area."""
 
 
 class OperatorRequestSpec(Table, frozen=True, kw_only=True):
@@ -43,10 +51,15 @@ class OperatorRequestSpec(Table, frozen=True, kw_only=True):
     """
 
     state: StateName
+    """State in which the request is sent."""
     request: Literal["guide", "attend", "remember", "go", "grasp", "release", "cancel", "end"]
+    """Name of the request (docs/requests.md)."""
     argument: str = ""
+    """Argument of the request: a pose, an area, or what the request defines."""
     delay_s: NonNegative = 0.5
+    """Delay in the state before the request."""
     contact_free_s: NonNegative = 0.0
+    """Duration without any contact before the request."""
 
 
 class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
@@ -75,6 +88,7 @@ class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
     min_skin_fraction: Fraction = 0.5
     """Fraction of an area's cells below which the area is lost *(assumed)*."""
     states: dict[StateName, StateParametersSpec] = field(default_factory=dict)
+    """Parameters by state, where they differ from Table II [M14]."""
 
     @property
     def contact_timeout_ns(self) -> int:

@@ -38,7 +38,9 @@ class PayloadSpec(Table, frozen=True, kw_only=True):
     grip_force_n: Positive = 60.0
     """Initial grip force on the sheets of each arm: held in the feasibility study."""
     release_stage: Name = "hold"
+    """Stage of the controller in which the simulator releases the cylinder."""
     release_delay_s: NonNegative = 0.1
+    """Delay from the start of `release_stage` to the release."""
     release_ramp_s: NonNegative = 0.4
     """Duration of the release ramp, which avoids an impact on the foam *(assumed)*."""
     drop_threshold_m: Positive = 0.15

@@ -21,14 +21,23 @@ class ForceProfile(Table, frozen=True, kw_only=True):
     """
 
     approach_m: Positive = 0.08
+    """Distance from which the object approaches."""
     approach_s: Positive = 0.3
+    """Duration of the approach, and of the withdrawal."""
     rise_s: Positive = 0.15
+    """Rise time of the force."""
     hold_s: NonNegative = 1.0
+    """Duration of the full force."""
     release_s: Positive = 0.15
+    """Fall time of the force."""
     modulation: Fraction = 0.1
+    """Relative amplitude of the modulation of the force."""
     modulation_hz: NonNegative = 2.0
+    """Frequency of the modulation."""
     force_spread: Fraction = 0.5
+    """Largest fraction of the force that a force cell may lack."""
     temperature_c: float = 33.0
+    """Temperature of the object."""
 
     @property
     def duration_ns(self) -> int:
@@ -45,10 +54,15 @@ class RandomPressSpec(ForceProfile, frozen=True, kw_only=True):
     """
 
     force_n: tuple[Positive, Positive] = (0.8, 3.0)
+    """Smallest and largest force on the most loaded force cell."""
     start_s: NonNegative = 0.5
+    """Earliest start of a first press."""
     pause_s: NonNegative = 1.0
+    """Pause between two presses on a cell."""
     repeat: bool = True
+    """Press each cell again and again, instead of once."""
     onset_spread_s: NonNegative | None = None
+    """Interval over which first presses are spread; a whole period unless given."""
 
     @property
     def period_ns(self) -> int:
@@ -60,9 +74,13 @@ class ScriptedPressSpec(ForceProfile, frozen=True, kw_only=True):
     """Press on several cells at once, at `start_s` and then with period `period_s`, or once without it."""
 
     cells: Annotated[tuple[CellPattern, ...], Meta(min_length=1)]
+    """Cells that are pressed at once."""
     start_s: NonNegative
+    """Start of the first approach."""
     force_n: Positive
+    """Force on the most loaded force cell of each cell."""
     period_s: Positive | None = None
+    """Period of the presses; a single press unless given."""
     modulation: Fraction = 0.0
     force_spread: Fraction = 0.0
 
@@ -77,7 +95,9 @@ class ScriptedStimuliSpec(Table, frozen=True, kw_only=True):
     stimulated_fraction: Fraction = 0.0
     """Fraction of the cells that are pressed as in `random_presses`, drawn by seed and cell name."""
     random_presses: RandomPressSpec = field(default_factory=RandomPressSpec)
+    """Random presses on the stimulated cells."""
     presses: tuple[ScriptedPressSpec, ...] = ()
+    """Presses on given cells at given times."""
 
     def pressed_cells(self, index: int, cells_per_patch: Mapping[str, int]) -> list[tuple[str, int]]:
         """List the cells pressed by press `index`, each once, in the order of the patches.

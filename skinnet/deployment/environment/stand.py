@@ -30,15 +30,21 @@ class StandSpec(Table, frozen=True, kw_only=True):
     fix_object: bool = False
     """Fix the object to the plate."""
     rise_m: NonNegative = 0.0
+    """Distance of the plate below its upper position before it rises."""
     rise_stage: StageName | None = None
     """Stage that makes the plate rise; required with `rise_m`."""
     rise_delay_s: NonNegative = 0.0
+    """Delay from the start of `rise_stage` until the plate rises."""
     lower_stage: StageName | None = None
     """Stage that makes the plate lower; without one it stays up."""
     lower_delay_s: NonNegative = 1.0
+    """Delay from the start of `lower_stage` until the plate lowers."""
     lower_m: Positive = 0.25
+    """Distance by which the plate lowers."""
     lowered_s: NonNegative = 6.0
+    """Longest duration of the lower position."""
     speed_m_s: Positive = 0.10
+    """Speed limit of the plate."""
     acceleration_m_s2: Positive = 0.5
     """Acceleration of the plate, low enough that objects do not slip."""
     plate_edge_x_m: float = 0.17

@@ -26,27 +26,36 @@ class TouchSpec(Table, frozen=True, kw_only=True):
     """
 
     cell: CellName
+    """Cell that is touched."""
     stage: StageName
     """Stage, or one of its states as in "teach_and_grasp.hold"."""
     start_s: NonNegative
+    """Start of the approach, since the start of the stage."""
     force_cell: Annotated[int, Meta(ge=0, le=2)] | None = None
     """Force cell to aim at, instead of the centre of the cell."""
     approach_m: Positive = 0.08
+    """Height above the foam at which the approach starts."""
     speed_m_s: Positive = 0.03
+    """Speed of approach and withdrawal."""
     depth_m: float | None = None
+    """Depth in the foam that is held; negative stops above it."""
     force_n: Positive | None = None
+    """Force that is held; instead of `depth_m`."""
     hold_s: NonNegative = 0.5
+    """Duration for which depth or force is held."""
 
 
 class GoalSpec(Table, frozen=True, kw_only=True):
     """Goal position of a point of the robot in a lesson."""
 
     body: str
+    """Body of the model that has the point."""
     point_m: Vector3 = (0.0, 0.0, 0.0)
     """Point, in the frame of the body."""
     position_m: Vector3
     """Goal position, world frame."""
     weight: Positive = 1.0
+    """Weight of this goal among those of the lesson."""
 
 
 class LessonSpec(Table, frozen=True, kw_only=True):
@@ -61,7 +70,9 @@ class LessonSpec(Table, frozen=True, kw_only=True):
     stage: StageName
     """Stage, or one of its states as in "teach_and_grasp.guide_proximity"."""
     start_s: NonNegative = 0.5
+    """Start of the lesson, since the start of the stage."""
     goals: Annotated[tuple[GoalSpec, ...], Meta(min_length=1)]
+    """Goal positions of points of the robot."""
     tolerance_m: Positive = 0.015
     """Goal tolerance of every point."""
     clearance_m: Positive | None = None
@@ -97,18 +108,27 @@ class StrokeSpec(Table, frozen=True, kw_only=True):
     stage: StageName
     """Stage, or one of its states as in "teach_and_grasp.attend"."""
     start_s: NonNegative = 0.5
+    """Start of the stroke, since the start of the stage."""
     cells: Annotated[tuple[CellRange, ...], Meta(min_length=1)]
     """Cells to stroke, in the order of the list: "patch", "patch/3" or "patch/3-7"."""
     depth_m: Positive = 0.002
+    """Depth of the finger in the foam."""
     approach_m: Positive = 0.05
+    """Height above the foam at which the approach starts."""
     speed_m_s: Positive = 0.1
+    """Speed of the finger."""
 
 
 class TeacherSpec(Table, frozen=True, kw_only=True):
     """Teacher's finger: a warm sphere with one action at a time."""
 
     tip_radius_m: Positive = 0.008
+    """Radius of the finger tip."""
     temperature_c: float = 33.0
+    """Temperature of the finger tip."""
     touches: tuple[TouchSpec, ...] = ()
+    """Touches at given times."""
     lessons: tuple[LessonSpec, ...] = ()
+    """Lessons, in the order in which they are given."""
     strokes: tuple[StrokeSpec, ...] = ()
+    """Strokes, in the order in which they are given."""

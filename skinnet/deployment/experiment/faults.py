@@ -87,6 +87,7 @@ class Loss(LinkRule, frozen=True, kw_only=True, tag="loss"):
     """Independent packet loss on a link. Links are named as for `link_cut`."""
 
     probability: Fraction
+    """Probability that a packet is lost."""
 
 
 class BurstLoss(LinkRule, frozen=True, kw_only=True, tag="burst_loss"):
@@ -97,7 +98,9 @@ class BurstLoss(LinkRule, frozen=True, kw_only=True, tag="burst_loss"):
     """
 
     mean_good_s: _Dwell
+    """Mean dwell time in the good state."""
     mean_bad_s: _Dwell
+    """Mean dwell time in the bad state."""
     loss_good: Fraction = 0.0
     """Loss probability in the good state."""
     loss_bad: Fraction = 1.0
@@ -124,6 +127,7 @@ class StuckAt(CellRule, frozen=True, kw_only=True, tag="stuck_at"):
     """Stuck-at fault of a reading. Cells are named as for `cell_dead`."""
 
     channel: SensorChannel | Literal["all"]
+    """Column of the reading; "all" for every column."""
     value: float | None = None
     """Constant reading; the first one after the onset unless given."""
 
@@ -132,6 +136,7 @@ class Drift(CellRule, frozen=True, kw_only=True, tag="drift"):
     """Drift of a reading within the sensor's range. Cells are named as for `cell_dead`."""
 
     channel: SensorChannel
+    """Column of the reading."""
     rate_per_s: float
     """Drift rate, in units of the reading per second."""
 
@@ -143,6 +148,7 @@ class BabblingIdiot(CellRule, frozen=True, kw_only=True, tag="babbling_idiot"):
     """
 
     rate_hz: _PacketRate
+    """Mean rate of the spurious events of a cell."""
 
 
 class SlowProcess(_Rule, frozen=True, kw_only=True, tag="slow_process"):

@@ -15,13 +15,16 @@ class PublishedRateSpec(Table, frozen=True, kw_only=True):
     """Published fraction of the clock-driven rate, for comparison with the measured one."""
 
     fraction: Fraction
+    """Rate, as a fraction of the clock-driven one."""
     quantity: Literal["bytes", "packets", "rate"] = "rate"
     """Quantity of the fraction; "rate" where the source gives no packet length: it is then compared with
     both."""
     stimulated: bool
+    """Rate of a stimulated skin, instead of one at rest."""
     is_upper_bound: bool = False
     """Upper bound instead of a value."""
     source: str
+    """Abbreviation of the source."""
 
     def applies_to(self, quantity: str) -> bool:
         """Check if the published fraction applies to `quantity`, "bytes" or "packets"."""
@@ -42,6 +45,7 @@ class StressSpec(Table, frozen=True, kw_only=True):
         "send_on_delta",
         "level_crossing",
     )
+    """Event encodings that are compared."""
     delta_noise_ratios: tuple[Positive, ...] = ()
     """Send-on-delta thresholds as multiples of each sensor's noise, quantisation included: further runs with
     all cells and each fraction of stimulated ones."""
@@ -50,3 +54,4 @@ class StressSpec(Table, frozen=True, kw_only=True):
     duration_s: Positive = 4.0
     """Duration of the measurement (simulated time)."""
     published: tuple[PublishedRateSpec, ...] = ()
+    """Published rates, for comparison."""

@@ -18,11 +18,17 @@ class LatticeSpec(Table, frozen=True, kw_only=True):
     """
 
     columns: Annotated[int, Meta(ge=1)]
+    """Number of cells in a row."""
     rows: Annotated[int, Meta(ge=1)]
+    """Number of rows."""
     origin_m: Vector3
+    """Centre of the lattice on the rigid surface, frame of the body."""
     normal: Vector3
+    """Outward normal at the origin, of any length."""
     up: Vector3
+    """Direction in which rows stack, of any length."""
     radius_m: Positive | None = None
+    """Radius of the cylinder; a plane unless given."""
 
 
 class CellPoseSpec(Table, frozen=True, kw_only=True):
@@ -32,24 +38,33 @@ class CellPoseSpec(Table, frozen=True, kw_only=True):
     """
 
     position_m: Vector3
+    """Centre of the cell on the rigid surface, frame of the body."""
     normal: Vector3
+    """Outward normal, of any length."""
     x_axis: Vector3
+    """Direction of port 0, of any length."""
 
 
 class InterfaceSpec(Table, frozen=True, kw_only=True):
     """Interface: a free port of a boundary cell that is wired to the computer."""
 
     cell: Annotated[int, Meta(ge=0)]
+    """Number of the cell in its patch."""
     port: Annotated[int, Meta(ge=0, le=3)]
+    """Free port of the cell."""
 
 
 class PatchSpec(Table, frozen=True, kw_only=True):
     """Patch of HEX-o-SKIN cells on one body, placed by a lattice or cell by cell."""
 
     name: Name
+    """Name of the patch, unique in the robot."""
     body: str
+    """Body of the model that carries the patch."""
     lattice: LatticeSpec | None = None
+    """Lattice of the cells; instead of `cells`."""
     cells: tuple[CellPoseSpec, ...] = ()
+    """Pose of each cell; instead of `lattice`."""
     interfaces: tuple[InterfaceSpec, ...] = ()
     """Ports of the gateways; at least one, here or in a patch that bridges connect."""
 

@@ -31,12 +31,19 @@ class SurfaceSpec(Table, frozen=True, kw_only=True):
     """
 
     name: Name
+    """Name of the surface."""
     body: str
+    """Body of the model that has the surface."""
     origin_m: Vector3
+    """Point ξ = 0, frame of the body."""
     normal: Vector3
+    """Outward normal at the origin, of any length."""
     up: Vector3
+    """Direction of ξ2, of any length."""
     radius_m: Positive | None = None
+    """Radius of the bent parts; a plane unless given."""
     flat_m: NonNegative = 0.0
+    """Width of the flat part across `up`."""
 
 
 class SheetSpec(Table, frozen=True, kw_only=True):
@@ -49,13 +56,21 @@ class SheetSpec(Table, frozen=True, kw_only=True):
     """
 
     name: Name
+    """Name of the sheet and of its board."""
     surface: Name
+    """Surface that carries the sheet."""
     centre_xi_m: tuple[float, float] = (0.0, 0.0)
+    """Tactile coordinates of the centre of the grid."""
     columns: Annotated[int, Meta(ge=1, le=MAX_SIDE)] = MAX_SIDE
+    """Number of elements in a row."""
     rows: Annotated[int, Meta(ge=1, le=MAX_SIDE)] = MAX_SIDE
+    """Number of rows."""
     pitch_m: Positive = 0.0215
+    """Distance between the centres of neighbouring elements."""
     mask: tuple[str, ...] = ()
+    """Rows of the grid from the top, `#` for an element, `.` for none."""
     connect_across_gaps: bool = True
+    """Make elements on both sides of a gap of one row or column neighbours."""
 
     @property
     def n_elements(self) -> int:
@@ -70,7 +85,9 @@ class PressureSpec(Table, frozen=True, kw_only=True):
     """
 
     range_kpa: Positive = 90.0
+    """Highest reading."""
     bits: Annotated[int, Meta(ge=1, le=24)] = 8
+    """Resolution of a reading."""
     noise_kpa: NonNegative = 0.1
     """Standard deviation of a reading *(assumed)*."""
     element_read_us: Positive = 50.0
@@ -86,7 +103,9 @@ class RegionSpec(Table, frozen=True, kw_only=True):
     """Contact regions: activation thresholds of elements, and tracking between scans *(assumed)*."""
 
     activation_kpa: Positive = 1.0
+    """Pressure above which an element becomes active."""
     deactivation_kpa: Positive = 0.6
+    """Pressure below which an active element becomes inactive."""
     association_distance_m: NonNegative = 0.032
     """Association distance between two scans without a common element; a row plus a column is 0.0304 m."""
 
@@ -95,12 +114,15 @@ class BoardSpec(Table, frozen=True, kw_only=True):
     """Board of a tactile sheet, with a scan period of 4 ms [R11]."""
 
     period_ms: Positive = 4.0
+    """Scan period; equals `body.stimulus_period_ms`."""
     processing_delay_us: NonNegative = 200.0
     """Processing delay from the last reading of a scan to the sending of its message *(assumed)*."""
     pattern_interval_scans: Annotated[int, Meta(ge=0)] = 0
     """Interval of raw patterns, in scans; 0: only on request."""
     pressure: PressureSpec = field(default_factory=PressureSpec)
+    """Pressure elements."""
     regions: RegionSpec = field(default_factory=RegionSpec)
+    """Contact regions."""
 
     @property
     def period_ns(self) -> int:
