@@ -146,7 +146,9 @@ def test_the_memory_of_another_robot_is_not_recalled(tmp_path: Path) -> None:
 async def test_nodes_learn_where_the_run_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, Path | None]] = []
 
-    def build_process(module: str, _deployment: Any, _name: str, _base: Path, out: Path | None) -> Any:
+    def build_process(
+        module: str, _deployment: Any, _name: str, _base: Path, out: Path | None, **_more: Any
+    ) -> Any:
         asked.append((module, out))
         raise MemoryFileError("enough")
 

@@ -116,7 +116,7 @@ def test_an_old_deployment_is_the_shipped_one_and_is_remarked_upon_once(
 ) -> None:
     file = old / "deployments" / f"{name}.toml"
     for _ in range(2):
-        assert resolved_json(load(file)) == resolved_json(load(SHIPPED / f"{name}.toml"))
+        assert load(file) == load(SHIPPED / f"{name}.toml")
     (remark,) = remarks(caplog)
     assert remark.startswith(f"{file}: deployment of an earlier format")
 
@@ -134,7 +134,7 @@ def test_a_migrated_deployment_keeps_comments_order_and_layout(name: str, tmp_pa
     assert keys > 0
     assert all(one.partition("#")[2] == other.partition("#")[2] for one, other in changed)
     (tmp_path / "new.toml").write_text(after)
-    assert resolved_json(load(tmp_path / "new.toml")) == resolved_json(load(SHIPPED / f"{name}.toml"))
+    assert load(tmp_path / "new.toml") == load(SHIPPED / f"{name}.toml")
 
 
 AWKWARD = """# the head
@@ -756,7 +756,7 @@ def test_every_old_file_is_checked_migrated_and_then_of_the_present_format(old: 
 
 
 def test_shipped_files_are_of_the_present_format() -> None:
-    files = [*SHIPPED.rglob("*.toml"), *SHIPPED.rglob("*.json")]
+    files = [*SHIPPED.rglob("*.toml"), SHIPPED / "hrp2_memory.json"]
     code, _, errors = migrate("--check", *files)
     assert (code, errors) == (0, [])
 
