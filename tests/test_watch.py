@@ -15,6 +15,8 @@ import pytest
 import zenoh
 from launching import SHORT, TOUCH, launched, run, wait_for
 
+from skinnet.protocol.messages import SCHEMA
+
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 _STUCK = """
 import json, sys, time, zenoh
@@ -64,7 +66,7 @@ def test_events_topology_and_configuration(tmp_path: Path) -> None:
             session.declare_subscriber("skinnet/hrp2/skin/**/events", keep)
             key, message = events.get(timeout=60)
             assert key == f"skinnet/hrp2/skin/{message['patch']}/{message['cell'][0]}/events"
-            assert (message["type"], message["schema"]) == ("events", 1)
+            assert (message["type"], message["schema"]) == ("events", SCHEMA)
             columns = [message[name] for name in ("cell", "t_sampled_ns", "modality", "level", "value")]
             assert len({len(column) for column in columns}) == 1
 
@@ -77,7 +79,7 @@ def test_events_topology_and_configuration(tmp_path: Path) -> None:
                 "skinnet/hrp2/skin/torso/stream",
                 lambda sample: streams.put(msgpack.unpackb(sample.payload.to_bytes())),
             )
-            config = {"type": "config", "schema": 1, "patch": "torso", "cell": 7, "stream": True}
+            config = {"type": "config", "schema": SCHEMA, "patch": "torso", "cell": 7, "stream": True}
             session.put("skinnet/hrp2/skin/torso/7/config", msgpack.packb(config))
             session.put("skinnet/hrp2/skin/torso/99/config", msgpack.packb(config | {"cell": 99}))
             session.put("skinnet/hrp2/skin/torso/7/config", b"garbage")
