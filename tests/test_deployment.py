@@ -133,7 +133,7 @@ PER_PATCH = 'cell_processes="per_patch"'
         ),
         (("cell_processes.third=[]",), ("cell_processes.third", "no patches")),
         (("cell_processes={body=['torso']}",), ("cell_processes.body", "choose another")),
-        (("cell_processes={outside=['torso']}",), ("cell_processes.outside", "choose another")),
+        (("cell_processes={external=['torso']}",), ("cell_processes.external", "choose another")),
         (("cell_processes={cells=['torso']}",), ("cell_processes.cells", "choose another")),
         (("run.tolerated_losses=['lefty']",), ("run.tolerated_losses", "'lefty'", "left", "right")),
         (("run.tolerated_losses=['body']",), ("run.tolerated_losses", "body")),

@@ -9,8 +9,11 @@ import pytest
 from small_robot import SHIPPED, patch, small
 
 from skinnet.deployment import Deployment, load
+from skinnet.deployment.checks import check
+from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import DeploymentError
-from skinnet.protocol.channels import CHANNELS, EXTERNAL, Keys, Role
+from skinnet.protocol.channels import BODY, CHANNELS, CONTROLLER, EXTERNAL, RECORDER, Keys, Role
+from skinnet.run.process_list import process_list
 from skinnet.runtime.wiring import ProcessWiring, WiredProcess, process_roles, wiring_of
 from skinnet.transport.key_expressions import key_matches
 
@@ -80,6 +83,23 @@ def test_the_wiring_is_the_one_that_was_written_by_hand(file: Path, recorded: bo
         assert facts(wiring, Keys(deployment.robot).prefix) == written_by_hand(deployment, wiring.name)
         assert wiring.peers == names
         assert wiring.recorded == recorded
+
+
+@pytest.mark.parametrize("name", [BODY, BOARD_PROCESS, CONTROLLER, EXTERNAL, RECORDER, Role.CELLS.value])
+def test_no_cell_process_takes_the_name_of_another_member_of_the_loop(name: str) -> None:
+    with pytest.raises(DeploymentError, match=f"cell_processes.{name}: .*choose another"):
+        check(small(cell_processes={name: ("arm", "hand")}))
+
+
+@pytest.mark.parametrize("tolerated", [(), ("cells",), ("boards",), ("cells0", "controller"), ("recorder",)])
+def test_launcher_and_processes_tolerate_the_same_losses(tolerated: tuple[str, ...]) -> None:
+    deployment = mixed(run={"tolerated_losses": list(tolerated)})
+    started = {spec.name: spec for spec in process_list(deployment, record=True)}
+    wiring = wiring_of(deployment, "controller", recorded=True)
+    assert {name: spec.role for name, spec in started.items()} == process_roles(deployment, recorded=True)
+    assert {name for name, spec in started.items() if spec.loss_tolerated} == wiring.tolerated_losses
+    assert ("cells1" in wiring.tolerated_losses) == ("cells" in tolerated)
+    assert ("boards" in wiring.tolerated_losses) == ("boards" in tolerated)
 
 
 def mixed(**tables: Any) -> Deployment:

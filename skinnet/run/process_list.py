@@ -3,9 +3,19 @@
 from dataclasses import dataclass
 
 from skinnet.deployment import Deployment
-from skinnet.protocol.channels import RECORDER, Role
+from skinnet.protocol.channels import Role
+from skinnet.runtime.wiring import process_roles, tolerated_processes
 
 __all__ = ["ProcessSpec", "process_list"]
+
+_MODULES = {
+    Role.BODY: "skinnet.body",
+    Role.CELLS: "cells",
+    Role.BOARDS: "cells",
+    Role.CONTROLLER: "controller",
+    Role.RECORDER: "skinnet.recording",
+}
+"""Package of each role, run as `python -m`."""
 
 
 @dataclass(frozen=True)
@@ -20,12 +30,6 @@ class ProcessSpec:
 
 def process_list(deployment: Deployment, record: bool = False) -> tuple[ProcessSpec, ...]:
     """List the processes of a deployment, with a recorder if `record`; the body, the hub, comes first."""
-    spared = set(deployment.run.tolerated_losses)
-    hosts = [
-        ProcessSpec(host, Role.CELLS, "cells", bool({host, "cells"} & spared))
-        for host in deployment.skin_processes()
-    ]
-    controller = ProcessSpec("controller", Role.CONTROLLER, "controller", "controller" in spared)
-    recorder = ProcessSpec(RECORDER, Role.RECORDER, "skinnet.recording", RECORDER in spared)
-    body = ProcessSpec("body", Role.BODY, "skinnet.body", False)
-    return (body, *hosts, controller, *([recorder] if record else []))
+    roles = process_roles(deployment, recorded=record)
+    tolerated = tolerated_processes(deployment, roles)
+    return tuple(ProcessSpec(name, role, _MODULES[role], name in tolerated) for name, role in roles.items())

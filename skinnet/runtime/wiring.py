@@ -16,7 +16,14 @@ from skinnet.errors import DeploymentError
 from skinnet.protocol.channels import BODY, CHANNELS, CONTROLLER, RECORDER, Channel, Keys, Role
 from skinnet.runtime.upstream import Upstream
 
-__all__ = ["ProcessWiring", "Source", "WiredProcess", "process_roles", "wiring_of"]
+__all__ = [
+    "ProcessWiring",
+    "Source",
+    "WiredProcess",
+    "process_roles",
+    "tolerated_processes",
+    "wiring_of",
+]
 
 _FIELD = re.compile(r"<(\w+)>")
 _ALL_CELL_PROCESSES = "cells"
@@ -100,6 +107,16 @@ def process_roles(deployment: Deployment, *, recorded: bool = False) -> dict[str
         CONTROLLER: Role.CONTROLLER,
         **({RECORDER: Role.RECORDER} if recorded else {}),
     }
+
+
+def tolerated_processes(deployment: Deployment, roles: Mapping[str, Role]) -> frozenset[str]:
+    """Name the processes among `roles` whose loss the deployment tolerates."""
+    tolerated = deployment.run.tolerated_losses
+    return frozenset(
+        process
+        for process, role in roles.items()
+        if process in tolerated or (role is Role.CELLS and _ALL_CELL_PROCESSES in tolerated)
+    )
 
 
 def wiring_of(deployment: Deployment, name: str, *, recorded: bool = False) -> ProcessWiring:
@@ -194,9 +211,4 @@ def _tolerated_losses(deployment: Deployment, name: str, roles: Mapping[str, Rol
     if name == RECORDER:
         # a process that does not tolerate a loss ends the run, and the recording shows how far it came
         return frozenset(roles) - {name}
-    tolerated = deployment.run.tolerated_losses
-    return frozenset(
-        process
-        for process, role in roles.items()
-        if process in tolerated or (role is Role.CELLS and _ALL_CELL_PROCESSES in tolerated)
-    )
+    return tolerated_processes(deployment, roles)

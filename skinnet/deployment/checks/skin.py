@@ -10,7 +10,7 @@ from skinnet.suggestions import known_names
 
 __all__ = ["check_skin"]
 
-_RESERVED_NAMES = ("body", "boards", "cells", "controller", "outside")
+_RESERVED_NAMES = ("body", "boards", "cells", "controller", "external", "recorder")
 """Reserved names: other processes, all cell processes, and external clients (`skinnet.protocol.channels`)."""
 
 
