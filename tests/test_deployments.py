@@ -146,8 +146,8 @@ def test_real_time_keeps_to_the_wall_clock(tmp_path: Path) -> None:
 def test_the_summary_is_what_it_says(tmp_path: Path) -> None:
     run(TOUCH, tmp_path, "--in-process", settings=("run.max_s=0.2",))
     summary = json.loads((tmp_path / "summary.json").read_text())
-    keys = ("outcome", "seed", "log_sha256", "sim_s", "wall_s", "rtf", "processes", "faults", "metrics")
-    assert all(key in summary for key in keys)
+    assert summary.keys() >= {"outcome", "seed", "log_sha256", "sim_s", "wall_s", "rtf", "metrics"}
+    assert summary.keys() >= {"processes", "process_failures", "counters"}
     assert all(not isinstance(value, dict) for value in summary["metrics"].values())
 
 

@@ -9,6 +9,7 @@ import pytest
 from skinnet.deployment import load, resolved_json
 from skinnet.deployment.checks import check
 from skinnet.deployment.extends import merge_layers, origin_of, read_layers
+from skinnet.deployment.load import from_document
 from skinnet.errors import DeploymentError
 
 ROOT = Path(__file__).parents[1]
@@ -242,3 +243,9 @@ def test_no_robot_is_written_twice() -> None:
 def test_every_file_is_of_the_present_format() -> None:
     for file in (*SHIPPED, *ROBOTS):
         assert "\nformat = 2\n" in file.read_text(encoding="utf-8")
+
+
+def test_a_decoded_document_does_not_extend() -> None:
+    """Only a file has a folder beside which its base lies."""
+    with pytest.raises(DeploymentError, match=r"^arm: extends = 'robots/riba.toml': only a file extends"):
+        from_document({"extends": "robots/riba.toml", "name": "arm"}, "arm")

@@ -1,7 +1,6 @@
 """A body without physics: exact joints, accelerations by independent differences, the same node around it."""
 
 import json
-import tomllib
 from pathlib import Path
 
 import body_scenes
@@ -16,7 +15,7 @@ from skinnet.body.scripted.scripted_body import ScriptedBody
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
-from skinnet.deployment.load import from_document
+from skinnet.deployment.load import from_document, read_document
 from skinnet.errors import DeploymentError
 from skinnet.protocol.messages import STIMULUS_NAMES
 from skinnet.skin.placement import place_patches
@@ -118,7 +117,7 @@ def test_a_change_of_velocity_is_felt_as_its_mean_over_a_frame():
 
 def test_crossings_of_scripted_touches_are_exact():
     """A raised cosine of 2 N in 0.2 s passes 0.6 N where its share is 0.3."""
-    raw = tomllib.loads(ARM.read_text())
+    raw = read_document(ARM)
     touch = {"cells": ["fore_link/1"], "start_s": 0.1, "force_n": 2.0, "approach_s": 0.3, "rise_s": 0.2}
     body = ScriptedBody(from_document(raw | {"scripted_stimuli": {"presses": [touch]}}, "arm"), ARM.parent)
     body.advance(1000 * MS)
@@ -133,7 +132,7 @@ def test_crossings_of_scripted_touches_are_exact():
 def test_the_node_is_the_same_and_scripted_by_its_table(tmp_path):
     physical, script = (
         build(from_document(raw, "arm"), "body", ARM.parent, None)
-        for raw in (tomllib.loads(ARM.read_text()), tomllib.loads(ARM.read_text()) | {"scripted_stimuli": {}})
+        for raw in (read_document(ARM), read_document(ARM) | {"scripted_stimuli": {}})
     )
     assert type(physical) is type(script)
     sent: dict[str, list[str]] = {"physical": [], "script": []}
@@ -146,7 +145,7 @@ def test_the_node_is_the_same_and_scripted_by_its_table(tmp_path):
 
 
 def test_a_bad_script_is_refused_by_the_check():
-    raw = tomllib.loads(ARM.read_text())
+    raw = read_document(ARM)
     touch = {"cells": ["elbow/0"], "start_s": 0.0, "force_n": 1.0}
     with pytest.raises(
         DeploymentError, match=r"scripted_stimuli.presses\[0\].cells: 'elbow/0': unknown patch"
@@ -157,7 +156,7 @@ def test_a_bad_script_is_refused_by_the_check():
 @pytest.mark.parametrize(("file", "cells", "patches", "touched"), [(UR5, 260, 10, 130), (H1, 1260, 47, 693)])
 @pytest.mark.parametrize("with_script", [True, False])
 def test_shipped_skins_hold_with_and_without_script(file, cells, patches, touched, with_script):
-    raw = tomllib.loads(file.read_text())
+    raw = read_document(file)
     if not with_script:
         del raw["scripted_stimuli"]
     deployment = from_document(raw, file.name)

@@ -59,8 +59,11 @@ def test_what_cannot_be_shown_is_one_clear_line(tmp_path: Path) -> None:
 
 def test_options_of_the_page_are_for_a_page(tmp_path: Path) -> None:
     for options, why in (
-        (("--control",), "--control and --keep are about the live page: give --view too"),
-        (("--view", "--keep", "--seeds", "1-2"), "--keep and --seeds: a page that stays shows one run"),
+        (("--control",), "--control and --keep concern the page: give --view too"),
+        (
+            ("--view", "--keep", "--seeds", "1-2"),
+            "--keep and --seeds exclude each other: a page that is kept shows one run",
+        ),
     ):
         line = command(ARM, "--out", str(tmp_path), *options)
         done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120)

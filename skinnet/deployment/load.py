@@ -10,14 +10,22 @@ from typing import Any
 import msgspec
 
 from skinnet.deployment.deployment import Deployment
-from skinnet.deployment.extends import Layer, chain_of, merge_layers, origin_of, read_layers, value_at
+from skinnet.deployment.extends import (
+    EXTENDS,
+    Layer,
+    chain_of,
+    merge_layers,
+    origin_of,
+    read_layers,
+    value_at,
+)
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
 from skinnet.migration.renaming import remark_old_format
 from skinnet.suggestions import known_names
 
-__all__ = ["apply_override", "from_document", "load", "resolved_json"]
+__all__ = ["apply_override", "from_document", "load", "read_document", "resolved_json"]
 
 _LEADING_KEY = re.compile(r"[\w.\[\]\-]+")
 
@@ -45,6 +53,15 @@ def load(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -
     return _convert(document, lambda key: _source_of(layers, merged, document, key))
 
 
+def read_document(path: Path) -> dict[str, Any]:
+    """Read a deployment with all that it extends into one document, neither validated nor converted.
+
+    Raises:
+        DeploymentError: a file of the chain cannot be read; one line with the chain.
+    """
+    return merge_layers(read_layers(path))
+
+
 def _log_old_formats(layers: tuple[Layer, ...]) -> None:
     for layer in layers:
         if layer.n_renamed:
@@ -57,6 +74,10 @@ def from_document(raw: dict[str, Any], source: str) -> Deployment:
     Raises:
         DeploymentError: one line with source, key, value and what is allowed.
     """
+    if EXTENDS in raw:
+        raise DeploymentError(
+            f"{source}: {EXTENDS} = {raw[EXTENDS]!r}: only a file extends another, load it by its path"
+        )
     try:
         document, _ = translate(raw, source)
     except FormatError as error:
