@@ -32,7 +32,7 @@ test: check ## everything that must hold
 	$(BIN)/pytest -n auto
 
 values: $(STAMP) ## runs every shipped deployment and compares values and metrics with the frozen ones
-	$(BIN)/python tests/frozen_values.py
+	$(BIN)/python tests/support/frozen_values.py
 
 pictures: $(STAMP) ## makes every picture of README.md and docs/ anew (docs/images/pictures.toml)
 	$(BIN)/python docs/pictures.py
