@@ -71,8 +71,8 @@ class CellProcess(WiredProcess):
         groups = [
             [patches[patch] for patch in group] for group in deployment.bridged_patches() if group[0] in mine
         ]
-        self._wiring = wire_cells(groups, deployment.network, resolve_bridges(deployment.bridges, placed))
-        n_cells = self._wiring.n_cells
+        self.wiring = wire_cells(groups, deployment.network, resolve_bridges(deployment.bridges, placed))
+        n_cells = self.wiring.n_cells
         seed = deployment.seed
         self._transducers = Transducers(
             deployment.cells,
@@ -83,22 +83,22 @@ class CellProcess(WiredProcess):
         self._readings = np.zeros((n_cells, _N_COLUMNS), dtype=np.float32)
         faults = fault_schedule(deployment, placed)
         self._sensor_faults = SensorFaults(
-            faults, dict(zip(mine, self._wiring.first_cell.tolist(), strict=False)), deployment.cells, seed
+            faults, dict(zip(mine, self.wiring.first_cell.tolist(), strict=False)), deployment.cells, seed
         )
         self._slow_process_faults = [span for span in faults if span.location.process == name]
-        self._network = SkinNetwork(
-            self._wiring,
+        self.network = SkinNetwork(
+            self.wiring,
             deployment.cells,
             deployment.network,
             seed,
             topology_changes=compute_topology_changes(
-                self._wiring, outages_of(faults, self._wiring), deployment.power, self._fed_cells(deployment)
+                self.wiring, outages_of(faults, self.wiring), deployment.power, self._fed_cells(deployment)
             ),
-            impairments=impairments(faults, self._wiring, baseline_loss=deployment.network.loss, seed=seed),
+            impairments=impairments(faults, self.wiring, baseline_loss=deployment.network.loss, seed=seed),
         )
         self._new_topologies: list[tuple[str, bytes]] = []
         self.telemetry_key = keys.of("links", "*")
-        self._link_telemetry = LinkTelemetry(self._wiring, keys)
+        self._link_telemetry = LinkTelemetry(self.wiring, keys)
         self._publishers = [
             PatchPublisher(p.name, keys, deployment.network.aggregate_events) for p in self._patches
         ]
@@ -108,11 +108,11 @@ class CellProcess(WiredProcess):
         feeds = () if deployment.power is None else deployment.power.feeds
         mine = [feed for feed in feeds if parse_port(feed)[0] in self._patch_index]
         fed_elsewhere = bool(feeds) and not mine
-        return [] if fed_elsewhere else self._wiring.skin.feed_cells(mine).tolist()
+        return [] if fed_elsewhere else self.wiring.skin.feed_cells(mine).tolist()
 
     def start(self, put: Put) -> None:
         """Start network formation at time 0."""
-        self._network.start(0)
+        self.network.start(0)
 
     def needs(self) -> dict[str, int] | None:
         """Return the watermark [ns] that the next step needs: stimulus and configurations of its period."""
@@ -141,8 +141,8 @@ class CellProcess(WiredProcess):
 
     def _accept_stimulus(self, stimulus: Stimulus) -> None:
         values = unpack(stimulus.values, "<f4", _N_COLUMNS)
-        if len(values) != self._wiring.n_cells:
-            raise ProtocolError(f"stimulus of {len(values)} cells; this process has {self._wiring.n_cells}")
+        if len(values) != self.wiring.n_cells:
+            raise ProtocolError(f"stimulus of {len(values)} cells; this process has {self.wiring.n_cells}")
         self._stimuli[stimulus.t_ns] = values
         self._body.end_period(stimulus.watermark_ns, stimulus.n_configs)
         if stimulus.end_ns is not None:
@@ -155,7 +155,7 @@ class CellProcess(WiredProcess):
         if not 0 <= config.cell < self._patches[patch].n_cells:
             n_cells = self._patches[patch].n_cells
             raise ProtocolError(f"config of cell {config.cell}: {config.patch} has cells 0 to {n_cells - 1}")
-        cell = int(self._wiring.first_cell[patch]) + config.cell
+        cell = int(self.wiring.first_cell[patch]) + config.cell
         if config.t_ns:
             self._body.count_arrivals()
         else:
@@ -171,7 +171,7 @@ class CellProcess(WiredProcess):
         end_ns = start_ns + self._period_ns
         self._send_configs(start_ns, end_ns)
         self._sample()
-        data, configs = self._network.advance(end_ns)
+        data, configs = self.network.advance(end_ns)
         for cell, config in configs:
             self._configure(cell, config)
         if end_ns % NS_PER_S < self._period_ns or end_ns + self._period_ns > self._end_ns:
@@ -187,7 +187,7 @@ class CellProcess(WiredProcess):
         due = [entry for entry in self._configs if entry[0] < end_ns]
         self._configs = [entry for entry in self._configs if entry[0] >= end_ns]
         for t_ns, cell, config in sorted(due, key=lambda entry: entry[:2]):
-            self._network.send_config(max(t_ns, start_ns), cell, config)
+            self.network.send_config(max(t_ns, start_ns), cell, config)
 
     def _sample(self) -> None:
         """Sample all cells; those that are members of the network send their events and readings."""
@@ -195,15 +195,15 @@ class CellProcess(WiredProcess):
         before = self._stimuli.pop(start_ns)
         after = self._stimuli[start_ns + self._period_ns]
         times_ns = self._transducers.sample_times_ns(self._period_index)
-        restarted = self._network.take_restarted()
+        restarted = self.network.take_restarted()
         if len(restarted):
             self._transducers.reset(restarted)
             self._encoder.reset(restarted)
         self._transducers.sample(self._period_index, before, after, self._readings)
         self._sensor_faults.apply(start_ns, times_ns, self._readings)
-        heard = self._network.membership.is_member
-        if self._network.has_change_before(start_ns + self._period_ns):
-            heard = heard & self._network.powered_at(times_ns)
+        heard = self.network.membership.is_member
+        if self.network.has_change_before(start_ns + self._period_ns):
+            heard = heard & self.network.powered_at(times_ns)
         everyone = bool(heard.all())
         if not everyone:
             self._readings[~heard] = 0.0
@@ -211,10 +211,10 @@ class CellProcess(WiredProcess):
         if not everyone:
             emission = _from_members(emission, heard)
         if len(emission.cell) or len(emission.full_cell):
-            self._network.send_samples(times_ns, emission, self._readings)
+            self.network.send_samples(times_ns, emission, self._readings)
         babble = self._sensor_faults.spurious_events(start_ns, start_ns + self._period_ns)
         if len(babble.cell):
-            self._network.send_spurious_events(babble)
+            self.network.send_spurious_events(babble)
 
     def _inject_delay(self, t_ns: int) -> None:
         """Inject the processing delay of a slow-host fault; results do not change."""
@@ -234,21 +234,21 @@ class CellProcess(WiredProcess):
     def _publish(self, put: Put, data: list[DeliveredPackets], start_ns: int, end_ns: int) -> None:
         streams: dict[int, NDArray[Any]] = {}
         for patch, kind, rows, gateway, t_ns in data:
-            rows["cell"] -= rows["cell"].dtype.type(self._wiring.first_cell[patch])
+            rows["cell"] -= rows["cell"].dtype.type(self.wiring.first_cell[patch])
             if kind == PacketKind.EVENT:
                 self._publishers[patch].publish_events(put, rows, gateway, t_ns)
             else:
                 streams[patch] = rows
         for patch, publisher in enumerate(self._publishers):
-            if self._network.membership.topology_version(patch) != publisher.topology_version:
+            if self.network.membership.topology_version(patch) != publisher.topology_version:
                 self._new_topologies.append(
-                    publisher.publish_topology(put, self._network.membership.topology_message(patch, end_ns))
+                    publisher.publish_topology(put, self.network.membership.topology_message(patch, end_ns))
                 )
             publisher.end_period(put, start_ns, end_ns, streams.get(patch))
 
     def _counters_message(self, t_ns: int) -> Counters:
         """Return the counters of the network and of this process up to `t_ns`."""
-        packets = self._network.counters()
+        packets = self.network.counters()
         counts = {f"{kind}.{what}": n for kind, entry in packets.items() for what, n in entry.items()}
         return Counters(process=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
@@ -259,7 +259,7 @@ class CellProcess(WiredProcess):
 
     def telemetry(self) -> list[tuple[str, bytes]]:
         """Return the link telemetry of all patches."""
-        network = self._network
+        network = self.network
         return self._link_telemetry.messages(
             network.kernel, network.formation_driver.powered, network.kernel.now_ns
         )
@@ -268,36 +268,36 @@ class CellProcess(WiredProcess):
         """Return the counters of the network, its recoveries and the latency histogram."""
         facts = {
             "logs": {publisher.patch: publisher.log_sha256 for publisher in self._publishers},
-            "network": self._network.counters(),
-            "formation_packets": self._network.formation_driver.sent,
-            "formation_retransmitted": self._network.formation_driver.retransmitted,
-            "formation_dropped": self._network.formation_driver.dropped_packets,
-            "tree_depth": self._network.membership.tree_depth(),
-            "formed_ns": self._network.membership.formed_ns_by_patch(),
+            "network": self.network.counters(),
+            "formation_packets": self.network.formation_driver.sent,
+            "formation_retransmitted": self.network.formation_driver.retransmitted,
+            "formation_dropped": self.network.formation_driver.dropped_packets,
+            "tree_depth": self.network.membership.tree_depth(),
+            "formed_ns": self.network.membership.formed_ns_by_patch(),
             "unreachable_cells": sum(
-                self._network.membership.n_unreachable(patch) for patch in range(len(self._patches))
+                self.network.membership.n_unreachable(patch) for patch in range(len(self._patches))
             ),
             "unreachable_patches": [
-                name for i, name in enumerate(self._patch_index) if self._network.membership.is_unreachable(i)
+                name for i, name in enumerate(self._patch_index) if self.network.membership.is_unreachable(i)
             ],
-            "unpowered_cells": int((~self._network.formation_driver.powered).sum()),
+            "unpowered_cells": int((~self.network.formation_driver.powered).sum()),
             "recoveries": self._recovery_facts(),
-            "latency_max_ns": self._network.demultiplexer.latency_max_ns,
+            "latency_max_ns": self.network.demultiplexer.latency_max_ns,
         }
         return ProcessResult(
-            self.name, self.role, facts, {"latency_us": self._network.demultiplexer.latency_us}
+            self.name, self.role, facts, {"latency_us": self.network.demultiplexer.latency_us}
         )
 
     def _recovery_facts(self) -> list[dict[str, Any]]:
-        first = self._wiring.first_patch
+        first = self.wiring.first_patch
         return [
             asdict(recovery)
             | {
                 "patches": [
-                    p.name for p in self._wiring.patches[first[recovery.group] : first[recovery.group + 1]]
+                    p.name for p in self.wiring.patches[first[recovery.group] : first[recovery.group + 1]]
                 ]
             }
-            for recovery in self._network.recovery_log.recoveries
+            for recovery in self.network.recovery_log.recoveries
         ]
 
 

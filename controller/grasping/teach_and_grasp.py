@@ -27,7 +27,7 @@ from controller.touch.posture import PoseTarget
 from controller.touch.tactile_state import TactileState
 from skinnet.deployment.controller.controller import ControllerSpec
 
-__all__ = ["TeachAndGrasp", "TransitionRecord", "request_arguments"]
+__all__ = ["TeachAndGrasp", "TransitionRecord", "parse_request", "request_arguments"]
 
 _ACCELERATION = slice(4, 7)
 _POSE_NAME = re.compile(r"[A-Za-z0-9_\-]{1,64}")
@@ -154,7 +154,7 @@ class TeachAndGrasp:
 
     def handle_request(self, t_ns: int, name: str, argument: str) -> Reply:
         """Handle a request, or refuse it and change nothing."""
-        event, why = self._parse_request(name, argument)
+        event, why = parse_request(name, argument)
         if event is not None and not why:
             why = self._guard(event, argument)
         if event is None or why:
@@ -193,23 +193,6 @@ class TeachAndGrasp:
 
     def finish(self, t_ns: int) -> None:
         """Store nothing: the memory is written at each transition."""
-
-    def _parse_request(self, name: str, argument: str) -> tuple[Event | None, str]:
-        """Return the event of a request, or the reason of a refusal."""
-        if name in _ENUMERATED_REQUESTS:
-            allowed = _ENUMERATED_REQUESTS[name]
-            if argument in allowed:
-                return allowed[argument], ""
-            return None, f"{name} {argument!r}: the argument is one of {', '.join(allowed)}"
-        if name not in _OTHER_REQUESTS:
-            known = ", ".join([*_ENUMERATED_REQUESTS, *_OTHER_REQUESTS])
-            return None, f"unknown request {name!r}; there are {known}"
-        if name in ("remember", "go"):
-            if not _POSE_NAME.fullmatch(argument):
-                return None, f"{name} {argument!r}: name a pose, of letters, digits, _ and -"
-        elif argument:
-            return None, f"{name} takes no argument"
-        return _OTHER_REQUESTS[name], ""
 
     def _guard(self, event: Event, argument: str) -> str:
         """Return the reason why an event is not possible now; empty if it is."""
@@ -281,3 +264,21 @@ class TeachAndGrasp:
         areas = {Area(name): cells for name, cells in self._self_model.areas.items()}
         activity = self._self_model.activity(self._n_cells, self._n_dofs)
         return TouchEventDetector(self._spec, areas, activity, self._tactile_state, t_ns)
+
+
+def parse_request(name: str, argument: str) -> tuple[Event | None, str]:
+    """Return the event of a request, or None and the reason of a refusal."""
+    if name in _ENUMERATED_REQUESTS:
+        allowed = _ENUMERATED_REQUESTS[name]
+        if argument in allowed:
+            return allowed[argument], ""
+        return None, f"{name} {argument!r}: the argument is one of {', '.join(allowed)}"
+    if name not in _OTHER_REQUESTS:
+        known = ", ".join([*_ENUMERATED_REQUESTS, *_OTHER_REQUESTS])
+        return None, f"unknown request {name!r}; there are {known}"
+    if name in ("remember", "go"):
+        if not _POSE_NAME.fullmatch(argument):
+            return None, f"{name} {argument!r}: name a pose, of letters, digits, _ and -"
+    elif argument:
+        return None, f"{name} takes no argument"
+    return _OTHER_REQUESTS[name], ""

@@ -111,6 +111,11 @@ class Recording:
         self.end_ns = max((place.last_ns for place in self._chunks), default=0)
 
     @property
+    def chunk_offsets(self) -> tuple[int, ...]:
+        """Offsets of the chunks in the file [bytes]."""
+        return tuple(place.offset for place in self._chunks)
+
+    @property
     def robot(self) -> str:
         """Robot's name."""
         return self.metadata["robot"]

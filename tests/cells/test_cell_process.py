@@ -195,8 +195,8 @@ def test_strangers_configure_without_confusing_the_account() -> None:
 
 def test_the_host_waits_for_configurations_that_were_announced() -> None:
     host = Host(small(cell_processes=1))
-    host._announced = 1
-    host._feel(host.period_ns)
+    host.n_announced = 1
+    host.feel(host.period_ns)
     assert not host.ready
     host.node.accept("config", ("arm", "0"), encode(Config(patch="arm", cell=0, stream=True)))
     assert not host.ready  # a stranger's is not the one
@@ -241,11 +241,11 @@ def test_what_makes_no_sense_changes_nothing(
 def test_a_host_ends_where_the_body_says() -> None:
     deployment = small(cell_processes=1, run={"max_s": 1.0})
     host = Host(deployment).run(3)
-    host._feel(16 * MS, end_ns=20 * MS)
-    host.node.step(host._put)
+    host.feel(16 * MS, end_ns=20 * MS)
+    host.node.step(host.put)
     assert host.node.needs() == {"body": 20 * MS}
-    host._feel(20 * MS, end_ns=20 * MS)
-    host.node.step(host._put)
+    host.feel(20 * MS, end_ns=20 * MS)
+    host.node.step(host.put)
     assert host.node.needs() is None
     whole = Host(deployment).run(250)
     assert whole.node.needs() is None

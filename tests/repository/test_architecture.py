@@ -126,3 +126,37 @@ def test_the_processes_of_a_run_can_be_started_by_name() -> None:
     for spec in process_list(small()):
         assert importlib.util.find_spec(f"{spec.module}.__main__") is not None
         assert callable(importlib.import_module(f"{spec.module}.process").build)
+
+
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+
+
+def test_tests_mirror_the_packages() -> None:
+    """A folder of tests is a folder of a package, but for those of the repository and of shared helpers."""
+    folders = {file.parent.relative_to(ROOT / "tests") for file in TESTS if file.name.startswith("test_")}
+    strangers = {
+        str(f) for f in folders if str(f) != "repository" and not (ROOT / f / "__init__.py").exists()
+    }
+    assert not strangers
+
+
+@pytest.mark.parametrize("file", TESTS, ids=lambda file: file.stem)
+def test_tests_use_public_names(file: Path) -> None:
+    """Attributes that begin with an underscore belong to their class: a test may touch its own only."""
+    public_by_contract = {"_replace", "_asdict", "_fields", "_make"}
+    touched = {
+        f"{file.name}:{node.lineno}: {node.attr}"
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute)
+        and node.attr.startswith("_")
+        and not node.attr.startswith("__")
+        and node.attr not in public_by_contract
+        and not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"))
+    }
+    assert not touched
+    modules = {
+        str(node.module).split(".")[0]
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+    }
+    assert not {name for name in modules if name.startswith("test_")}, "helpers lie in tests/support"

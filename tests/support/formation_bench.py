@@ -54,7 +54,7 @@ class Bench:
         self._busy_ns: dict[End, int] = {}
         self._life: dict[int, int] = {}
         self._broken_ns: dict[End, int] = {}
-        self._heap: list[tuple[int, int, int, int, FormationPacket | bool | None, int]] = []
+        self.heap: list[tuple[int, int, int, int, FormationPacket | bool | None, int]] = []
         self._serial = itertools.count()
         self._deadline: dict[int, int | None] = {}
 
@@ -65,14 +65,14 @@ class Bench:
         for end in self.far:
             if self._has_signal(end):
                 self._hear(self.far[end], True)
-        self._emit(GATEWAY, self.gateway.start(self.t_ns), self.t_ns)
+        self.emit(GATEWAY, self.gateway.start(self.t_ns), self.t_ns)
         return self
 
     def run(self, for_ns: int = 3_000_000_000) -> "Bench":
         """Until silence, or so long."""
         until_ns = self.t_ns + for_ns
-        while self._heap and self._heap[0][0] <= until_ns:
-            self.t_ns, node, port, _, what, sent_ns = heapq.heappop(self._heap)
+        while self.heap and self.heap[0][0] <= until_ns:
+            self.t_ns, node, port, _, what, sent_ns = heapq.heappop(self.heap)
             if node in self.off:
                 continue
             agent = self.agent(node)
@@ -87,7 +87,7 @@ class Bench:
                 sends = agent.handle(what, port, self.t_ns)
             if self.gateway.phase is FormationPhase.COMPLETE and not was_complete:
                 self.complete_ns = self.t_ns
-            self._emit(node, sends, self.t_ns + REACTION_NS)
+            self.emit(node, sends, self.t_ns + REACTION_NS)
         return self
 
     def formed(self) -> "Bench":
@@ -120,12 +120,12 @@ class Bench:
     def _hear(self, end: End, present: bool) -> None:
         node, port = end
         if node not in self.off:
-            self._emit(node, self.agent(node).set_carrier(port, present, self.t_ns), self.t_ns + REACTION_NS)
+            self.emit(node, self.agent(node).set_carrier(port, present, self.t_ns), self.t_ns + REACTION_NS)
 
     def _push(self, t_ns: int, node: int, port: int, what: FormationPacket | bool | None) -> None:
-        heapq.heappush(self._heap, (t_ns, node, port, next(self._serial), what, self.t_ns))
+        heapq.heappush(self.heap, (t_ns, node, port, next(self._serial), what, self.t_ns))
 
-    def _emit(self, node: int, sends: list[tuple[int, FormationPacket]], t_ns: int) -> None:
+    def emit(self, node: int, sends: list[tuple[int, FormationPacket]], t_ns: int) -> None:
         for port, packet in sends:
             end = (node, port)
             if end not in self.far:

@@ -39,11 +39,11 @@ class Host:
         self.patches.sort(key=lambda p: deployment.patches_by_process()[name].index(p.name))
         self.sent: list[tuple[str, bytes]] = []
         self.t_ns = 0
-        self._announced = 0
-        self._feel(0)
-        self.node.start(self._put)
+        self.n_announced = 0
+        self.feel(0)
+        self.node.start(self.put)
 
-    def _put(self, key: str, payload: bytes) -> None:
+    def put(self, key: str, payload: bytes) -> None:
         self.sent.append((key, payload))
 
     def _felt(self, name: str, n: int, t_ns: int) -> Floats:
@@ -56,30 +56,30 @@ class Host:
             felt[:, 4:7] += random.normal(0.0, 1.0, (n, 3))
         return felt
 
-    def _feel(self, t_ns: int, end_ns: int | None = None) -> None:
+    def feel(self, t_ns: int, end_ns: int | None = None) -> None:
         values = np.vstack([self._felt(p.name, p.n_cells, t_ns) for p in self.patches])
         frame = Stimulus(
             process=self.node.name,
             t_ns=t_ns,
             watermark_ns=t_ns,
             values=pack(values, "<f4"),
-            n_configs=self._announced,
+            n_configs=self.n_announced,
             end_ns=end_ns,
         )
-        self._announced = 0
+        self.n_announced = 0
         self.node.accept("stimulus", (self.node.name,), encode(frame))
 
     def send_config(self, config: Config) -> None:
         """A configuration by the controller, or by a stranger if it has no time."""
         self.node.accept("config", (config.patch, str(config.cell)), encode(config))
-        self._announced += bool(config.t_ns)
+        self.n_announced += bool(config.t_ns)
 
     def run(self, n_periods: int) -> "Host":
         for _ in range(n_periods):
             self.t_ns += self.period_ns
-            self._feel(self.t_ns)
+            self.feel(self.t_ns)
             assert self.ready
-            self.node.step(self._put)
+            self.node.step(self.put)
         return self
 
     @property

@@ -108,14 +108,14 @@ class Stand:
         if self.phase in (StandPhase.RISING, StandPhase.PRESENTED):
             self._due_ns = t_ns + spec.lower_delay_ns if name == spec.lower_stage else None
         elif self.phase in (StandPhase.LOWERING, StandPhase.LOWERED) and name != spec.lower_stage:
-            self._transition(StandEvent.RETURN, t_ns)
+            self.apply(StandEvent.RETURN, t_ns)
 
     def step(self, t_ns: int, step_s: float) -> None:
         """Step the stand to `t_ns` [ns], `step_s` [s] after the last call: set its state, apply its force."""
         self._qpos[self._address] = self._trajectory.height_m
         self._qvel[self._dof] = speed_m_s = self._trajectory.speed_m_s
         if self._arrives_next_step:
-            self._transition(StandEvent.ARRIVED, t_ns)
+            self.apply(StandEvent.ARRIVED, t_ns)
         if self._due_ns is not None and t_ns >= self._due_ns:
             self._on_timer(t_ns)
         self._arrives_next_step = self._trajectory.step(step_s)
@@ -124,14 +124,18 @@ class Stand:
     def _on_timer(self, t_ns: int) -> None:
         match self.phase:
             case StandPhase.WAITING:
-                self._transition(StandEvent.PRESENT, t_ns)
+                self.apply(StandEvent.PRESENT, t_ns)
             case StandPhase.PRESENTED:
-                self._transition(StandEvent.LOWER, t_ns)
+                self.apply(StandEvent.LOWER, t_ns)
             case StandPhase.LOWERED:
-                self._transition(StandEvent.RETURN, t_ns)
+                self.apply(StandEvent.RETURN, t_ns)
 
-    def _transition(self, event: StandEvent, t_ns: int) -> None:
-        """Apply the transition of `event` at `t_ns` [ns]; a `KeyError` is a bug of ours."""
+    def apply(self, event: StandEvent, t_ns: int) -> None:
+        """Apply the transition of `event` at `t_ns` [ns].
+
+        Raises:
+            KeyError: the table has no transition for `event` in the present phase; a bug of ours.
+        """
         waits_for_hold = self.phase is StandPhase.RISING
         self.phase = TRANSITIONS[self.phase, event]
         self.history.append((t_ns, self.phase))

@@ -119,7 +119,7 @@ class Teacher:
             PositionGoals(model, data, lesson.goals, f"teacher.lessons[{i}]", source)
             for i, lesson in enumerate(spec.lessons)
         ]
-        self._sweeps = [
+        self.sweeps = [
             [
                 SweepPath(spots)
                 for name in stroke.cells
@@ -183,7 +183,7 @@ class Teacher:
         return Lesson(lesson, self._lesson_targets[index])
 
     def _stroke(self, index: int, t_ns: int) -> FingerTask:
-        spec, sweeps = self._spec.strokes[index], self._sweeps[index]
+        spec, sweeps = self._spec.strokes[index], self.sweeps[index]
         asked = [spot.row for sweep in sweeps for spot in sweep.targets]
         truth = StrokeGroundTruth(stroke=index, stage=spec.stage, begin_ns=t_ns, requested_cells=asked)
         self.outcome.strokes.append(truth)

@@ -123,7 +123,7 @@ def test_an_id_of_an_earlier_formation_is_void() -> None:
     assert check_first(bench.formed()).network_id == [1, 2, 3, 4]
     bench.change(dead={(0, 0), (1, 2)})
     bench.run()
-    bench._emit(GATEWAY, bench.gateway.start(bench.t_ns), bench.t_ns)
+    bench.emit(GATEWAY, bench.gateway.start(bench.t_ns), bench.t_ns)
     assert check(bench.run()).network_id == [1, 0, 2, 3]
     bench.change()
     assert check(bench.run()).network_id == [1, 4, 2, 3]
@@ -140,8 +140,8 @@ def test_what_is_known_has_a_version_of_its_own(
     known: dict[int, object] = {}
     for _, dead, off in [*changes, (0, set(), set())]:
         until_ns = bench.t_ns + 100_000_000
-        while bench._heap and bench._heap[0][0] < until_ns:
-            bench.run(max(bench._heap[0][0] - bench.t_ns, 300_000))
+        while bench.heap and bench.heap[0][0] < until_ns:
+            bench.run(max(bench.heap[0][0] - bench.t_ns, 300_000))
             if bench.gateway.phase in (FormationPhase.COMPLETE, FormationPhase.FAILED):
                 now = bench.topology()
                 told = (now.network_id, now.parent, now.depth, now.gateway, now.neighbours)
@@ -304,7 +304,7 @@ def test_no_packet_brings_an_agent_down(strangers: list[tuple[int, int, Formatio
     for node, port, packet in strangers:
         ports = sorted(p for n, p in bench.far if n == node)
         agent = bench.agent(node)
-        bench._emit(node, agent.handle(packet, ports[port % len(ports)], bench.t_ns), bench.t_ns)
+        bench.emit(node, agent.handle(packet, ports[port % len(ports)], bench.t_ns), bench.t_ns)
     bench.run()
 
 

@@ -51,7 +51,7 @@ class Line:
         self._carries = [True, True]
         self._hears = [False, False]
         self._power = [True, True]
-        self._lives = [0, 0]
+        self.lives = [0, 0]
         self._free_ns, self._arrived_ns, self._broken_ns = [0, 0], [0, 0], [-1, -1]
         self._heap: list[tuple[int, int, int, FormationPacket | bool | None, str]] = []
         self._serial, self._numbers = itertools.count(), itertools.count()
@@ -71,16 +71,16 @@ class Line:
                 self.ends[end].send(
                     LINK, FormationPacket(FormationPacketKind.CELL_REPORT, value=number), self.t_ns
                 )
-                self._after(end)
+                self.after(end)
 
     def set(self, carries: tuple[bool, bool], power: tuple[bool, bool] = (True, True)) -> None:
         """From now on these directions are whole, and these ends have power; one that gets it begins anew."""
         before = [self._has_signal(d) for d in (0, 1)]
         for end in (0, 1):
             if power[end] and not self._power[end]:
-                self._lives[end] += 1
+                self.lives[end] += 1
                 self._hears[end] = False
-                self.ends[end] = LinkLayer(1, RESEND_NS, self._lives[end])
+                self.ends[end] = LinkLayer(1, RESEND_NS, self.lives[end])
         self._carries, self._power = list(carries), list(power)
         for d in (0, 1):
             if before[d] and not self._has_signal(d):
@@ -111,14 +111,14 @@ class Line:
                 new = node.receive(LINK, what, self.t_ns)
                 if new is not None:
                     self.sessions[end][-1].received.append(new.value)
-            self._after(end)
+            self.after(end)
         self.t_ns = until_ns
         return self
 
     def _has_signal(self, direction: int) -> bool:
         return self._carries[direction] and all(self._power)
 
-    def _after(self, end: int) -> None:
+    def after(self, end: int) -> None:
         node = self.ends[end]
         assert self._hears[end] or not node.is_up(LINK)
         for _, is_up in node.link_changes:
@@ -316,7 +316,7 @@ def test_a_node_that_is_switched_on_again_has_a_new_session_and_gets_nothing_of_
         line = Line().run()
         line.send(1, 3)
         line.run(SERIAL_NS)  # on their way
-        line._lives[0] = life - 1
+        line.lives[0] = life - 1
         line.set((True, True), (False, True))
         line.set((True, True))
         line.run()
@@ -355,7 +355,7 @@ def test_a_node_that_begins_anew_unnoticed_makes_the_other_end_begin_anew() -> N
     line.run()
     line.ends[0] = LinkLayer(1, RESEND_NS, boot_count=1)
     line.ends[0].set_carrier(LINK, True, line.t_ns)
-    line._after(0)  # its power never went, and it hears the line at once
+    line.after(0)  # its power never went, and it hears the line at once
     line.run()
     for end in (0, 1):
         line.send(end, 2)

@@ -394,7 +394,7 @@ def test_an_old_recording_is_shown(name: str) -> None:
 def test_a_recording_that_was_cut_stays_cut_and_readable(tmp_path: Path) -> None:
     content = (OLD / "recordings" / "two_link_arm.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
-    end = Recording(OLD / "recordings" / "two_link_arm.mcap")._chunks[-1].offset
+    end = Recording(OLD / "recordings" / "two_link_arm.mcap").chunk_offsets[-1]
     cut.write_bytes(content[: end + 1000])
     before = list(Recording(cut).messages())
     assert migrate(cut)[0] == 0
@@ -407,7 +407,7 @@ def test_a_recording_that_was_cut_stays_cut_and_readable(tmp_path: Path) -> None
 def test_a_damaged_recording_stays_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     content = bytearray((OLD / "recordings" / "two_link_arm.mcap").read_bytes())
-    content[Recording(OLD / "recordings" / "two_link_arm.mcap")._chunks[0].offset + 200] ^= 0xFF
+    content[Recording(OLD / "recordings" / "two_link_arm.mcap").chunk_offsets[0] + 200] ^= 0xFF
     path.write_bytes(content)
     code, out, errors = migrate(path)
     assert (code, out, len(errors)) == (2, [], 1)

@@ -245,7 +245,7 @@ def test_what_is_no_recording_is_refused_in_one_line(recording: Path, tmp_path: 
     text.write_text("nothing of the kind")
     damaged = tmp_path / "damaged.mcap"
     content = bytearray(recording.read_bytes())
-    begin = Recording(recording)._chunks[0].offset
+    begin = Recording(recording).chunk_offsets[0]
     content[begin + 200] ^= 0xFF
     damaged.write_bytes(content)
     cut = tmp_path / "cut.mcap"

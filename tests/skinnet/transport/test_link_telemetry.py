@@ -67,7 +67,7 @@ def test_links_are_told_by_patch_cell_and_port() -> None:
 
 def test_what_links_carried_is_what_the_network_counted() -> None:
     host = Host(BRIDGED).run(40)
-    counters = host.node._network.kernel.link_counters
+    counters = host.node.network.kernel.link_counters
     told = reports(host)
     rows = np.concatenate([rows for rows, _, _ in told.values()])
     for name, column in counters._asdict().items():
@@ -89,8 +89,8 @@ def test_reports_change_no_log() -> None:
 
 def test_a_report_needs_no_patch_of_its_own_wiring() -> None:
     host = Host(small(patch("arm", 1, 1)))
-    report = LinkTelemetry(host.node._wiring, KEYS)
-    (entry,) = report.messages(host.node._network.kernel, np.ones(1, dtype=bool), 0)
+    report = LinkTelemetry(host.node.wiring, KEYS)
+    (entry,) = report.messages(host.node.network.kernel, np.ones(1, dtype=bool), 0)
     assert entry[0] == KEYS.of("links", "arm")
     assert len(unpack(decode(entry[1], LinkLoad).rows, LINK_ROW)) == 2
 
@@ -132,13 +132,12 @@ def test_a_machine_has_every_move_of_the_table_and_leads_through_the_program() -
 
 
 def test_requests_are_those_that_a_session_understands() -> None:
-    from controller.grasping.teach_and_grasp import TeachAndGrasp
+    from controller.grasping.teach_and_grasp import parse_request
 
     requests = request_arguments(("home",))
-    understand = TeachAndGrasp._parse_request
     for what, arguments in requests.items():
         for argument in arguments or ["a_name"]:
-            event, why = understand(None, what, argument)  # type: ignore[arg-type]
+            event, why = parse_request(what, argument)
             assert event is not None, why
             assert why == ""
     assert set(requests) == {"guide", "attend", "remember", "go", "grasp", "release", "cancel", "end"}

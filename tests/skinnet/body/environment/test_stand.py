@@ -70,7 +70,7 @@ def test_the_table_is_all_that_it_does(tmp_path):
         if (phase, event) not in TRANSITIONS:
             body.stand.phase = phase
             with pytest.raises(KeyError):
-                body.stand._transition(event, 0)
+                body.stand.apply(event, 0)
             assert body.stand.phase is phase
     reached = {StandPhase.WAITING} | set(TRANSITIONS.values())
     assert reached == set(StandPhase)

@@ -99,7 +99,7 @@ def test_a_stroke_ends_with_its_stage(tmp_path):
 
 def test_the_way_goes_from_a_corner_to_neighbours_and_lifts_over_gaps(tmp_path):
     body = brushed(tmp_path, {"cells": ("top", "top/0-1", "under")})
-    spots = [sweep.targets for sweep in body.teacher._sweeps[0]]
+    spots = [sweep.targets for sweep in body.teacher.sweeps[0]]
     pitch_m = math.sqrt(3) * SIDE_M
     for sweep in spots:
         steps_m = [np.linalg.norm(b.point_m - a.point_m) for a, b in itertools.pairwise(sweep)]
@@ -111,7 +111,7 @@ def test_the_way_goes_from_a_corner_to_neighbours_and_lifts_over_gaps(tmp_path):
 
 def test_between_two_cells_of_a_round_patch_the_way_follows_the_curve(tmp_path):
     body = brushed(tmp_path, {"cells": ("top/0-3",)}, radius_m=0.045)
-    (sweep,) = body.teacher._sweeps[0]
+    (sweep,) = body.teacher.sweeps[0]
     axis_m = np.array([0.0, 0.005])
     for way_m in np.linspace(0.0, sweep.length_m, 50):
         spot = sweep.target_at(way_m)
