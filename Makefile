@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run memory test values check pictures clean help
+.PHONY: run memory test long values check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -30,6 +30,9 @@ check: $(STAMP) ## style, types and import contracts
 
 test: check ## everything that must hold
 	$(BIN)/pytest -n auto
+
+long: $(STAMP) ## the tests that take too long for `test`: whole grasps, teaching, more seeds
+	$(BIN)/pytest -n auto -m long
 
 values: $(STAMP) ## runs every shipped deployment and compares values and metrics with the frozen ones
 	$(BIN)/python tests/support/frozen_values.py

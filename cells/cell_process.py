@@ -151,10 +151,14 @@ class CellProcess(WiredProcess):
     def _accept_config(self, fields: tuple[str, ...], config: Config) -> None:
         patch = self._patch_index.get(config.patch)
         if patch is None or fields != (config.patch, str(config.cell)):
-            raise ProtocolError(f"config of {config.patch}/{config.cell} under the key of {'/'.join(fields)}")
+            raise ProtocolError(
+                f"config for {config.patch}/{config.cell} published on the key of {'/'.join(fields)}"
+            )
         if not 0 <= config.cell < self._patches[patch].n_cells:
             n_cells = self._patches[patch].n_cells
-            raise ProtocolError(f"config of cell {config.cell}: {config.patch} has cells 0 to {n_cells - 1}")
+            raise ProtocolError(
+                f"config for cell {config.cell}: patch {config.patch} has cells 0 to {n_cells - 1}"
+            )
         cell = int(self.wiring.first_cell[patch]) + config.cell
         if config.t_ns:
             self._body.count_arrivals()
@@ -229,7 +233,12 @@ class CellProcess(WiredProcess):
         except ProtocolError as error:
             self.counters["rejected_configs"] += 1
             if self.counters["rejected_configs"] == 1:
-                log.warning("%s/%d refused a configuration: %s", config.patch, config.cell, error)
+                log.warning(
+                    "%s/%d rejected an invalid configuration (later ones are only counted): %s",
+                    config.patch,
+                    config.cell,
+                    error,
+                )
 
     def _publish(self, put: Put, data: list[DeliveredPackets], start_ns: int, end_ns: int) -> None:
         streams: dict[int, NDArray[Any]] = {}

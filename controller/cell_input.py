@@ -93,10 +93,10 @@ class CellInput:
         n = len(cell)
         for column in (*columns, *more, events.value):
             if len(column) != n:
-                raise ProtocolError(f"events of {patch} with columns of unequal length")
+                raise ProtocolError(f"events of patch {patch}: columns differ in length")
         for kind, number in zip(modality, channel, strict=True):
             if not (0 <= kind < len(_CHANNEL_COUNTS) and 0 <= number < _CHANNEL_COUNTS[kind]):
-                raise ProtocolError(f"events of {patch} of a modality or a channel that no cell has")
+                raise ProtocolError(f"events of patch {patch}: unknown modality or channel")
         self._check(patch, events.patch, cell)
         integers = [self._patch_index[patch], events.gateway, n]
         for column in (*columns, *more):
@@ -104,7 +104,7 @@ class CellInput:
         try:
             self._integers.extend(array("q", integers))
         except OverflowError as error:
-            raise ProtocolError(f"events of {patch} with a number beyond 64 bits") from error
+            raise ProtocolError(f"events of patch {patch}: an integer exceeds 64 bits") from error
         self._values.extend(events.value)
         return n
 
@@ -116,7 +116,10 @@ class CellInput:
         """
         n, rest = divmod(len(stream.rows), STREAM_ROW.itemsize)
         if rest:
-            raise ProtocolError(f"{len(stream.rows)} bytes are no rows of {STREAM_ROW.itemsize}")
+            raise ProtocolError(
+                f"stream of patch {patch}: {len(stream.rows)} bytes are not a multiple of the row size "
+                f"{STREAM_ROW.itemsize}"
+            )
         cell = np.frombuffer(stream.rows, dtype="<u2")[_UINT16_OFFSET_OF_CELL::_UINT16_PER_ROW]
         self._check(patch, stream.patch, (np.maximum.reduce(cell),) if n else ())
         self._streams.append(stream.rows)

@@ -128,9 +128,9 @@ class Controller:
                 return reply._replace(state=self.state)
             why = f"stage {self._stage_name!r} takes no requests"
         elif self.done:
-            why = "the program is over"
+            why = "the program is complete"
         else:
-            why = "the program has not begun: the network of the skin is forming"
+            why = "the program has not started: the network of the skin is still forming"
         return Reply(False, self.state, why)
 
     def tick(

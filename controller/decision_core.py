@@ -66,7 +66,7 @@ class DecisionCore(Protocol):
 
     @property
     def done(self) -> bool:
-        """True once the program is over and the run may end."""
+        """True once the program is complete and the run may end."""
 
     @property
     def capabilities_key(self) -> Hashable:

@@ -35,9 +35,9 @@ class JointInput:
         joints = decode(payload, Joints)
         position = np.array(joints.position_rad, dtype=np.float64)
         if len(position) != self._n_dofs:
-            raise ProtocolError(f"positions of {len(position)} joints; this run has {self._n_dofs}")
+            raise ProtocolError(f"joint feedback has {len(position)} positions; expected {self._n_dofs}")
         if not np.isfinite(position).all():
-            raise ProtocolError("joint positions that are not finite")
+            raise ProtocolError("joint positions are not finite")
         self._position_rad[joints.t_ns] = position
         return joints.watermark_ns
 
@@ -73,9 +73,11 @@ class ExternalVelocityInput:
             )
         wanted = np.array(decode(payload, ExternalVelocity).velocity_rad_s, dtype=np.float64)
         if len(wanted) != self._n_dofs:
-            raise ProtocolError(f"velocities of {len(wanted)} joints; this run has {self._n_dofs}")
+            raise ProtocolError(
+                f"external velocity has {len(wanted)} entries; expected one for each of {self._n_dofs} joints"
+            )
         if not np.isfinite(wanted).all():
-            raise ProtocolError("joint velocities that are not finite")
+            raise ProtocolError("external joint velocities are not finite")
         self._counters["external_velocities"] += 1
         self._velocity_rad_s, self._valid_until_ns = wanted, t_ns + _VALIDITY_NS
 

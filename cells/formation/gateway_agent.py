@@ -67,9 +67,7 @@ class GatewayAgent(FormationAgent):
             DeploymentError: `ports` is out of range.
         """
         if not 1 <= ports <= MAX_PORTS:
-            raise DeploymentError(
-                f"a gateway with {ports} ports: allowed are 1 to {MAX_PORTS}; split the patch"
-            )
+            raise DeploymentError(f"a gateway with {ports} ports: use 1 to {MAX_PORTS}, or split the patch")
         super().__init__(LinkLayer(ports, retransmission_timeout_ns), epoch=0)
         self.phase = FormationPhase.IDLE
         self.forest = RoutingForest()
@@ -215,7 +213,7 @@ class GatewayAgent(FormationAgent):
     def _end_exploration(self, t_ns: int) -> None:
         if self.n_reached > MAX_ID:
             raise DeploymentError(
-                f"{self.n_reached} cells behind one gateway: IDs of {ID_BITS} bits name {MAX_ID}; "
+                f"{self.n_reached} cells behind one gateway: network IDs of {ID_BITS} bits allow {MAX_ID}; "
                 "use more patches"
             )
         self.phase = FormationPhase.REPORTS

@@ -91,7 +91,10 @@ class FormationPacket(NamedTuple):
         """
         word = int.from_bytes(payload, "little")
         if len(payload) != 8 or word & 0xF > max(FormationPacketKind):
-            raise ProtocolError(f"no packet of network formation: {payload.hex()}")
+            raise ProtocolError(
+                f"not a formation packet: {payload.hex()}; needs 8 bytes and a kind of 0 to "
+                f"{max(FormationPacketKind)}"
+            )
         cell, value = word >> 16 & MAX_ID, word >> 34 & (2**28 - 1)
         return cls(
             FormationPacketKind(word & 0xF), word >> 4 & 0xFFF, cell, word >> 30 & 0xF, value, word >> 62

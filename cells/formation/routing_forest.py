@@ -95,7 +95,7 @@ class RoutingForest:
         """
         by_uid = {self.nodes[i].uid: i for i in self.joined}
         if len(by_uid) < len(self.joined):
-            raise ProtocolError(f"patch {patch}: hardware numbers of cells repeat")
+            raise ProtocolError(f"patch {patch}: duplicate hardware IDs of cells")
         ids = [by_uid.get(first_uid + cell, 0) for cell in range(n_cells)]
         absent = ForestNode(-1)
         rows = [self.nodes.get(i, absent) for i in ids]

@@ -73,4 +73,6 @@ def validated_deltas(deltas: dict[str, float]) -> dict[str, float]:
 def _check_names(setting: str, names: Iterable[str], allowed: tuple[str, ...]) -> None:
     for name in names:
         if name not in allowed:
-            raise ValueError(f"{setting}.{name}: no such modality; use one of {allowed}")
+            raise ValueError(
+                f"{setting}.{name}: unknown modality, or one without {setting}; use one of {allowed}"
+            )

@@ -140,7 +140,9 @@ class Encoder:
         """
         state = self._state
         if not 0 <= cell < len(state.encoding):
-            raise ProtocolError(f"config of cell {cell}: the patch has cells 0 to {len(state.encoding) - 1}")
+            raise ProtocolError(
+                f"config for cell {cell}: the process has cells 0 to {len(state.encoding) - 1}"
+            )
         if config.encoding is not None and config.encoding not in ENCODINGS:
             raise ProtocolError(
                 f"config of cell {cell}: encoding {config.encoding!r}; use one of {ENCODINGS}"

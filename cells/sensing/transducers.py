@@ -166,7 +166,7 @@ def _calibration(force_n: tuple[float, ...], reading: tuple[float, ...]) -> NDAr
     ):
         raise DeploymentError(
             f"cells.force.calibration_n = {table[0]}, calibration_reading = {table[1]}: needs two or more "
-            "points, forces that rise and readings that do not fall"
+            "points, strictly increasing forces and non-decreasing readings"
         )
     return np.array(table)
 
@@ -187,7 +187,10 @@ def channel_scales(spec: CellSpec) -> ChannelScales:
     )
     noise, lsb, low, high = np.repeat([c[:4] for c in channels], [c[4] for c in channels], axis=0).T
     if np.any(low >= high):
-        raise DeploymentError(f"cells: each sensor's range must rise; got {low.tolist()} to {high.tolist()}")
+        raise DeploymentError(
+            f"cells: the minimum of each sensor's range must be below its maximum; got {low.tolist()} to "
+            f"{high.tolist()}"
+        )
     # the tolerance keeps an end that is a whole number of steps; + 0.0 turns -0.0 into 0.0
     return ChannelScales(
         noise.copy(), lsb.copy(), np.ceil(low / lsb - 1e-9) + 0.0, np.floor(high / lsb + 1e-9)

@@ -80,7 +80,10 @@ class BoardProcess(WiredProcess):
         pressures = decode(payload, Pressures)
         values = unpack(pressures.values, "<f4")
         if len(values) != self._n_elements:
-            raise ProtocolError(f"pressures of {len(values)} elements; there are {self._n_elements}")
+            raise ProtocolError(
+                f"pressures of {len(values)} elements; the sheets have {self._n_elements}: body and boards "
+                "run different deployments"
+            )
         self._pressures[pressures.t_ns] = values
         self._body.end_period(pressures.watermark_ns)
         if pressures.end_ns is not None:

@@ -122,7 +122,7 @@ class Boards:
         """
         if not 0 <= board < len(self._n_elements) or pattern_every < 0:
             raise ValueError(
-                f"pattern of board {board} every {pattern_every} frames: there are boards 0 to "
+                f"pattern_every = {pattern_every} for board {board}: there are boards 0 to "
                 f"{len(self._n_elements) - 1}, and frames count from 0"
             )
         number = self._register(MessageKind.REQUEST, 0, np.array([board]), np.array([t_ns]))

@@ -75,7 +75,7 @@ class LongTermMemory:
     def store_structure(self) -> None:
         """Store the kinematic structure."""
         structure = self._self_model.structure
-        assert structure is not None, "there is no structure to remember"
+        assert structure is not None, "no kinematic structure to store"
         if self._store is not None:
             unmeasured = np.array(structure.unmeasured, dtype=np.int64)
             self._store.store_structure(structure.activity, unmeasured)

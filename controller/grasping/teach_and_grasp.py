@@ -201,12 +201,12 @@ class TeachAndGrasp:
             possible = ", ".join(
                 known.value for known in TRANSITIONS[self.state] if known not in SENSED_EVENTS
             )
-            return f"not while {self.state.value}; possible are {possible or 'no requests'}"
+            return f"not possible in state {self.state.value}; possible requests: {possible or 'none'}"
         match event:
             case Event.GUIDE_FORCE | Event.GUIDE_PROXIMITY if not len(self._self_model.sensory_motor_map):
                 return "no sensory-motor map yet; remember a pose first"
             case Event.GO if argument not in poses:
-                return f"unknown pose {argument!r}; there are {', '.join(poses) or 'none'}"
+                return f"unknown pose {argument!r}; known poses: {', '.join(poses) or 'none'}"
             case Event.GRASP | Event.PATTED:
                 missing = [name for name in _GRASP_POSES if name not in poses]
                 if missing:

@@ -73,7 +73,7 @@ class TouchEventDetector:
     def unmet_requirement(self) -> str:
         """Unmet requirement of a grasp; empty if all are met."""
         if len(self.arms) < 2:
-            return f"the contact area must be on two arms, it is on {len(self.arms)}"
+            return f"the contact area must cover two arms, but covers {len(self.arms)}"
         return "" if len(self._chest) else "the chest area has no cells"
 
     def detect(self, t_ns: int, tactile_state: TactileState) -> set[Event]:

@@ -100,7 +100,7 @@ class NursingCore:
             ProtocolError: another channel, incomplete records, or an unknown board.
         """
         if channel != "regions":
-            raise ProtocolError(f"the nursing program does not read {channel}")
+            raise ProtocolError(f"the nursing controller does not subscribe to {channel}")
         regions = decode(payload, Regions)
         self._board_input.add(regions)
         upstream.end_period(regions.watermark_ns)
@@ -117,7 +117,7 @@ class NursingCore:
 
     def handle_request(self, t_ns: int, name: str, argument: str) -> Reply:
         """Refuse any request."""
-        return Reply(False, self.state, "the nursing program takes no requests")
+        return Reply(False, self.state, "the nursing controller accepts no requests")
 
     def tick(
         self,
@@ -172,7 +172,7 @@ def build_nursing_core(deployment: Deployment, spec: NursingSpec, base: Path) ->
     except ValueError as error:
         raise DeploymentError(f"nursing: {error}") from error
     if strangers := [joint for joint in spec.joints if joint not in joints]:
-        raise DeploymentError(f"nursing.joints: {strangers[0]!r} is not among body.joints")
+        raise DeploymentError(f"nursing.joints: {strangers[0]!r} is not in body.joints")
     return NursingCore(
         program,
         BoardInput(sheets, merge_distance_m=spec.association_distance_m),

@@ -60,7 +60,7 @@ class NursingProgram:
             raise ValueError(f"the model moves {kinematics.joints}, the program {spec.joints}")
         known = {*sheets, *(sheet.body for sheet in sheets.values())}
         if strangers := sorted(set(spec.weights) - known):
-            raise ValueError(f"weights.{strangers[0]}: no such sheet or body; there are {sorted(known)}")
+            raise ValueError(f"weights.{strangers[0]}: unknown sheet or body; allowed are {sorted(known)}")
         self._spec, self._kinematics, self._sheets = spec, kinematics, sheets
         self._period_s = period_ns * 1e-9
         self._object_trajectory = ObjectTrajectory(
@@ -141,7 +141,7 @@ class NursingProgram:
         )
         if not regions:
             self._transition(
-                Event.NO_CONTACT, f"nothing presses with {self._spec.contact_threshold_n:g} N or more"
+                Event.NO_CONTACT, f"no region has a force of {self._spec.contact_threshold_n:g} N or more"
             )
             return
         for region in regions:

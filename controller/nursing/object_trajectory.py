@@ -40,7 +40,9 @@ class ObjectTrajectory:
         """
         times = [0, *(point.t_ns for point in waypoints)]
         if not waypoints or any(b <= a for a, b in itertools.pairwise(times)):
-            raise ValueError(f"waypoints at {times[1:]} ns: at least one, times increasing from above zero")
+            raise ValueError(
+                f"waypoints at {times[1:]} ns: give at least one, with times increasing from above zero"
+            )
         self._t_ns = times
         self._position_m = np.array([(0.0, 0.0, 0.0), *(point.displacement_m for point in waypoints)])
         rotation_rad = np.array([(0.0, 0.0, 0.0), *(point.rotation_rad for point in waypoints)])

@@ -74,7 +74,7 @@ def next_state(state: State, event: Event) -> State:
         ValueError: `event` is not allowed in `state`, which is a bug of the caller.
     """
     if (state, event) not in TRANSITIONS:
-        raise ValueError(f'"{event.value}" cannot happen in {state.name}')
+        raise ValueError(f'"{event.value}" is not allowed in state {state.name}')
     return TRANSITIONS[state, event]
 
 

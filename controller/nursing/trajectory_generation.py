@@ -144,7 +144,9 @@ class TrajectoryGenerator:
         due = Weights(np.ones(len(points)), np.ones(len(points)), np.ones(len(kinematics)))
         for name, given, shape in zip(Weights._fields, weights, due, strict=True):
             if given.shape != shape.shape or not ((given > 0.0) & np.isfinite(given)).all():
-                raise ValueError(f"{name} weights {given.tolist()}: {len(shape)} numbers above zero are due")
+                raise ValueError(
+                    f"{name} weights {given.tolist()}: {len(shape)} finite numbers above zero are expected"
+                )
         self._kinematics, self._points, self._weights = kinematics, tuple(points), weights
         self._limits, self._period_s, self._solver = limits, period_s, solver
         self._last_step = np.zeros(len(q))

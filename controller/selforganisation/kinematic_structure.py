@@ -87,7 +87,10 @@ def find_structure(
         found.append(f"{format_numbers('cell', np.flatnonzero(unmeasured))} measured with too few samples")
     idle = np.flatnonzero(~part_dofs.any(axis=0))
     if len(idle):
-        found.append(f"{format_numbers('DoF', idle)} moves no cell: no skin beyond, or an axis along gravity")
+        found.append(
+            f"{format_numbers('DoF', idle)} moves no cell: no skin distal to it, or its axis is parallel "
+            "to gravity"
+        )
     return KinematicStructure(
         activity=activity,
         parts=parts,
@@ -136,7 +139,7 @@ def _find_tree(
     parent_part, parent_joint = [-1] * len(parts), [-1] * len(parts)
     problems = []
     if not len(parts) or part_activity[0].any():
-        problems.append("no stationary part: every cell moves, so nothing is the root of the tree")
+        problems.append("no stationary part: every cell moves, so the tree has no root")
     for part, row in enumerate(part_activity):
         if not row.any():
             continue

@@ -105,7 +105,7 @@ class MapExploration:
             RuntimeError: the program is not done.
         """
         if not self._done:
-            raise RuntimeError("the exploration of the sensory-motor map is not done; wait for `done`")
+            raise RuntimeError("map exploration is not done; wait for `done`")
         return Deflections(self._home_rad, self._deflection_m, tuple(self._problems))
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -174,7 +174,10 @@ class MapExploration:
         angular_hz = 2.0 * math.pi * config.frequency_hz
         motion_rad = complex(self._joint.amplitude(config.min_samples)[0, 0])
         if not abs(motion_rad) >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
-            self._problems.append(f"DoF {dof} did not follow its sine")
+            self._problems.append(
+                f"DoF {dof} did not follow its sine: its amplitude is below the minimum fraction of the "
+                "command"
+            )
             return
         per_acceleration = self._cells.amplitude(config.min_samples) / (-(angular_hz**2) * motion_rad)
         deflection_m = STANDARD_GRAVITY_M_S2 * per_acceleration.real

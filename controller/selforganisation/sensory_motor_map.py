@@ -79,7 +79,8 @@ class SensoryMotorMap:
         """
         if pose_rad.shape != weights.shape[1:] or (self._weights and weights.shape != self._weights[0].shape):
             raise ValueError(
-                f"pose {pose_rad.shape} and weights {weights.shape} do not fit; (D,) and (S, D) are due"
+                f"pose {pose_rad.shape} and weights {weights.shape} do not match; expected (D,) and (S, "
+                "D), as in earlier maps"
             )
         self._poses_rad.append(pose_rad.astype(np.float64))
         self._weights.append(weights.astype(np.float64))

@@ -134,7 +134,9 @@ class StructuralExploration:
                     abs(self._target_rad[dof] - position_rad[dof]) <= config.position_control.tolerance_rad
                 )
                 if not arrived and elapsed_ns >= config.move_timeout_ns:
-                    self._failed_steps.append(f"DoF {dof} did not make its step in time in run {run}")
+                    self._failed_steps.append(
+                        f"DoF {dof} did not complete its step before the timeout in run {run}"
+                    )
                     self._target_rad[dof] = position_rad[dof]
                 if arrived or elapsed_ns >= config.move_timeout_ns:
                     self._enter(_Phase.SETTLE, t_ns)

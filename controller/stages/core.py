@@ -107,7 +107,7 @@ class StageCore:
                 self._topologies[patch].append(topology)
                 upstream.count_arrivals()
             case _:
-                raise ProtocolError(f"the controller does not read {channel}")
+                raise ProtocolError(f"the controller does not subscribe to channel {channel}")
 
     def on_upstream_lost(self, upstream: Upstream) -> None:
         """Set the cells of a lost patch to absent; the others continue."""

@@ -77,7 +77,7 @@ class SafetyClamp:
             lowest, highest = limits.position_rad
             if not (lowest.shape == highest.shape == (n_dofs,) and (lowest < highest).all()):
                 raise ValueError(
-                    f"position limits must be two rows of {n_dofs}, the lowest below the highest"
+                    f"position limits must be two arrays of shape ({n_dofs},), the lower below the upper"
                 )
         self._limits, self._n_dofs, self._period_ns = limits, n_dofs, period_ns
         self._last_velocity_rad_s = np.zeros(n_dofs)
@@ -113,7 +113,8 @@ class SafetyClamp:
         """
         if not (velocity_rad_s.shape == position_rad.shape == (self._n_dofs,)):
             raise ValueError(
-                f"velocity {velocity_rad_s.shape} and position {position_rad.shape}, ({self._n_dofs},) due"
+                f"velocity has shape {velocity_rad_s.shape} and position {position_rad.shape}; expected "
+                f"({self._n_dofs},)"
             )
         limits, counters = self._limits, self.counters
         finite = bool(np.isfinite(velocity_rad_s).all() and np.isfinite(position_rad).all())

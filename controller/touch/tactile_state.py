@@ -116,7 +116,7 @@ class TactileState:
         """
         _check_lengths(cells, t_sampled_ns, values)
         if values.shape[1:] != (_N_COLUMNS,):
-            raise ProtocolError(f"stream values of shape {values.shape}; (n, {_N_COLUMNS}) is due")
+            raise ProtocolError(f"stream values have shape {values.shape}; expected (n, {_N_COLUMNS})")
         self.rejected += _fuse_rows(
             np.stack([np.asarray(column, dtype=np.int64) for column in (cells, t_sampled_ns)]),
             np.array(values, dtype=np.float64),
@@ -150,7 +150,7 @@ class TactileState:
 def _check_lengths(*columns: NDArray[np.generic]) -> None:
     lengths = [len(column) for column in columns]
     if len(set(lengths)) > 1:
-        raise ProtocolError(f"columns of different lengths {lengths}; send one entry in each")
+        raise ProtocolError(f"columns differ in length {lengths}; each must have one entry per event or row")
 
 
 @compiled

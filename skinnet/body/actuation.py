@@ -40,10 +40,13 @@ class Actuation:
     velocity_rad_s: Floats = field(init=False)
     refused_commands: int = 0
     _target_rad: Floats = field(init=False)
+    _qpos: Floats = field(init=False)
+    _ctrl: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         """Set the servo targets to static equilibrium: the servos carry the weight of the arms."""
         self.velocity_rad_s = np.zeros(len(self.model.joint_id))
+        self._qpos, self._ctrl = self.data.qpos, self.data.ctrl  # MuJoCo makes a new view at each access
         self._target_rad = equilibrium_targets_rad(self.data, self.model.actuator_id)
         self.advance(0.0)
 
@@ -66,9 +69,9 @@ class Actuation:
             self.velocity_rad_s * step_s,
             self.model.range_rad,
             self.servo.torque_limit_nm / self.servo.kp_nm_per_rad,
-            self.data.qpos,
+            self._qpos,
             self.model.qpos_address,
-            self.data.ctrl,
+            self._ctrl,
             self.model.actuator_id,
         )
 

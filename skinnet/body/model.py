@@ -234,7 +234,10 @@ def _require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
             kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
             raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint, not a hinge or slide')
         if name in seen:
-            raise DeploymentError(f'{key}: joint "{name}" is named twice; a joint has one master')
+            raise DeploymentError(
+                f'{key}: joint "{name}" is named twice; a joint may have one role only '
+                "(body.joints, body.sway.joints or body.locked)"
+            )
         seen.add(name)
 
 
@@ -271,7 +274,7 @@ def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> 
     """Add the payload: a free cylinder whose radius includes its elastic sheet."""
     axis = np.array(payload.axis)
     if not np.linalg.norm(axis) > 0.0:
-        raise DeploymentError(f"payload.axis = {list(payload.axis)}: needs a length above zero")
+        raise DeploymentError(f"payload.axis = {list(payload.axis)}: must be a non-zero vector")
     quaternion = np.empty(4)
     mujoco.mju_quatZ2Vec(quaternion, axis / np.linalg.norm(axis))
     body = spec.worldbody.add_body(name=PAYLOAD, pos=payload.position_m, quat=quaternion)

@@ -107,11 +107,14 @@ class BodyProcess(WiredProcess):
             ProtocolError: another channel, a command of the wrong size, or non-finite velocities.
         """
         if channel != "command":
-            raise ProtocolError(f"the body does not read {channel}")
+            raise ProtocolError(f"the body does not subscribe to {channel}")
         command = decode(payload, Command)
         n_dofs = self._plant.n_dofs
         if len(command.velocity_rad_s) != n_dofs:
-            raise ProtocolError(f"command of {len(command.velocity_rad_s)} velocities for {n_dofs} joints")
+            raise ProtocolError(
+                f"command has {len(command.velocity_rad_s)} velocities, must have {n_dofs}, one per joint "
+                "of body.joints"
+            )
         if not all(map(math.isfinite, command.velocity_rad_s)):
             raise ProtocolError(f"command with velocities {command.velocity_rad_s}: must be finite")
         self._pending.append(command)

@@ -101,7 +101,7 @@ def render_body(
         return None, f"no picture: {error}"
     if done.returncode != 0 or not out.is_file():
         lines = done.stderr.decode(errors="replace").strip().splitlines()
-        why = lines[-1] if lines else f"the renderer ended with {done.returncode}"
+        why = lines[-1] if lines else f"the renderer exited with code {done.returncode}"
         return None, f"no picture (MUJOCO_GL={environment['MUJOCO_GL']}): {why}"
     return out, ""
 

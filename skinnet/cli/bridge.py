@@ -61,7 +61,7 @@ def _ros2(
         from skinnet.ros2.bridge import BridgeOptions, bridge
     except ModuleNotFoundError as error:
         raise SkinnetError(
-            f"{error.name} is missing; install the extra: pip install 'skinnet[ros2]'"
+            f"module {error.name} is not installed; install the extra: pip install 'skinnet[ros2]'"
         ) from error
     print_line = line_printer(console())
     options = BridgeOptions(endpoint, domain, router, listen, rate, base, control)

@@ -37,7 +37,7 @@ _PLAIN_WIDTH = 120
 
 DeploymentArgument = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="Deployment, a TOML file.", autocompletion=complete_deployment),
+    typer.Argument(metavar="FILE", help="Deployment file (TOML).", autocompletion=complete_deployment),
 ]
 SettingsOption = Annotated[
     list[str] | None,
@@ -87,7 +87,9 @@ def require_extra(extra: str, *modules: str) -> None:
     """
     for module in modules:
         if importlib.util.find_spec(module) is None:
-            raise SkinnetError(f"no module {module}: install the extra, pip install 'skinnet[{extra}]'")
+            raise SkinnetError(
+                f"module {module} is not installed; install the extra: pip install 'skinnet[{extra}]'"
+            )
 
 
 def write_report(report: dict[str, Any], target: str | None) -> None:
@@ -110,5 +112,5 @@ def seed_range(text: str) -> range:
     """
     first, dash, last = text.partition("-")
     if not (dash and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
-        raise UsageError(f"--seeds {text}: write it as A-B with A not above B, for example 1-20")
+        raise UsageError(f"--seeds {text}: must be A-B with A ≤ B, for example 1-20")
     return range(int(first), int(last) + 1)

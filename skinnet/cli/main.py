@@ -75,7 +75,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="Simulates whole-body robot skin: contact, cell-to-cell network, Zenoh, controller, MuJoCo body.",
+    help="Simulator of whole-body robot skin: contact, cell-to-cell network, Zenoh, controller, MuJoCo body.",
     epilog=examples(
         "skinnet check deployments/hrp2_touch.toml",
         "skinnet run deployments/hrp2_touch.toml",
@@ -96,7 +96,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Prints the version.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Parse the options of the program as a whole."""

@@ -31,7 +31,7 @@ _app = typer.Typer(
     help="Show, export and import long-term memory.",
 )
 
-MemoryFileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Memory file, SQLite.")]
+MemoryFileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Memory file (SQLite).")]
 
 
 def register(app: typer.Typer) -> None:
@@ -87,7 +87,7 @@ def _import(
             autocompletion=complete_deployment,
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replaces FILE if it exists.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace FILE if it exists.")] = False,
 ) -> None:
     """Import a memory file from JSON.
 
@@ -103,7 +103,7 @@ def _import(
         except MemoryFileError as error:
             raise MemoryFileError(f"{source}: {error}") from None
     if memory_file.exists() and not force:
-        raise MemoryFileError(f"{memory_file}: exists already; give --force to replace it")
+        raise MemoryFileError(f"{memory_file}: already exists; give --force to replace it")
     write_memory(memory_file, memory)
 
 

@@ -38,17 +38,20 @@ def _simulate(
     links: Annotated[
         Path,
         typer.Option(
-            help="Directed links: src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,queue_packets "
-            "(empty or -1: unbounded); loss_probability,jitter_ns,bit_error_rate are optional."
+            help="Input, directed links: src,src_port,dst,dst_port,bits_per_s,bits_per_byte,delay_ns,"
+            "queue_packets (empty or -1: unbounded); loss_probability,jitter_ns,bit_error_rate are optional."
         ),
     ],
-    packets: Annotated[Path, typer.Option(help="Packets in order of time: id,t_ns,node,dest,size_bytes.")],
+    packets: Annotated[
+        Path, typer.Option(help="Input, packets in order of time: id,t_ns,node,dest,size_bytes.")
+    ],
     until_ns: Annotated[int, typer.Option(min=0, max=2**61, help="End of the simulation [ns].")],
     out: Annotated[
         Path, typer.Option(help="File to write: id,t_delivered_ns, by time, node and order there.")
     ],
     routes: Annotated[
-        Path | None, typer.Option(help="Routes: node,dest,src_port. Fewest hops unless given.")
+        Path | None,
+        typer.Option(help="Input, routes: node,dest,src_port; by default those with the fewest hops."),
     ] = None,
     drops: Annotated[Path | None, typer.Option(help="File to write: id,t_ns,node,cause.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of loss, jitter and bit errors.")] = 0,
@@ -111,7 +114,7 @@ def _table(metrics: dict[str, Any]) -> "Table":
         "offered = delivered + dropped + in flight", "yes" if metrics["packets.conserved"] else "NO"
     )
     if metrics["packets.not_before_until"]:
-        table.add_row("not offered: from --until-ns on", str(metrics["packets.not_before_until"]))
+        table.add_row("not simulated: at or after --until-ns", str(metrics["packets.not_before_until"]))
     table.add_section()
     for name, value in metrics.items():
         if name.startswith(("latency.", "links.")) and value is not None:

@@ -79,7 +79,7 @@ def plan(
     try:
         check(deployment)
         if not deployment.patches:
-            raise DeploymentError("patches: there are none; a plan is one of the network of cells")
+            raise DeploymentError("patches: none; a plan needs a network of cells")
         made = make_plan(deployment)
     except DeploymentError as error:
         raise DeploymentError(f"{file}: {error}") from None

@@ -34,15 +34,15 @@ def _changed_places(report: dict[str, Any]) -> dict[str, list[str]]:
 
 
 def _load_lines(report: dict[str, Any]) -> str:
-    load, limits, figures = report["load"], report["limits"], report["metrics"]
+    load, limits, metrics = report["load"], report["limits"], report["metrics"]
     parts = [f"load: {load['encoding']} ({load['why']})"]
     if "stimulated" in load:
-        streams = " and their stream" if load["streams_when_touched"] else ""
+        streams = " and periodic readings" if load["streams_when_touched"] else ""
         parts.append(
             f"{load['stimulated']:.0%} of the cells touched: {load['events_hz']:g} events/s each{streams}, "
             f"others {load['idle_events_hz']:g}/s"
         )
-    parts.append(f"{figures['plan.packets_per_s']:.0f} packets/s in all")
+    parts.append(f"{metrics['plan.packets_per_s']:.0f} packets/s in all")
     asked = [f"utilisation ≤ {limits['utilisation']:g}"]
     if limits["latency_ms"] is not None:
         asked.append(f"worst-case latency ≤ {limits['latency_ms']:g} ms")
@@ -89,20 +89,20 @@ def _patch_table(report: dict[str, Any]) -> Table:
             style="red" if patch["utilisation"] > 1.0 else None,
         )
     table.add_section()
-    figures = report["metrics"]
-    total = figures["plan.fewest_gateways"]
+    metrics = report["metrics"]
+    total = metrics["plan.fewest_gateways"]
     table.add_row(
         "all",
-        str(figures["plan.cells"]),
-        str(figures["plan.gateways"]),
+        str(metrics["plan.cells"]),
+        str(metrics["plan.gateways"]),
         "–" if total is None else str(total),
-        str(figures["plan.depth"]),
-        f"{figures['plan.utilisation']:.1%}",
-        _format_ms(figures["plan.latency_ms.worst"]),
-        _format_ms(figures["plan.latency_ms.expected"]),
-        "∞" if figures["plan.backlog_packets"] is None else f"{figures['plan.backlog_packets']:.0f}",
-        *([f"{figures['plan.min_voltage_v']:.2f}     "] if powered else []),
-        f"{figures['plan.power_w']:.1f} W" if powered else "",
+        str(metrics["plan.depth"]),
+        f"{metrics['plan.utilisation']:.1%}",
+        _format_ms(metrics["plan.latency_ms.worst"]),
+        _format_ms(metrics["plan.latency_ms.expected"]),
+        "∞" if metrics["plan.backlog_packets"] is None else f"{metrics['plan.backlog_packets']:.0f}",
+        *([f"{metrics['plan.min_voltage_v']:.2f}     "] if powered else []),
+        f"{metrics['plan.power_w']:.1f} W" if powered else "",
     )
     return table
 

@@ -66,7 +66,7 @@ def replay(
     end_s: Annotated[
         float | None, typer.Option("--until", min=0.0, metavar="S", help="End, in simulated time [s].")
     ] = None,
-    loop: Annotated[bool, typer.Option("--loop", help="Begins again at the end.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat.")] = False,
     wait: Annotated[bool, typer.Option("--wait", help="Waits for the first observer.")] = False,
     listen: Annotated[
         str | None,
@@ -82,7 +82,7 @@ def replay(
     With --into, the exit code is 1 if a command of the controller differs from the recorded one.
     """
     if (into is None) == (not publish):
-        raise UsageError("give --into controller, or else --publish")
+        raise UsageError("give either --into controller or --publish")
     require_extra("record", "mcap", "zstandard")
     if into is not None:
         _replay_into(recording, into, _DeploymentChanges(deployment, tuple(settings or ()), base), json)
@@ -169,7 +169,7 @@ def _publish(
         raise UsageError(f"--from {begin_s:g}: the recording ends at {recording.end_ns * 1e-9:.3f} s")
     print_line = line_printer(console())
     if not recording.complete:
-        print_line(f"the recording is cut; its last chunk ends at {recording.end_ns * 1e-9:.3f} s")
+        print_line(f"the recording is truncated; its last chunk ends at {recording.end_ns * 1e-9:.3f} s")
     until_ns = None if end_s is None else round(end_s * 1e9)
     count = publish_recording(
         recording,

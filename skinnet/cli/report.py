@@ -25,7 +25,9 @@ def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of skinnet run or skinnet stress.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="HTML file to write; RUN/report.html unless given."),
+        typer.Option(
+            "--out", metavar="FILE", help="HTML file to write; Output file; by default RUN/report.html."
+        ),
     ] = None,
 ) -> None:
     """Write a run as one HTML page.
@@ -39,6 +41,6 @@ def report(
     page = render_html(read_run_folder(run))
     target = out or run / "report.html"
     if target.is_dir():
-        raise UsageError(f"--out {target}: that is a folder; give a file in it")
+        raise UsageError(f"--out {target}: is a folder; give a file")
     write_bytes(target, page.encode("utf-8", "replace"))
-    line_printer(console())(f"the report is {target}")
+    line_printer(console())(f"report: {target}")

@@ -51,7 +51,9 @@ def request(
     replies = query(endpoint, Keys(robot or "*").of("request", name), argument.encode(), timeout)
     if not replies:
         who = f"no robot {robot}" if robot else "nobody"
-        raise UnreachableError(f"{endpoint}: {who} takes requests there; a run prints its endpoint")
+        raise UnreachableError(
+            f"{endpoint}: {who} serves requests there; give the observer endpoint that a run prints"
+        )
     accepted = True
     for reply in replies:
         if reply.error:
@@ -67,7 +69,7 @@ def _print_answer(key: str, payload: bytes) -> bool:
     try:
         answer = decode(payload, Answer)
     except ProtocolError as error:
-        raise SkinnetError(f"{key}: {error}; is another version of skinnet running there?") from None
+        raise SkinnetError(f"{key}: {error}; the run may have another version of skinnet") from None
     state = f"state {answer.state} at {answer.t_ns * 1e-9:.3f} s"
     typer.echo(f"accepted; {state}" if answer.accepted else f"refused: {answer.reason}; {state}")
     return answer.accepted

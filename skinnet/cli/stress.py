@@ -82,7 +82,7 @@ def stress(
     Zenoh.
     """
     if resume and out is None:
-        raise UsageError("--resume: say with --out which sweep to go on with")
+        raise UsageError("--resume needs --out, the folder of the sweep to continue")
     from msgspec import to_builtins
 
     from skinnet.deployment import resolved_json
@@ -95,9 +95,7 @@ def stress(
 
     deployment = prepare_run(RunOptions(file, tuple(settings or ()))).deployment
     if not deployment.patches:
-        raise DeploymentError(
-            f"{file}: patches: there are none; a stress test is one of the network of cells"
-        )
+        raise DeploymentError(f"{file}: patches: none; a stress test needs a network of cells")
     given: dict[str, Any] = dict(_QUICK_SETTINGS) if quick else {}
     for option, key, text, kind in (
         ("--cells", "cells", cells, int),
@@ -145,7 +143,7 @@ def _parse_list(option: str, text: str, kind: Callable[[str], T]) -> tuple[T, ..
     try:
         return tuple(kind(word.strip()) for word in text.split(","))
     except ValueError:
-        raise UsageError(f"{option} {text}: write numbers with commas between them") from None
+        raise UsageError(f"{option} {text}: must be numbers separated by commas") from None
 
 
 def _stress_spec(deployment: "Deployment", given: dict[str, Any]) -> "StressSpec":

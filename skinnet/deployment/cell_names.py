@@ -57,7 +57,7 @@ def parse_cell_range(key: str, name: str, cells_per_patch: Mapping[str, int]) ->
     first, _, last = numbers.partition("-")
     cells = range(int(first), int(last or first) + 1)
     if not cells:
-        raise DeploymentError(f"{key} = {name!r}: the smaller number comes first")
+        raise DeploymentError(f"{key} = {name!r}: must ascend")
     if cells[-1] >= cells_per_patch[patch]:
         raise DeploymentError(f"{key} = {name!r}: {patch} has cells 0 to {cells_per_patch[patch] - 1}")
     return patch, cells

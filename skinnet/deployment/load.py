@@ -143,7 +143,7 @@ def apply_override(raw: dict[str, Any], override: str) -> None:
     elif isinstance(node, dict):
         node[steps[-1]] = _parse_value(text.strip())
     else:
-        raise DeploymentError(f"--set {override}: {steps[-2]} is a value, it has no {steps[-1]}")
+        raise DeploymentError(f"--set {override}: {steps[-2]} is a value, not a table")
 
 
 def _descend(node: Any, step: str, override: str) -> Any:
@@ -151,7 +151,7 @@ def _descend(node: Any, step: str, override: str) -> Any:
         return node[_entry_index(node, step, override)]
     if isinstance(node, dict):
         return node.setdefault(step, {})
-    raise DeploymentError(f"--set {override}: nothing lies below {step}")
+    raise DeploymentError(f"--set {override}: {step} cannot be resolved: its parent is not a table")
 
 
 def _entry_index(node: list[Any], step: str, override: str) -> int:

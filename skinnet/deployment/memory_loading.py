@@ -51,7 +51,7 @@ def read_memory_json(path: Path) -> MemoryContents:
     try:
         stored = stored_from_json(path.read_bytes())
     except FileNotFoundError:
-        raise MemoryFileError(f"{path}: there is no such file") from None
+        raise MemoryFileError(f"{path}: file not found") from None
     except MemoryFileError as error:
         raise MemoryFileError(f"{path}: {error}") from None
     if stored.is_old:

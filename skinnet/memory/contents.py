@@ -46,16 +46,18 @@ class RobotIdentity:
         """Validate joints, patches and names; raise `MemoryFileError` if invalid."""
         _require_name("robot.name", self.name)
         if not self.joints:
-            raise MemoryFileError("robot.joints: there are none; a robot has at least one")
+            raise MemoryFileError("robot.joints: empty; give at least one joint")
         for joint, count in Counter(self.joints).items():
             if not joint.isprintable() or not joint:
-                raise MemoryFileError(f"robot.joints: {joint!r} is no name; give visible characters")
+                raise MemoryFileError(
+                    f"robot.joints: {joint!r} is not a valid name; use printable characters"
+                )
             if count > 1:
                 raise MemoryFileError(
-                    f"robot.joints: {joint} stands {count} times; every joint needs its own"
+                    f"robot.joints: {joint} stands {count} times; joint names must be unique"
                 )
         if not self.patches:
-            raise MemoryFileError("robot.patches: there are none; a memory is one of a robot with skin")
+            raise MemoryFileError("robot.patches: empty; a memory needs a robot with at least one patch")
         for patch, cells in self.patches.items():
             _require_name("robot.patches", patch)
             if not 1 <= cells <= _MAX_CELLS:
@@ -92,7 +94,9 @@ class RobotIdentity:
                     f"is of another robot: {what}[{place}] is {mine[place]}; {due[place]} is due"
                 )
             if len(mine) != len(due):
-                raise MemoryFileError(f"is of another robot: it has {len(mine)} {what}; {len(due)} are due")
+                raise MemoryFileError(
+                    f"belongs to another robot: it has {len(mine)} {what}; {len(due)} are due"
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,12 +162,12 @@ class MemoryContents:
         for label, cells in self.areas.items():
             _require_name("areas", label)
             if not len(cells):
-                raise MemoryFileError(f"areas.{label}: has no cells; brush over at least one")
+                raise MemoryFileError(f"areas.{label}: has no cells; a touch area needs at least one cell")
             self._check_cells(f"areas.{label}", cells)
         for name, number in self.parameters.items():
             if _PARAMETER_PATTERN.fullmatch(name) is None:
                 raise MemoryFileError(
-                    f"parameters: {name!r} is no name; letters, digits, _, - and . are allowed"
+                    f"parameters: {name!r} is not a valid name; use 1 to 128 letters, digits, _, - and ."
                 )
             _require_finite(f"parameters.{name}", np.array(number))
 
@@ -188,7 +192,9 @@ class MemoryContents:
         self._check_cells("unmeasured", self.unmeasured)
         moved = np.flatnonzero(self.activity[self.unmeasured].any(axis=1))
         if len(moved):
-            raise MemoryFileError(f"activity: cell {self.unmeasured[moved[0]]} is active, and not measured")
+            raise MemoryFileError(
+                f"activity: cell {self.unmeasured[moved[0]]} is marked both active and unmeasured"
+            )
 
     def _check_pose(self, key: str, pose: KeyPose) -> None:
         _require_shape(f"{key}.position_rad", pose.position_rad, (len(self.robot.joints),))
@@ -199,10 +205,10 @@ class MemoryContents:
 
     def _check_cells(self, key: str, cells: NDArray[np.int64]) -> None:
         if cells.ndim != 1 or not (np.diff(cells) > 0).all():
-            raise MemoryFileError(f"{key}: cells must ascend, each once")
+            raise MemoryFileError(f"{key}: cell numbers must be ascending and unique")
         outside = cells[(cells < 0) | (cells >= self.robot.n_cells)]
         if len(outside):
-            raise MemoryFileError(f"{key}: there is no cell {outside[0]}; {self.robot.n_cells} are there")
+            raise MemoryFileError(f"{key}: unknown cell {outside[0]}; {self.robot.n_cells} are there")
 
 
 class StoredMemory(NamedTuple):
@@ -278,7 +284,7 @@ def _bytes(array: NDArray[Any] | None) -> bytes | None:
 
 def _require_name(key: str, name: str) -> None:
     if _NAME_PATTERN.fullmatch(name) is None:
-        raise MemoryFileError(f"{key}: {name!r} is no name; 1 to 64 letters, digits, _ and - are allowed")
+        raise MemoryFileError(f"{key}: {name!r} is not a valid name; use 1 to 64 letters, digits, _ and -")
 
 
 def _require_shape(key: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
@@ -288,4 +294,4 @@ def _require_shape(key: str, array: NDArray[Any], shape: tuple[int, ...]) -> Non
 
 def _require_finite(key: str, array: Floats) -> None:
     if not np.isfinite(array).all():
-        raise MemoryFileError(f"{key}: holds a value that is not finite")
+        raise MemoryFileError(f"{key}: contains a value that is not finite")

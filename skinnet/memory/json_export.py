@@ -63,7 +63,7 @@ def stored_from_json(text: bytes) -> StoredMemory:
     try:
         raw = msgspec.json.decode(text)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-        raise MemoryFileError(f"no valid JSON: {error}") from None
+        raise MemoryFileError(f"invalid JSON: {error}") from None
     fields = _object(raw, "the file", _KEYS)
     version = _read_version(fields)
     robot = _read_robot(fields["robot"])
@@ -91,7 +91,7 @@ def _read_version(fields: dict[str, Any]) -> int:
     if fields["format"] != FORMAT or not known:
         raise MemoryFileError(
             f"format = {fields['format']!r}, version = {version!r}: "
-            f"{FORMAT!r}, version 1 to {VERSION} is what this skinnet reads"
+            f"{FORMAT!r}, version 1 to {VERSION} is the supported format"
         )
     return int(version)
 
@@ -114,7 +114,7 @@ def _read_robot(raw: Any) -> RobotIdentity:
         patch = _object(item, f"robot.patches[{i}]", ("name", "cells"))
         name = _convert(patch["name"], str, f"robot.patches[{i}].name")
         if name in patches:
-            raise MemoryFileError(f"robot.patches[{i}].name = {name!r}: stands there twice")
+            raise MemoryFileError(f"robot.patches[{i}].name = {name!r}: duplicate")
         patches[name] = _convert(patch["cells"], int, f"robot.patches[{i}].cells")
     joints = _convert(fields["joints"], tuple[str, ...], "robot.joints")
     return RobotIdentity(_convert(fields["name"], str, "robot.name"), joints, patches)
@@ -158,7 +158,7 @@ def _read_area(raw: Any, cell_index: dict[str, int], key: str) -> NDArray[np.int
     cells = [_index_of(name, cell_index.__getitem__, key, "cell") for name in names]
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise MemoryFileError(f"{key}[{i}] = {name!r}: stands there twice")
+            raise MemoryFileError(f"{key}[{i}] = {name!r}: duplicate")
     return np.array(sorted(cells), dtype=np.int64)
 
 

@@ -40,9 +40,9 @@ _LOCK_TIMEOUT_S = 0.5
 """Lock timeout [s]: readers hold the file for some milliseconds, writers for a run."""
 _JOURNAL_SUFFIXES = ("-journal", "-wal", "-shm")
 _ERROR_MESSAGES = {
-    "SQLITE_NOTADB": "is no SQLite file; a memory is written by a run or by `skinnet memory import`",
-    "SQLITE_BUSY": "is in use by another process; wait for the end of its run",
-    "SQLITE_CANTOPEN": "cannot be opened; check its permissions and those of its folder",
+    "SQLITE_NOTADB": "is not an SQLite file; create a memory by a run or with `skinnet memory import`",
+    "SQLITE_BUSY": "is locked by another process; wait until its run ends",
+    "SQLITE_CANTOPEN": "cannot be opened; check the permissions of the file and its directory",
     "SQLITE_READONLY": "cannot be written; check its permissions",
 }
 
@@ -240,7 +240,7 @@ def _locked_for_replacement(path: Path) -> Iterator[None]:
 
 def _connect(path: Path) -> sqlite3.Connection:
     if not path.is_file():
-        raise MemoryFileError(f"{path}: {'is no file' if path.exists() else 'there is no such file'}")
+        raise MemoryFileError(f"{path}: {'is not a file' if path.exists() else 'there is no such file'}")
     uri = f"{path.resolve().as_uri()}?mode=rw"
     with _translated_errors(path):
         return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_LOCK_TIMEOUT_S)
@@ -258,7 +258,7 @@ def _read_contents(db: sqlite3.Connection) -> StoredMemory:
     db.execute("PRAGMA trusted_schema = OFF")
     (application,) = db.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION_ID:
-        raise MemoryFileError("is a database of another program, no memory of a robot")
+        raise MemoryFileError("is an SQLite database, but not a skinnet memory")
     (version,) = db.execute("PRAGMA user_version").fetchone()
     if not 1 <= version <= VERSION:
         what = "newer; update skinnet" if version > VERSION else "of no skinnet that was ever published"
@@ -270,7 +270,7 @@ def _read_contents(db: sqlite3.Connection) -> StoredMemory:
         if problems != ("ok",):
             raise MemoryFileError(str(problems[0]))
         if tables.schema_statements(db) != _expected_schema():
-            raise MemoryFileError("its tables are not those of this version")
+            raise MemoryFileError("its tables do not match the schema of this version")
         return StoredMemory.of_version(tables.read_tables(db), version)
     except (MemoryFileError, ValueError, TypeError, OverflowError) as error:
         # rows that no version of this program would write

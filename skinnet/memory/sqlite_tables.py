@@ -165,7 +165,9 @@ def read_tables(db: sqlite3.Connection) -> MemoryContents:
     )
     (sealed,) = _fetch_one(db, "SELECT sha256 FROM seal")
     if sealed != memory.digest():
-        raise MemoryFileError("what it holds is not what was sealed; it was changed by other means")
+        raise MemoryFileError(
+            "the contents do not match the stored SHA-256; they were changed outside skinnet"
+        )
     return memory
 
 
@@ -207,7 +209,7 @@ def _areas(db: sqlite3.Connection, robot: RobotIdentity) -> dict[str, NDArray[np
     cells: dict[str, list[int]] = {}
     for area, patch, cell in db.execute("SELECT area, patch, cell FROM area_cell ORDER BY area"):
         if (patch, cell) not in number:
-            raise MemoryFileError(f"areas.{area}: there is no cell {patch}/{cell}")
+            raise MemoryFileError(f"areas.{area}: unknown cell {patch}/{cell}")
         cells.setdefault(area, []).append(number[patch, cell])
     return {area: np.array(sorted(of), dtype=np.int64) for area, of in cells.items()}
 
@@ -215,5 +217,5 @@ def _areas(db: sqlite3.Connection, robot: RobotIdentity) -> dict[str, NDArray[np
 def _fetch_one(db: sqlite3.Connection, query: str) -> Any:
     row = db.execute(query).fetchone()
     if row is None:
-        raise MemoryFileError(f"nothing answers to {query}")
+        raise MemoryFileError(f"no row for query {query}")
     return row

@@ -38,6 +38,6 @@ def require_range(name: str, values: NDArray[np.int64], lowest: int, highest: in
     """Raise ValueError if a value of the column `name` lies outside its range."""
     if values.min() < lowest or values.max() > highest:
         raise ValueError(
-            f"{name} of offered packets goes from {values.min()} to {values.max()}; "
+            f"{name} of packets ranges from {values.min()} to {values.max()}; "
             f"allowed are {lowest} to {highest}"
         )

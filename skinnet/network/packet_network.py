@@ -54,7 +54,7 @@ class PacketNetwork:
     ) -> None:
         keys = np.arange(topology.n_nodes, dtype=np.uint64) if node_keys is None else node_keys
         if keys.shape != (topology.n_nodes,) or keys.dtype != np.uint64:
-            raise ValueError(f"node_keys is {keys.dtype} {keys.shape}; give one uint64 for each of the nodes")
+            raise ValueError(f"node_keys is {keys.dtype} {keys.shape}; give one uint64 per node")
         arrays, self._rank = build_state(topology, seed, keys)
         self.topology = topology
         self._hop_limit = hop_limit
@@ -136,7 +136,7 @@ class PacketNetwork:
         rank = np.full(n, NULL, dtype=np.int64)
         link = np.full(n, NO_LINK) if link is None else np.ascontiguousarray(link, dtype=np.int64)
         if any(column.shape != (n,) for column in (node, dest, size_bytes, packet_id, link)):
-            raise ValueError("the columns of offered packets differ in length")
+            raise ValueError("packet columns differ in length; give arrays of equal length")
         if n == 0:
             return
         local = link != NO_LINK
@@ -152,7 +152,7 @@ class PacketNetwork:
         if any_local:
             require_range("link", link, NO_LINK, self.topology.n_links - 1)
             if (self.topology.src[link[local]] != node[local]).any():
-                raise ValueError("a packet is offered to a link that does not leave its node")
+                raise ValueError("a link-local packet names a link that does not leave its node")
             rank[local] = self._rank[link[local]]
         if not sorted_:
             order = np.argsort(t_ns, kind="stable")
@@ -232,7 +232,7 @@ class PacketNetwork:
         """
         component, node, dest = self.topology.component, routes.node, routes.dest
         if (component[node] != component[dest]).any():
-            raise ValueError("a route leads to a node of another component; no link goes there")
+            raise ValueError("a route leads to another connected component, to which there is no path")
         leads = routes.link != NO_LINK
         if (self.topology.src[routes.link[leads]] != node[leads]).any():
             raise ValueError("a route uses a link that does not leave its node")

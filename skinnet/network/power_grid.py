@@ -72,7 +72,7 @@ class PowerGrid:
         self._feeds = np.asarray(feeds, dtype=np.int64).reshape(-1)
         for name, cells in (("wires", ends[:, :: ends.shape[1] // 2]), ("feeds", self._feeds)):
             if cells.size and (cells.min() < 0 or cells.max() >= n_cells):
-                raise ValueError(f"{name} name a cell outside 0 to {n_cells - 1}")
+                raise ValueError(f"{name} contain a cell outside 0 to {n_cells - 1}")
         self._n = n_cells
         self._spec = spec
         self._n_feeds = np.bincount(self._feeds, minlength=n_cells)

@@ -223,4 +223,4 @@ class Keys:
                     if len(self._parsed) < _MAX_CACHED_KEYS:  # external clients may send any number of keys
                         self._parsed[key] = parsed
                     return parsed
-        raise ProtocolError(f"key {key}: no channel of this robot")
+        raise ProtocolError(f"key {key}: matches no channel of this robot")

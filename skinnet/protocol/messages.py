@@ -268,9 +268,11 @@ def decode(payload: bytes, kind: type[M]) -> M:
     try:
         message: M = decoder.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ProtocolError(f"not a {kind.__name__}: {error}") from error
+        raise ProtocolError(f"not a {kind.__name__} message: {error}") from error
     if message.schema != SCHEMA:
-        raise ProtocolError(f"{kind.__name__} of schema {message.schema}; this program reads {SCHEMA}")
+        raise ProtocolError(
+            f"{kind.__name__} of schema version {message.schema}; this program reads version {SCHEMA}"
+        )
     return message
 
 
@@ -287,6 +289,8 @@ def unpack(payload: bytes, dtype: np.dtype[Any] | str, columns: int | None = Non
     """
     kind = np.dtype(dtype)
     if len(payload) % (kind.itemsize * (columns or 1)):
-        raise ProtocolError(f"{len(payload)} bytes are no rows of {columns or 1} × {dtype}")
+        raise ProtocolError(
+            f"{len(payload)} bytes are not a whole number of rows of {columns or 1} × {dtype}"
+        )
     array: NDArray[Any] = np.frombuffer(payload, dtype=kind)
     return array if columns is None else array.reshape(-1, columns)

@@ -122,8 +122,8 @@ class FoxgloveConverter:
             case "topology":
                 topology = decode(payload, Topology)
                 reached = sum(number > 0 for number in topology.network_id)
-                text = f"network of {topology.patch}, version {topology.version}: "
-                text += f"{reached} of {len(topology.network_id)} cells"
+                text = f"topology of {topology.patch}, version {topology.version}: "
+                text += f"{reached} of {len(topology.network_id)} cells connected"
                 level = fox.LogLevel.Info if reached == len(topology.network_id) else fox.LogLevel.Warning
             case "fault":
                 fault = decode(payload, FaultEvent)

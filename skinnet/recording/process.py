@@ -139,7 +139,7 @@ class RecorderProcess(WiredProcess):
         try:
             head = self._decode_header(payload)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ProtocolError(f"no message: {error}") from error
+            raise ProtocolError(f"message cannot be decoded: {error}") from error
         match channel:
             case "period_end" | "stream" | "regions":
                 self._end_period(channel, fields[0], key, payload, head)
@@ -177,7 +177,7 @@ class RecorderProcess(WiredProcess):
         try:
             count = len(self._decode_columns(payload).cell)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ProtocolError(f"no events: {error}") from error
+            raise ProtocolError(f"event message cannot be decoded: {error}") from error
         self._events[patch].append((channel, key, payload))
         source.count_arrivals(count)
 
@@ -192,7 +192,7 @@ class RecorderProcess(WiredProcess):
     def _skin_upstream(self, name: str) -> Upstream:
         upstream = self._skin.get(name)
         if upstream is None:
-            raise ProtocolError(f"skin of {name}, which is not in this run")
+            raise ProtocolError(f"message of unknown patch or board {name!r}")
         return upstream
 
     def _key(self, channel: str, fields: tuple[str, ...]) -> str:
@@ -204,7 +204,7 @@ class RecorderProcess(WiredProcess):
     def _enqueue(self, t_ns: int, source: str, channel: str, key: str, payload: bytes) -> None:
         rank = self._rank.get(source)
         if rank is None:
-            raise ProtocolError(f"{channel} of {source}, which is not in this run")
+            raise ProtocolError(f"{channel} of unknown source {source!r}")
         self._n_arrivals += 1
         self._pending.append((t_ns, rank, _CHANNEL_RANK[channel], self._n_arrivals, key, payload))
 
@@ -289,6 +289,6 @@ def build(
     deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = True
 ) -> RecorderProcess:
     """Build the recorder process, which writes into the run folder `out`."""
-    assert out is not None, "a recorder without a run folder"
+    assert out is not None, "a recorder needs a run folder"
     writer = RecordingWriter(out / FILE_NAME, deployment, base)
     return RecorderProcess(deployment, name, writer, FoxgloveConverter(deployment, base, writer))

@@ -199,7 +199,7 @@ class Recording:
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise RecordingError(f"{self.path}: no recording: it is not an MCAP file")
+                raise RecordingError(f"{self.path}: not a recording: not an MCAP file")
             at = len(MAGIC)
             while at + _RECORD_HEADER.size <= size:
                 file.seek(at)
@@ -239,19 +239,20 @@ class Recording:
 
     def _check_format(self) -> MessageTranslator | None:
         if not self.metadata:
-            cut = "" if self.complete else ", or one that ends before it begins"
+            cut = "" if self.complete else ", or truncated before it"
             raise RecordingError(
-                f"{self.path}: no recording of skinnet: an MCAP file of another program{cut}"
+                f"{self.path}: not a skinnet recording: an MCAP file without the metadata record of "
+                f"skinnet{cut}"
             )
         version = self.metadata.get("format", "")
         if not version.isdecimal() or not 1 <= int(version) <= FORMAT:
             raise RecordingError(
                 f"{self.path}: a recording of format {version}, "
                 f"by skinnet {self.metadata.get('skinnet', '?')}; "
-                f"this program reads up to {FORMAT}: update it"
+                f"this version reads up to {FORMAT}: update skinnet"
             )
         if not self.deployment_dict:
-            raise RecordingError(f"{self.path}: it ends before it says what was run: nothing to see")
+            raise RecordingError(f"{self.path}: truncated before its deployment: no messages")
         translator = MessageTranslator(self.deployment_dict) if int(version) < FORMAT else None
         try:
             document, _ = deployments.translate(self.deployment_dict, str(self.path))
@@ -264,8 +265,8 @@ class Recording:
 def _decompress(content: bytes) -> bytes:
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
     if chunk.compression != "zstd":
-        raise ValueError(f"compression {chunk.compression!r}")
+        raise ValueError(f"unsupported compression {chunk.compression!r}; expected 'zstd'")
     unpacked: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size)
     if zlib.crc32(unpacked) != chunk.uncompressed_crc:
-        raise ValueError("the checksum of a chunk is wrong")
+        raise ValueError("chunk checksum mismatch")
     return unpacked

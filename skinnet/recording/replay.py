@@ -74,7 +74,9 @@ def require_same_robot(recorded: Deployment, deployment: Deployment) -> None:
         ("control period", recorded.controller.period_ns, deployment.controller.period_ns),
     ):
         if one != other:
-            raise RecordingError(f"the recording and the deployment differ in {what}: {one} and {other}")
+            raise RecordingError(
+                f"the recording and the deployment differ in {what}: recorded {one}, deployed {other}"
+            )
 
 
 def _patch_sizes(deployment: Deployment) -> dict[str, int]:
@@ -141,7 +143,9 @@ class _ReplayDriver:
                 with contextlib.suppress(ProtocolError):  # as in the run, which counted and dropped it
                     self._node.accept(message.channel, message.fields, message.payload)
                 self._step()
-        return ReplayResult(ticks, t_ns, None, "" if recording.complete else "the recording is cut there")
+        return ReplayResult(
+            ticks, t_ns, None, "" if recording.complete else "the recording is truncated there"
+        )
 
     def _step(self) -> None:
         """Step the process as long as its inputs are complete."""
@@ -157,7 +161,7 @@ class _ReplayDriver:
     def _missing_input(self) -> str:
         needs = self._node.needs() or {}
         silent = [name for name, t_ns in needs.items() if self._node.upstreams[name].watermark_ns < t_ns]
-        return f"the recording has no more of {', '.join(silent)}: it was lost in the run"
+        return f"the recording has no further messages of {', '.join(silent)}: lost during the run"
 
     def _collect_command(self, key: str, payload: bytes) -> None:
         if key.endswith("/body/command"):

@@ -192,7 +192,7 @@ def _colour_offsets(scene: NDArray[np.uint8], count: int) -> NDArray[np.int64]:
     while at >= 0:
         found.append(at)
         at = content.find(mark, at + 8)
-    assert len(found) == count, "a colour for each cell and element, and no other"
+    assert len(found) == count, "one colour for each cell and element"
     within = np.concatenate([start + np.arange(8) for start in (0, 9, 18)])
     places: NDArray[np.int64] = np.array(found, dtype=np.int64)[:, None] + within
     return places

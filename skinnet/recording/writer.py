@@ -130,7 +130,7 @@ class RecordingWriter:
         return self.add_channel(key, MESSAGE_ENCODING, schema), row.name
 
     def _recorder_error(self, error: OSError) -> RecorderError:
-        return RecorderError(f"{error.filename or self._path}: the recording cannot go on: {error.strerror}")
+        return RecorderError(f"{error.filename or self._path}: cannot write the recording: {error.strerror}")
 
 
 def _metadata(deployment: Deployment, base: Path) -> dict[str, str]:

@@ -37,7 +37,7 @@ class Attachment(NamedTuple):
             ProtocolError: there is none, or its layout differs.
         """
         if payload is None:
-            raise ProtocolError("no attachment; publishers of rmw_zenoh send one")
+            raise ProtocolError("missing attachment; rmw_zenoh publishers send one")
         if len(payload) != _STRUCT.size or payload[2 * 8] != _GID_BYTES:
             raise ProtocolError(
                 f"an attachment of {len(payload)} bytes; rmw_zenoh since 0.2.4 sends {_STRUCT.size}"

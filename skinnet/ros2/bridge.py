@@ -209,7 +209,7 @@ class _Bridge:
         self._inbox.append((key, payload))
 
     def run(self) -> dict[str, int]:
-        """Run the publication loop until the run is over."""
+        """Run the publication loop until the run has ended."""
         tick_ns = round(NS_PER_S / self._options.rate_hz)
         while self._observer.connected:
             self._process_inbox()
@@ -258,14 +258,14 @@ class _Bridge:
         """Print a refusal reason the first time; count every occurrence."""
         if reason not in self._refusals:
             if len(self._refusals) >= _MAX_PRINTED_REASONS:
-                reason = "for other reasons"
+                reason = "other reasons"
             else:
                 self._log(f"refused: {reason}")
         self._refusals[reason] += 1
 
     def _diagnostics(self) -> Any:
         silent_s = (time.monotonic_ns() - self._last_advance_ns) / NS_PER_S
-        figures: dict[str, object] = {t.publisher.entity.topic: t.publisher.n_sent for t in self._topics}
+        values: dict[str, object] = {t.publisher.entity.topic: t.publisher.n_sent for t in self._topics}
         if self._options.accept_velocities:
-            figures |= {"velocities": self._control.n_accepted, "refused_velocities": self._control.n_refused}
-        return self._messages.diagnostics(silent_s, figures)
+            values |= {"velocities": self._control.n_accepted, "refused_velocities": self._control.n_refused}
+        return self._messages.diagnostics(silent_s, values)

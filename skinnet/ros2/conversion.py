@@ -168,8 +168,8 @@ def diagnostics(t_ns: int, robot: str, components: Iterable[ComponentStatus]) ->
     status = []
     for part in components:
         pair = "diagnostic_msgs/msg/KeyValue"
-        figures = [make_message(pair, name, str(value)) for name, value in part.values.items()]
+        values = [make_message(pair, name, str(value)) for name, value in part.values.items()]
         name = f"{robot}: {part.name}"
         kind = "diagnostic_msgs/msg/DiagnosticStatus"
-        status.append(make_message(kind, int(part.level), name, part.message, robot, figures))
+        status.append(make_message(kind, int(part.level), name, part.message, robot, values))
     return make_message(DIAGNOSTIC_ARRAY, header(t_ns, ""), status)

@@ -92,7 +92,7 @@ class RosMessageBuilder:
             channel, fields = self._keys.parse(key)
             taker = self._handlers.get(channel.name)
             if taker is None:
-                raise ProtocolError(f"{key}: the bridge does not read {channel.name}")
+                raise ProtocolError(f"{key}: the bridge does not subscribe to {channel.name}")
             taker(fields[0] if fields else "", payload)
         except ProtocolError:
             self.counters["refused"] += 1
@@ -145,27 +145,25 @@ class RosMessageBuilder:
         parts = [self._run_status(silent_s), *self._patch_status(), *self._board_status()]
         refused = sum(self.counters.values())
         level = DiagnosticLevel.WARN if refused else DiagnosticLevel.OK
-        line = f"{refused} messages of the run could not be used" if refused else "all messages understood"
+        line = f"{refused} messages of the run refused" if refused else "no message refused"
         parts.append(ComponentStatus("bridge", level, line, bridge_values | dict(self.counters)))
         return convert.diagnostics(max(self.t_ns, 0), self.robot, parts)
 
     def _run_status(self, silent_s: float) -> ComponentStatus:
-        figures = {
+        values = {
             "stage": self._stage,
             "progress": f"{self._progress:.3f}",
             "simulated_s": f"{max(self.t_ns, 0) / NS_PER_S:.3f}",
         }
         if self.t_ns < 0 or silent_s > _STALE_S:
-            return ComponentStatus(
-                "run", DiagnosticLevel.STALE, f"nothing heard for {silent_s:.0f} s", figures
-            )
-        return ComponentStatus("run", DiagnosticLevel.OK, self._stage or FORMING, figures)
+            return ComponentStatus("run", DiagnosticLevel.STALE, f"no message for {silent_s:.0f} s", values)
+        return ComponentStatus("run", DiagnosticLevel.OK, self._stage or FORMING, values)
 
     def _patch_status(self) -> Iterator[ComponentStatus]:
         for name, tally in self._readings.deliveries.items():
             reached = self._readings.connected[self._readings.rows_of(name)]
             n, there = len(reached), int(reached.sum())
-            figures = {
+            values = {
                 "cells": n,
                 "reached": there,
                 "events": tally.n_events,
@@ -173,13 +171,13 @@ class RosMessageBuilder:
                 "lost": tally.n_lost,
             }
             level = DiagnosticLevel.OK if there == n else DiagnosticLevel.WARN
-            yield ComponentStatus(f"skin {name}", level, f"{there} of {n} cells reached", figures)
+            yield ComponentStatus(f"skin {name}", level, f"{there} of {n} cells connected", values)
 
     def _board_status(self) -> Iterator[ComponentStatus]:
         for board, (frames, rows) in enumerate(zip(self._frame_counts, self._regions, strict=True)):
-            figures = {"frames": frames, "regions": len(rows)}
+            values = {"frames": frames, "regions": len(rows)}
             level = DiagnosticLevel.OK if frames else DiagnosticLevel.STALE
-            yield ComponentStatus(f"board {board}", level, f"{len(rows)} regions", figures)
+            yield ComponentStatus(f"board {board}", level, f"{len(rows)} regions", values)
 
     def _current_poses(self) -> LinkPoses:
         """Link poses at the newest joint feedback."""
@@ -191,7 +189,7 @@ class RosMessageBuilder:
         joints = decode(payload, Joints)
         position = np.array(joints.position_rad, dtype=np.float64)
         if position.shape != self._position_rad.shape or not np.isfinite(position).all():
-            raise ProtocolError(f"{len(position)} joints; this run has {len(self._joints)}, all finite")
+            raise ProtocolError(f"{len(position)} joint positions; expected {len(self._joints)} finite ones")
         if joints.t_ns <= self.t_ns:
             return  # older than the newest feedback
         if self.t_ns >= 0:

@@ -65,7 +65,7 @@ def decode(payload: bytes, name: str) -> Any:
     try:
         return _store.deserialize_cdr(payload, name)
     except (SerdeError, UnicodeDecodeError) as error:
-        raise ProtocolError(f"no {name}: {error}") from error
+        raise ProtocolError(f"cannot decode {name}: {error}") from error
 
 
 def type_hash(name: str) -> str:

@@ -67,7 +67,7 @@ class RosNode:
         own = Entity(self._node, EntityType.NODE, 0)
         anyone = Entity(self._node._replace(session_id="*"), EntityType.NODE, 0).liveliness_token
         if session.liveliness_tokens(anyone, _QUERY_TIMEOUT_S) - {own.liveliness_token}:
-            raise SkinnetError(f"{namespace}/{name}: domain {domain} already has a node of that name")
+            raise SkinnetError(f"{namespace}/{name}: a node of that name already exists in domain {domain}")
         session.declare_token(own.liveliness_token)
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> RosPublisher:

@@ -83,14 +83,14 @@ class CellReadings:
         cell, modality, channel = (np.array(c) for c in (events.cell, events.modality, events.channel))
         t_ns, value = np.array(events.t_sampled_ns), np.array(events.value)
         if not len(cell) == len(modality) == len(channel) == len(t_ns) == len(value) == len(events.seq):
-            raise ProtocolError(f"events of {patch} with columns of unequal length")
+            raise ProtocolError(f"events of patch {patch}: columns differ in length")
         if not len(cell):
             return
         self._check(patch, cell)
         if modality.min() < 0 or modality.max() >= len(_FIRST_COLUMN):
-            raise ProtocolError(f"events of {patch} of a modality that no cell has")
+            raise ProtocolError(f"events of {patch}: unknown modality")
         if channel.min() < 0 or (channel >= _WIDTH[modality]).any():
-            raise ProtocolError(f"events of {patch} of a channel that no cell has")
+            raise ProtocolError(f"events of {patch}: unknown channel of a modality")
         self.deliveries[patch].count(np.array(events.seq), events=len(cell))
         order = np.argsort(t_ns, kind="stable")  # of several events of one channel, the newest is last
         row, column = rows.start + cell[order], (_FIRST_COLUMN[modality] + channel)[order]
@@ -124,7 +124,9 @@ class CellReadings:
         rows = self._require_patch(patch)
         reached = np.array(topology.network_id) > 0
         if reached.shape != self.connected[rows].shape:
-            raise ProtocolError(f"topology of {len(reached)} cells of {patch}")
+            raise ProtocolError(
+                f"topology of {patch}: {len(reached)} cells; the patch has {rows.stop - rows.start}"
+            )
         self.connected[rows] = reached
         self.values[rows][~reached, : PROXIMITY + 1] = 0.0
 
@@ -135,7 +137,7 @@ class CellReadings:
     def _require_patch(self, patch: str) -> slice:
         rows = self._rows.get(patch)
         if rows is None:
-            raise ProtocolError(f"patch {patch}, which is not in this run")
+            raise ProtocolError(f"unknown patch {patch!r}")
         return rows
 
     def _check(self, patch: str, cell: NDArray[np.int64]) -> None:

@@ -115,7 +115,7 @@ class Entity(NamedTuple):
             or not all(parts)
             or parts[5] not in kinds
         ):
-            raise ProtocolError(f"{token}: no token of a node, a publisher or a subscription")
+            raise ProtocolError(f"{token}: not a token of a node, publisher or subscription")
         kind = kinds[parts[5]]
         wanted = _NODE_TOKEN_PARTS if kind is EntityType.NODE else _NODE_TOKEN_PARTS + _ENDPOINT_TOKEN_PARTS
         if len(parts) < wanted or not all(parts[i].isdecimal() for i in (1, 3, 4)):

@@ -51,15 +51,15 @@ class VelocityCommandParser:
         Raises:
             ProtocolError: it is malformed, of the wrong size or not finite; names the sender.
         """
-        sender = "somebody"
+        sender = "unknown publisher"
         try:
             gid = Attachment.unpack(attachment).gid
-            sender = self._sender_names.get(gid, f"the publisher {gid.hex()}")
+            sender = self._sender_names.get(gid, f"publisher {gid.hex()}")
             data = decode(payload, FLOAT64_MULTI_ARRAY).data
             if len(data) != self._n_dofs:
-                raise ProtocolError(f"velocities of {len(data)} joints; the run has {self._n_dofs}")
+                raise ProtocolError(f"{len(data)} velocities; expected {self._n_dofs}, one for each joint")
             if not np.isfinite(data).all():
-                raise ProtocolError("velocities that are not finite")
+                raise ProtocolError("velocities are not finite")
         except ProtocolError as error:
             self.n_refused += 1
             raise ProtocolError(f"{sender}: {error}") from error

@@ -46,7 +46,7 @@ class ChildProcess:
     def failure_error(self) -> ProcessFailedError:
         """Return the error that names the process, its exit, and its last lines."""
         lines = self.last_lines()
-        said = "; its last lines:\n    " + "\n    ".join(lines) if lines else ", and said nothing"
+        said = "; its last lines:\n    " + "\n    ".join(lines) if lines else "; its log is empty"
         return ProcessFailedError(f"{self.spec.name} {self.exit_description()}{said}")
 
     def ended(self) -> EndedProcess:
@@ -74,7 +74,7 @@ async def start_process(context: RunContext, spec: ProcessSpec, hub: str, cores:
     Args:
         context: Context of the run.
         spec: Process to start.
-        hub: Zenoh endpoint of the hub, which the body listens on.
+        hub: Zenoh endpoint of the hub to connect to, which the body listens on.
         cores: Cores to pin it to; any if empty.
     """
     log = context.out / LOG_FOLDER / f"{spec.name}.log"

@@ -32,7 +32,7 @@ class ProgressDisplay:
     def __enter__(self) -> "ProgressDisplay":
         self._start_s = time.monotonic()
         if not self._quiet and self._console.is_terminal:
-            self._live = Live(Text("starting the processes …"), console=self._console, refresh_per_second=8)
+            self._live = Live(Text("starting processes …"), console=self._console, refresh_per_second=8)
             self._live.start()
         return self
 

@@ -179,7 +179,7 @@ class _Loop:
         if now_s - self.lost_at_s.get(upstream.process, now_s) > _LIVELINESS_GRACE_S:
             self.drop_upstream(upstream, "is gone")
         elif now_s - self.last_delivery_s >= self.deadline_s:
-            self.drop_upstream(upstream, f"sent no frame for {self.deadline_s:g} s")
+            self.drop_upstream(upstream, f"sent no period end for {self.deadline_s:g} s")
 
     def dispatch(self, deliveries: list[Delivery]) -> None:
         """Dispatch deliveries: liveliness changes to the loop, messages to the process."""
@@ -204,7 +204,7 @@ class _Loop:
             self.process.counters["malformed_messages"] += 1
             if key not in self._logged_keys and len(self._logged_keys) < 1000:  # once per source
                 self._logged_keys.add(key)
-                log.warning("dropped a message on %s: %s", key, error)
+                log.warning("dropped a malformed message on %s: %s", key, error)
 
     def drop_upstream(self, upstream: Upstream, reason: str) -> None:
         """Continue without an upstream if its loss is tolerated.
@@ -220,7 +220,7 @@ class _Loop:
         text = f"{upstream.process} (source of {upstream.name}) {reason}"
         if upstream.process not in self.process.tolerated_losses:
             raise UpstreamLostError(f"{self.process.name}: {text}")
-        log.warning("%s; going on without it", text)
+        log.warning("%s; continuing without it", text)
 
 
 def _claim_name(name: str, session: PublicSession, keys: Keys) -> None:
@@ -236,8 +236,8 @@ def _claim_name(name: str, session: PublicSession, keys: Keys) -> None:
     session.declare_token(own)
     if session.liveliness_tokens(keys.name_claim(name, "*")) - {own}:
         raise NameTakenError(
-            f"{name}: there is a process of this name in the loop already; only one may speak in it, "
-            f"so this one leaves (end the other first)"
+            f"{name}: a process of this name is already in the loop; names must be unique, "
+            f"so this process exits (stop the other one first)"
         )
 
 

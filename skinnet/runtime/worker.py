@@ -63,17 +63,17 @@ def build_process(
 
 def _arguments(module: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description="One process of a skinnet run.")
-    parser.add_argument("--deployment", type=Path, required=True, help="resolved deployment, JSON")
-    parser.add_argument("--base", type=Path, required=True, help="folder that relative paths start from")
+    parser.add_argument("--deployment", type=Path, required=True, help="resolved deployment (JSON)")
+    parser.add_argument("--base", type=Path, required=True, help="base folder of relative paths")
     parser.add_argument("--name", required=True, help="name of this process in the deployment")
-    parser.add_argument("--cpus", type=int, nargs="+", help="cores to run on")
+    parser.add_argument("--cpus", type=int, nargs="+", help="CPU cores to pin the process to")
     parser.add_argument(
-        "--parts", type=Path, required=True, help="folder for the result, inside that of the run"
+        "--parts", type=Path, required=True, help="folder for the process result, inside the run folder"
     )
     parser.add_argument("--recorded", action="store_true", help="a recorder takes part in the run")
     end = parser.add_mutually_exclusive_group(required=True)
-    end.add_argument("--listen", help="Zenoh endpoint: be the hub")
-    end.add_argument("--connect", help="Zenoh endpoint of the hub")
+    end.add_argument("--listen", help="Zenoh endpoint to listen on as the hub")
+    end.add_argument("--connect", help="Zenoh endpoint of the hub to connect to")
     return parser.parse_args()
 
 

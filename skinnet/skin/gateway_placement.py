@@ -86,13 +86,14 @@ def choose_gateway_ports(
     cells, first = np.unique(ports[:, 0], return_index=True)
     if not 1 <= n_gateways <= len(cells):
         raise DeploymentError(
-            f"{n_gateways} gateways: allowed are 1 to {len(cells)}, as many as cells have a free port"
+            f"{n_gateways} gateways: give 1 to {len(cells)}, the number of cells with a free port"
         )
     hops = _hop_counts(n_cells, wires, cells)
     chosen = list(range(n_gateways)) if n_gateways == len(cells) else _multi_start_search(hops, n_gateways)
     if (hops[chosen].min(axis=0) == n_cells).any():
         raise DeploymentError(
-            f"{n_gateways} gateways: the cells are in more pieces than that; give each piece its own"
+            f"{n_gateways} gateways: the cells have more connected components; give at least one gateway "
+            "per component"
         )
     places: NDArray[np.int64] = ports[first[chosen]]
     return places

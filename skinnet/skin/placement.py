@@ -74,7 +74,7 @@ def place_patch(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
         DeploymentError: cells overlap, vectors are degenerate, or an interface is not a free port.
     """
     if (patch.lattice is None) == (not patch.cells):
-        raise DeploymentError(f"patches.{patch.name}: give either lattice or cells, and not both")
+        raise DeploymentError(f"patches.{patch.name}: give either lattice or cells")
     if patch.lattice is not None:
         position_m, rotation = _lattice_poses(patch.name, patch.lattice, cells.side_m)
     else:
@@ -116,7 +116,9 @@ def place_patches(
 def _unit(name: str, key: str, vector: NDArray[np.float64]) -> NDArray[np.float64]:
     length = float(np.linalg.norm(vector))
     if not math.isfinite(length) or length < 1e-9:
-        raise DeploymentError(f"patches.{name}.{key} = {vector.tolist()}: needs a finite length above zero")
+        raise DeploymentError(
+            f"patches.{name}.{key} = {vector.tolist()}: the vector must have a finite length above zero"
+        )
     unit: NDArray[np.float64] = vector / length
     return unit
 
@@ -144,7 +146,7 @@ def _lattice_poses(
     angle = plane[:, :1] / lattice.radius_m
     if np.ptp(angle) > 2 * math.pi - pitch_m(side_m) / lattice.radius_m + 1e-9:
         raise DeploymentError(
-            f"patches.{name}.lattice.columns = {lattice.columns}: wraps more than once around a radius of "
+            f"patches.{name}.lattice.columns = {lattice.columns}: exceeds the circumference at a radius of "
             f"{lattice.radius_m} m; use fewer columns"
         )
     outward = np.cos(angle) * normal + np.sin(angle) * x
@@ -214,14 +216,14 @@ def resolve_bridges(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) 
             if (cell, port) not in free[name]:
                 ports = [p for c, p in sorted(free[name]) if c == cell]
                 raise DeploymentError(
-                    f"bridges[{index}].{key} = {end!r}: no free port; "
+                    f"bridges[{index}].{key} = {end!r}: not a free port; "
                     f"free ports of cell {cell}: {ports or 'none'}"
                 )
             free[name].remove((cell, port))
             ends.append((name, cell, port))
         if ends[0][0] == ends[1][0]:
             raise DeploymentError(
-                f"bridges[{index}]: both ends are of {ends[0][0]}; a bridge joins two patches"
+                f"bridges[{index}]: both ends are on {ends[0][0]}; a bridge joins two patches"
             )
         bridges.append(Bridge(*ends[0], *ends[1]))
     return tuple(bridges)
@@ -248,8 +250,8 @@ def _require_connected(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge])
         cut_off = np.flatnonzero(~np.isin(mine, fed))
         if len(cut_off):
             raise DeploymentError(
-                f"patches.{patch.name}: no wire leads from cell {cut_off[0]} ({len(cut_off)} in all) to an "
-                "interface; ports sit on the edges at 0°, 60°, 180° and 240°: add columns, turn cells, or "
+                f"patches.{patch.name}: no path leads from cell {cut_off[0]} ({len(cut_off)} in all) to an "
+                "interface; ports are on the edges at 0°, 60°, 180° and 240°: add columns, rotate cells, or "
                 "wire an interface or a bridge to it"
             )
 
@@ -266,7 +268,7 @@ def _require_free_interfaces(
         free = [p for p in range(N_PORTS) if (cell, p) not in wired and (cell, p) not in seen]
         if port not in free:
             raise DeploymentError(
-                f"{key} = cell {cell} port {port}: that port is taken; "
+                f"{key} = cell {cell} port {port}: the port is in use; "
                 f"free ports of cell {cell}: {free or 'none'}"
             )
         seen.add((cell, port))

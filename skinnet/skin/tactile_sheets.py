@@ -129,7 +129,9 @@ def build_surface(spec: SurfaceSpec) -> Surface:
     """
     where = f"surfaces.{spec.name}"
     if spec.radius_m is None and spec.flat_m > 0.0:
-        raise DeploymentError(f"{where}.flat_m = {spec.flat_m}: a plane has none; give radius_m, or leave it")
+        raise DeploymentError(
+            f"{where}.flat_m = {spec.flat_m}: not allowed on a plane; give radius_m, or remove it"
+        )
     normal = _unit(f"{where}.normal", np.array(spec.normal))
     up = np.array(spec.up)
     e2 = _unit(f"{where}.up (it may not be parallel to normal)", up - normal * float(up @ normal))
@@ -153,12 +155,12 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
     known: dict[str, Surface] = {}
     for spec in surfaces:
         if spec.name in known:
-            raise DeploymentError(f"surfaces.{spec.name}: the name is given twice")
+            raise DeploymentError(f"surfaces.{spec.name}: duplicate name; give each its own")
         known[spec.name] = build_surface(spec)
     placed: dict[str, PlacedSheet] = {}
     for sheet in sheets:
         if sheet.name in placed:
-            raise DeploymentError(f"sheets.{sheet.name}: the name is given twice")
+            raise DeploymentError(f"sheets.{sheet.name}: duplicate name; give each its own")
         if sheet.surface not in known:
             names = known_names(sheet.surface, known)
             raise DeploymentError(f"sheets.{sheet.name}.surface = {sheet.surface!r}: unknown; {names}")
@@ -172,7 +174,7 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
 def _unit(key: str, vector: Floats) -> Floats:
     length = float(np.linalg.norm(vector))
     if not math.isfinite(length) or length < 1e-9:
-        raise DeploymentError(f"{key} = {vector.tolist()}: needs a finite length above zero")
+        raise DeploymentError(f"{key} = {vector.tolist()}: the vector must have a finite length above zero")
     return vector / length
 
 
@@ -184,7 +186,7 @@ def _place_sheet(spec: SheetSpec, surface: Surface) -> PlacedSheet:
     if np.abs(xi_m[:, 0]).max() > surface.max_xi1_m - 0.5 * spec.pitch_m + 1e-9:
         raise DeploymentError(
             f"sheets.{spec.name}: an element lies at ξ1 = {np.abs(xi_m[:, 0]).max():.4f} m; "
-            f"{surface.name} reaches to {surface.max_xi1_m:.4f} m, half around on both sides; use fewer"
+            f"{surface.name} extends to {surface.max_xi1_m:.4f} m on both sides; use fewer columns"
         )
     position_m, rotation = surface.frame_at(xi_m)
     neighbours = _neighbours(grid, connect_across_gaps=spec.connect_across_gaps)

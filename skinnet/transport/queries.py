@@ -62,11 +62,11 @@ def query_deployment(session: ZenohSession, endpoint: str) -> tuple[Deployment, 
     answers = query_values(session, DEPLOYMENT, _DEPLOYMENT_TIMEOUT_S)
     if not answers:
         raise UnreachableError(
-            f"{endpoint}: nobody there tells what runs; give an endpoint that a run prints"
+            f"{endpoint}: no run serves its deployment there; give the observer endpoint that a run prints"
         )
     try:
         deployed = decode(next(iter(answers.values())), DeploymentInfo)
         raw = msgspec.json.decode(deployed.deployment)
     except (ProtocolError, msgspec.DecodeError) as error:
-        raise SkinnetError(f"{endpoint}: runs another version of skinnet: {error}") from error
+        raise SkinnetError(f"{endpoint}: the run there has another version of skinnet: {error}") from error
     return from_document(raw, endpoint), Path(deployed.base_folder)

@@ -204,7 +204,7 @@ class ZenohSession:
                 late = True  # each hop of the query may report it
             else:
                 found.append(Reply("", b"", error))
-        return [*found, Reply("", b"", f"no answer within {timeout_s:g} s")] if late else found
+        return [*found, Reply("", b"", f"no reply within {timeout_s:g} s")] if late else found
 
     def close(self) -> None:
         """Close the session, even if a peer does not respond; its liveliness tokens are undeclared."""
@@ -212,7 +212,9 @@ class ZenohSession:
         try:
             self._session.close()
         except zenoh.ZError as error:
-            log.warning("a peer did not answer when the session was closed: %s", str(error).splitlines()[0])
+            log.warning(
+                "a peer did not respond to the closing of the session: %s", str(error).splitlines()[0]
+            )
 
     def _hold(self, *entities: Any) -> Undeclare:
         """Hold Zenoh entities, which are undeclared when nothing refers to them."""

@@ -104,5 +104,5 @@ def test_it_is_part_of_the_log() -> None:
 def test_nursing_takes_none() -> None:
     file = next(file for file in SHIPPED_DEPLOYMENTS if file.stem == "riba_cylinder")
     deployment = load(file, ("controller.external_velocity=true",))
-    with pytest.raises(DeploymentError, match="nursing takes no velocities"):
+    with pytest.raises(DeploymentError, match="the nursing program accepts no external velocities"):
         check(deployment)

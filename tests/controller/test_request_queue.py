@@ -100,7 +100,7 @@ def test_a_stage_that_takes_none_refuses_and_says_which_it_is() -> None:
         ask(robot, len(told), "go", "2")
         robot.step()
         told += answers(robot.node.best_effort_messages())
-    begun = "the program has not begun: the network of the skin is forming"
+    begun = "the program has not started: the network of the skin is still forming"
     assert told[0] == Answer(id=0, t_ns=0, accepted=False, state="forming", reason=begun)
     assert [a.id for a in told] == list(range(len(told)))
     assert {(a.accepted, a.state, a.reason) for a in told[1:]} == {
@@ -112,7 +112,9 @@ def test_a_stage_that_takes_none_refuses_and_says_which_it_is() -> None:
 def test_when_the_program_is_over_there_is_nobody_to_ask() -> None:
     robot = Robot("home")
     robot.live()
-    assert robot.brain.handle_request(robot.t_ns, "go", "2") == Reply(False, "home", "the program is over")
+    assert robot.brain.handle_request(robot.t_ns, "go", "2") == Reply(
+        False, "home", "the program is complete"
+    )
 
 
 @pytest.mark.usefixtures("lift")
@@ -189,7 +191,11 @@ def test_the_nursing_program_takes_none() -> None:
     (key, payload), *rest = node.best_effort_messages()
     answer = decode(payload, Answer)
     assert key == keys.of("answer")
-    assert (answer.id, answer.accepted, answer.reason) == (7, False, "the nursing program takes no requests")
+    assert (answer.id, answer.accepted, answer.reason) == (
+        7,
+        False,
+        "the nursing controller accepts no requests",
+    )
     told = [decode(state, ControllerState).stage for key, state in rest if key == keys.of("state")]
     assert told == [answer.state]
 

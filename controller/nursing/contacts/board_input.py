@@ -63,7 +63,9 @@ class BoardInput:
         if len(frames) and frames["board"].max() >= len(self._surface):
             raise ProtocolError(f"regions of board {frames['board'].max()}; there are {len(self._surface)}")
         if int(frames["n_regions"].sum()) != len(rows):
-            raise ProtocolError(f"{len(rows)} regions; the frames announce {int(frames['n_regions'].sum())}")
+            raise ProtocolError(
+                f"{len(rows)} region records, but the frame records count {int(frames['n_regions'].sum())}"
+            )
         self._queue.append((frames, rows))
 
     def latest_input(self, before_ns: int) -> TactileInput | None:

@@ -64,7 +64,7 @@ class Sheet:
         ):
             raise ValueError(
                 f"sheet on {body}: coordinates {xi_m.shape}, positions {position_m.shape} and rotations "
-                f"{R_body_element.shape}; (n, 2), (n, 3) and (n, 3, 3) of at least one element are due"
+                f"{R_body_element.shape}; expected (n, 2), (n, 3) and (n, 3, 3) with n ≥ 1"
             )
         self.body = body
         self._xi_m, self._position_m, self._R, self._pitch_m = xi_m, position_m, R_body_element, pitch_m
@@ -140,7 +140,7 @@ def initial_contacts(
         ValueError: no region is given, or one lies outside its sheet.
     """
     if not regions:
-        raise ValueError("no contact to record")
+        raise ValueError("no contact region; at least one is required")
     points = tuple(sheets[region.sheet].surface_point(region.xi_m) for region in regions)
     poses = kinematics.surface_poses(q, points)
     middle_m = (

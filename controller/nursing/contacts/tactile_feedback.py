@@ -112,8 +112,9 @@ class TactileFeedback:
         near = np.linalg.norm(contacts.x_object_contact_m, axis=1) < _MIN_CENTRE_DISTANCE_M
         if position_impedance is not None and near.any():
             raise ValueError(
-                f"contact {contacts.names[int(np.argmax(near))]} is where the object's centre is: "
-                "position feedback needs a way to it; give the inherent centre of the object"
+                f"contact {contacts.names[int(np.argmax(near))]} coincides with the object's centre: "
+                "position feedback needs a direction; set nursing.object_centre_m to the object's inherent "
+                "centre"
             )
         self._force_n, self._xi_m = contacts.force_n, contacts.xi_m
         self._s = np.zeros((count, 2))

@@ -34,9 +34,11 @@ class JointLimits:
         if not (
             (self.position_range[:, 0] < self.position_range[:, 1]).all() and (self.max_speed > 0.0).all()
         ):
-            raise ValueError("joint limits: the lowest position below the highest, speeds above zero")
+            raise ValueError(
+                "joint limits: the lower position limit must be below the upper, speed limits above zero"
+            )
         if not (self.max_acceleration > 0.0).all():
-            raise ValueError("joint limits: accelerations above zero")
+            raise ValueError("joint limits: acceleration limits must be above zero")
 
     def step_bounds(self, q: Floats, last_step: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Return smallest and largest steps (N,) [rad] from `q` (N,) in one period, after `last_step` (N,).

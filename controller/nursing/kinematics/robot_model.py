@@ -84,12 +84,14 @@ class Kinematics:
         self.joints = tuple(joints)
         ids = [_joint(mj, name) for name in self.joints]
         if len(set(ids)) != len(ids):
-            raise ModelError(f"joints {', '.join(self.joints)}: a joint is named twice")
+            raise ModelError(f"joints {', '.join(self.joints)}: duplicate joint; name each once")
         self.mj = copy.copy(mj)
         for name, offset_m in errors.link_offset_m.items():
             self.mj.body_pos[_body(mj, name)] += offset_m
         if unknown := [name for name in errors.joint_offset_rad if name not in self.joints]:
-            raise ModelError(f"joint offset of {unknown[0]}: it is not among {', '.join(self.joints)}")
+            raise ModelError(
+                f"joint offset of {unknown[0]}: unknown joint; allowed are {', '.join(self.joints)}"
+            )
         self._offset = np.array([errors.joint_offset_rad.get(name, 0.0) for name in self.joints])
         limited = mj.jnt_limited[ids].astype(bool)[:, None]
         self.joint_range: Floats = (
@@ -180,12 +182,12 @@ def draw_model_errors(
 def _joint(mj: MjModel, name: str) -> int:
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
     if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in _ONE_DOF_JOINTS:
-        raise ModelError(f'joint "{name}": the controller\'s model has no such hinge or slide joint')
+        raise ModelError(f'joint "{name}": the controller\'s model has no hinge or slide joint of this name')
     return int(index)
 
 
 def _body(mj: MjModel, name: str) -> int:
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
-        raise ModelError(f'body "{name}": the controller\'s model has no such body')
+        raise ModelError(f'body "{name}": the controller\'s model has no body of this name')
     return int(index)

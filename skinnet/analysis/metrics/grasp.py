@@ -26,15 +26,15 @@ def grasp_metrics(deployment: Deployment, controller: ProcessResult, body: Proce
     if not begins:
         return {}
     grasp = [span for span in spans[begins[-1] :] if span.state in GRASP_STATES]
-    figures: dict[str, Any] = {"grasp.object": deployment.object, "grasp.attempts": len(begins)}
-    figures |= _state_metrics(grasp)
-    figures |= _force_metrics(deployment.cells.force, grasp, controller, body)
+    metrics: dict[str, Any] = {"grasp.object": deployment.object, "grasp.attempts": len(begins)}
+    metrics |= _state_metrics(grasp)
+    metrics |= _force_metrics(deployment.cells.force, grasp, controller, body)
     thing = body.facts.get("object")
     carried = thing is not None and _was_carried(thing, body)
-    figures["grasp.success"] = bool(
+    metrics["grasp.success"] = bool(
         carried and _had_three_contacts(grasp) and grasp[-1].event == "pose reached"
     )
-    return figures
+    return metrics
 
 
 def _had_three_contacts(grasp: list[StateInterval]) -> bool:
@@ -55,19 +55,19 @@ def _was_carried(object_facts: dict[str, Any], body: ProcessResult) -> bool:
 
 
 def _state_metrics(grasp: list[StateInterval]) -> dict[str, Any]:
-    figures: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     for span in grasp:
         key = f"grasp.{span.state}_s"
-        figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
+        metrics[key] = metrics.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
     for span in grasp:
-        figures.setdefault(f"grasp.start_s.{span.state}", span.start_ns * 1e-9)
+        metrics.setdefault(f"grasp.start_s.{span.state}", span.start_ns * 1e-9)
         if span.state in ("approach", "contact", "load", "pull", "hold") and len(span.contacts) == 3:
-            figures[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
+            metrics[f"grasp.{span.state}.contact_cells"] = list(span.contacts)
     failed = [span for span, after in pairwise(grasp) if after.state in ("set_down", "safe")]
-    figures["grasp.cancelled_in"] = failed[0].state if failed else ""
-    figures["grasp.cancelled_by"] = failed[0].event if failed else ""
-    figures["grasp.final_state"] = grasp[-1].state
-    return figures
+    metrics["grasp.cancelled_in"] = failed[0].state if failed else ""
+    metrics["grasp.cancelled_by"] = failed[0].event if failed else ""
+    metrics["grasp.final_state"] = grasp[-1].state
+    return metrics
 
 
 def _force_metrics(
@@ -98,7 +98,7 @@ def object_metrics(body: ProcessResult) -> dict[str, Any]:
     if thing is None:
         return {}
     moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["initial_position_m"])
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "object.name": thing["name"],
         "object.initial_position_m": list(thing["initial_position_m"]),
         "object.yaw_deg": float(np.degrees(thing["yaw_rad"])),
@@ -109,6 +109,6 @@ def object_metrics(body: ProcessResult) -> dict[str, Any]:
         "object.displacement_m": [float(m) for m in moved_m],
     }
     for name, met in sorted(thing["rigid_contacts"].items()):
-        figures[f"object.bare_link.{name}.peak_force_n"] = met["peak_force_n"]
-        figures[f"object.bare_link.{name}.contact_s"] = met["duration_s"]
-    return figures
+        metrics[f"object.bare_link.{name}.peak_force_n"] = met["peak_force_n"]
+        metrics[f"object.bare_link.{name}.contact_s"] = met["duration_s"]
+    return metrics

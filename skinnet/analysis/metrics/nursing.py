@@ -18,28 +18,28 @@ def nursing_metrics(
     assert deployment.nursing is not None
     label = deployment.nursing.label
     facts = controller.facts
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "state": facts["states"][-1][0] if facts["states"] else "hold",
         "stopped_by": facts["stopped_by"] or "nothing",
     }
     if facts["reason"]:
-        figures["reason"] = facts["reason"]
+        metrics["reason"] = facts["reason"]
     names = [contact["name"] for contact in facts["contacts"]]
     for contact in facts["contacts"]:
         name = contact_label(contact["name"], names)
-        figures[f"position_dev_mm.{name}"] = 1e3 * contact["position_dev_end_m"]
-        figures[f"position_dev_mm.{name}.peak"] = 1e3 * contact["position_dev_peak_m"]
-        figures[f"rotation_dev_deg.{name}"] = float(np.degrees(contact["rotation_dev_end_rad"]))
-        figures[f"rotation_dev_deg.{name}.peak"] = float(np.degrees(contact["rotation_dev_peak_rad"]))
+        metrics[f"position_dev_mm.{name}"] = 1e3 * contact["position_dev_end_m"]
+        metrics[f"position_dev_mm.{name}.peak"] = 1e3 * contact["position_dev_peak_m"]
+        metrics[f"rotation_dev_deg.{name}"] = float(np.degrees(contact["rotation_dev_end_rad"]))
+        metrics[f"rotation_dev_deg.{name}.peak"] = float(np.degrees(contact["rotation_dev_peak_rad"]))
         for when in () if deployment.nursing.assumed_contacts else ("start", "min", "max", "end"):
-            figures[f"force_n.{name}.{when}"] = contact[f"force_{when}_n"]
+            metrics[f"force_n.{name}.{when}"] = contact[f"force_{when}_n"]
     if names and not deployment.nursing.assumed_contacts:
-        figures["cop_mm.peak"] = 1e3 * max(contact["cop_peak_m"] for contact in facts["contacts"])
-        figures["cop_mm.end"] = 1e3 * max(contact["cop_end_m"] for contact in facts["contacts"])
-        figures["peak_pressure_kpa"] = facts["peak_kpa"]
+        metrics["cop_mm.peak"] = 1e3 * max(contact["cop_peak_m"] for contact in facts["contacts"])
+        metrics["cop_mm.end"] = 1e3 * max(contact["cop_end_m"] for contact in facts["contacts"])
+        metrics["peak_pressure_kpa"] = facts["peak_kpa"]
     if body is not None and "payload" in body.facts:
-        figures |= _object_metrics(deployment, controller, body)
-    return {f"{label}.{name}": value for name, value in figures.items()}
+        metrics |= _object_metrics(deployment, controller, body)
+    return {f"{label}.{name}": value for name, value in metrics.items()}
 
 
 def board_metrics(boards: ProcessResult) -> dict[str, Any]:
@@ -49,20 +49,20 @@ def board_metrics(boards: ProcessResult) -> dict[str, Any]:
         for name, value in counts.items():
             total[name] = total.get(name, 0) + value
     offered, delivered, in_flight = (total.pop(name) for name in ("offered", "delivered", "in_flight"))
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "network.offered": offered,
         "network.delivered": delivered,
         "network.dropped": sum(total.values()),
         "network.in_flight": in_flight,
         "network.conserved": offered == delivered + sum(total.values()) + in_flight,
     }
-    figures |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
+    metrics |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
     histogram = boards.arrays["latency_us"]
     if histogram.sum():
-        figures["network.latency_us.p50"] = percentile_us(histogram, 0.50)
-        figures["network.latency_us.p99"] = percentile_us(histogram, 0.99)
-        figures["network.latency_us.max"] = boards.facts["latency_max_ns"] * 1e-3
-    return figures
+        metrics["network.latency_us.p50"] = percentile_us(histogram, 0.50)
+        metrics["network.latency_us.p99"] = percentile_us(histogram, 0.99)
+        metrics["network.latency_us.max"] = boards.facts["latency_max_ns"] * 1e-3
+    return metrics
 
 
 def contact_label(contact: str, contacts: list[str]) -> str:
@@ -76,7 +76,7 @@ def _object_metrics(deployment: Deployment, controller: ProcessResult, body: Pro
     """Ground truth of the object: dropped, slip, and distance from its target position."""
     assert deployment.nursing is not None
     truth = body.facts["payload"]
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "dropped": truth["dropped_ns"] is not None,
         "slip_mm": 1e3 * truth["sliding_distance_m"],
     }
@@ -85,5 +85,5 @@ def _object_metrics(deployment: Deployment, controller: ProcessResult, body: Pro
         t_ns, pose = body.arrays["object_t_ns"], body.arrays["object_pose"]
         start = pose[min(int(np.searchsorted(t_ns, begin_ns)), len(pose) - 1), :3]
         wanted = np.array(deployment.nursing.waypoints[-1].displacement_m)
-        figures["object_error_mm"] = 1e3 * float(np.linalg.norm(pose[-1, :3] - start - wanted))
-    return figures
+        metrics["object_error_mm"] = 1e3 * float(np.linalg.norm(pose[-1, :3] - start - wanted))
+    return metrics

@@ -27,7 +27,7 @@ def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
                 data_dropped += counts["offered"] - counts["delivered"] - counts["in_flight"]
     offered, delivered, in_flight = (total.pop(name) for name in ("offered", "delivered", "in_flight"))
     histogram = np.sum([host.arrays["latency_us"] for host in cell_processes], axis=0)
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "network.offered": offered,
         "network.delivered": delivered,
         "network.dropped": sum(total.values()),
@@ -36,33 +36,33 @@ def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
         "network.data_packets": data,
         "network.data_dropped": data_dropped,
     }
-    figures |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
+    metrics |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
     if histogram.sum():
-        figures["network.latency_us.p50"] = percentile_us(histogram, 0.50)
-        figures["network.latency_us.p99"] = percentile_us(histogram, 0.99)
-        figures["network.latency_us.max"] = max(h.facts["latency_max_ns"] for h in cell_processes) * 1e-3
-    figures |= _formation_metrics(cell_processes) | _recovery_metrics(cell_processes)
-    return figures
+        metrics["network.latency_us.p50"] = percentile_us(histogram, 0.50)
+        metrics["network.latency_us.p99"] = percentile_us(histogram, 0.99)
+        metrics["network.latency_us.max"] = max(h.facts["latency_max_ns"] for h in cell_processes) * 1e-3
+    metrics |= _formation_metrics(cell_processes) | _recovery_metrics(cell_processes)
+    return metrics
 
 
 def _formation_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     """Metrics of network formation, and cells outside the network at the end."""
-    figures: dict[str, Any] = {}
-    figures["formation.packets"] = sum(host.facts["formation_packets"] for host in cell_processes)
+    metrics: dict[str, Any] = {}
+    metrics["formation.packets"] = sum(host.facts["formation_packets"] for host in cell_processes)
     formed_ns = [t_ns for host in cell_processes for t_ns in host.facts["formed_ns"].values()]
     if None not in formed_ns:
-        figures["formation.duration_ms"] = max(formed_ns) * 1e-6
-    figures["formation.repeated_packets"] = sum(
+        metrics["formation.duration_ms"] = max(formed_ns) * 1e-6
+    metrics["formation.repeated_packets"] = sum(
         host.facts["formation_retransmitted"] for host in cell_processes
     )
-    figures["formation.ignored_packets"] = sum(host.facts["formation_dropped"] for host in cell_processes)
-    figures["formation.tree_depth"] = max(host.facts["tree_depth"] for host in cell_processes)
-    figures["formation.unreached_cells"] = sum(host.facts["unreachable_cells"] for host in cell_processes)
+    metrics["formation.ignored_packets"] = sum(host.facts["formation_dropped"] for host in cell_processes)
+    metrics["formation.tree_depth"] = max(host.facts["tree_depth"] for host in cell_processes)
+    metrics["formation.unreached_cells"] = sum(host.facts["unreachable_cells"] for host in cell_processes)
     if cut_off := [patch for host in cell_processes for patch in host.facts["unreachable_patches"]]:
-        figures["formation.cut_off_patches"] = ", ".join(sorted(cut_off))
+        metrics["formation.cut_off_patches"] = ", ".join(sorted(cut_off))
     if without_power := sum(host.facts["unpowered_cells"] for host in cell_processes):
-        figures["power.cells_off"] = without_power
-    return figures
+        metrics["power.cells_off"] = without_power
+    return metrics
 
 
 def _recovery_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def _recovery_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     recoveries = [recovery for host in cell_processes for recovery in host.facts["recoveries"]]
     if not recoveries:
         return {}
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "recovery.count": len(recoveries),
         "recovery.unfinished": sum(recovery["topology_complete_ns"] is None for recovery in recoveries),
         "recovery.lost_packets": sum(recovery["lost_packets"] for recovery in recoveries),
@@ -78,8 +78,8 @@ def _recovery_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
     for name, key in (("rejoin", "rejoined_ns"), ("complete", "topology_complete_ns")):
         took_ns = [r[key] - r["t_ns"] for r in recoveries if r[key] is not None]
         if took_ns:
-            figures[f"recovery.{name}_ms.max"] = max(took_ns) * 1e-6
-    return figures
+            metrics[f"recovery.{name}_ms.max"] = max(took_ns) * 1e-6
+    return metrics
 
 
 def percentile_us(histogram: NDArray[np.int64], fraction: float) -> float:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from skinnet.runtime.process_result import ProcessResult
 
-__all__ = ["StateInterval", "session_metrics", "state_intervals"]
+__all__ = ["StateInterval", "state_intervals", "teach_and_grasp_metrics"]
 
 
 class StateInterval(NamedTuple):
@@ -47,18 +47,18 @@ def _begin_ns(controller: ProcessResult) -> int:
     return max((t_ns for _, t_ns in controller.facts["stages"] if t_ns <= first_ns), default=0)
 
 
-def session_metrics(controller: ProcessResult) -> dict[str, Any]:
+def teach_and_grasp_metrics(controller: ProcessResult) -> dict[str, Any]:
     """Metrics of a session: poses, areas, refused requests, and the time in each state."""
     spans = state_intervals(controller)
     if not spans:
         return {}
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "teach_and_grasp.poses": sorted(controller.facts["poses"]),
         "teach_and_grasp.refused_requests": len(controller.facts["refused_requests"]),
     }
     for label, cells in sorted(controller.facts["areas"].items()):
-        figures[f"teach_and_grasp.area_cells.{label}"] = len(cells)
+        metrics[f"teach_and_grasp.area_cells.{label}"] = len(cells)
     for span in spans:
         key = f"teach_and_grasp.state_s.{span.state}"
-        figures[key] = figures.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
-    return figures
+        metrics[key] = metrics.get(key, 0.0) + (span.end_ns - span.start_ns) * 1e-9
+    return metrics

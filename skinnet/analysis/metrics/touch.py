@@ -33,12 +33,12 @@ class Reaction(NamedTuple):
 
 def touch_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
     """Metrics of reaction latencies and their components, peak forces, and guidance."""
-    figures: dict[str, Any] = {}
-    figures |= _latency_metrics(*reactions(deployment, controller, body))
-    figures |= _force_metrics(body)
-    figures |= _guidance_metrics(deployment, controller, body)
-    figures |= _proximity_metrics(deployment, controller, body)
-    return figures
+    metrics: dict[str, Any] = {}
+    metrics |= _latency_metrics(*reactions(deployment, controller, body))
+    metrics |= _force_metrics(body)
+    metrics |= _guidance_metrics(deployment, controller, body)
+    metrics |= _proximity_metrics(deployment, controller, body)
+    return metrics
 
 
 def reactions(
@@ -84,7 +84,7 @@ def _latency_metrics(found: list[Reaction], unanswered: int) -> dict[str, Any]:
     t_ms = np.array([reaction[2:] for reaction in found], dtype=np.float64) * 1e-6
     parts = np.diff(t_ms, axis=1)
     total = t_ms[:, -1] - t_ms[:, 0]
-    figures: dict[str, Any] = {"reaction.count": len(found), "reaction.unanswered": unanswered}
+    metrics: dict[str, Any] = {"reaction.count": len(found), "reaction.unanswered": unanswered}
     for name, values in (
         ("latency_ms", total),
         ("sampling_ms", parts[:, 0]),
@@ -92,9 +92,9 @@ def _latency_metrics(found: list[Reaction], unanswered: int) -> dict[str, Any]:
         ("control_ms", parts[:, 2]),
         ("actuation_ms", parts[:, 3]),
     ):
-        figures[f"reaction.{name}.p50"] = float(np.percentile(values, 50))
-        figures[f"reaction.{name}.p99"] = float(np.percentile(values, 99))
-    return figures
+        metrics[f"reaction.{name}.p50"] = float(np.percentile(values, 50))
+        metrics[f"reaction.{name}.p99"] = float(np.percentile(values, 99))
+    return metrics
 
 
 def _force_metrics(body: ProcessResult) -> dict[str, Any]:

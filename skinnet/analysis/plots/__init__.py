@@ -46,5 +46,5 @@ def draw_plots(deployment: Deployment, base: Path, outcome: Outcome, out: Path) 
             figure.savefig(out / f"{name}.png", dpi=_DPI)
     problem = draw_body(deployment, base, parts, out)
     if problem is not None:
-        told.append(f"no picture of the body: {problem}")
+        told.append(f"the body was not rendered: {problem}")
     return told

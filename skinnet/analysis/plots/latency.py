@@ -32,7 +32,7 @@ def plot_latency(deployment: Deployment, results: dict[str, ProcessResult]) -> F
     share_axes = axes.twinx()
     share_axes.plot(np.arange(last), np.cumsum(histogram)[:last] / histogram.sum(), color="#1f3b57")
     share_axes.set_ylim(0.0, 1.02)
-    share_axes.set_ylabel("share delivered by then")
+    share_axes.set_ylabel("fraction delivered")
     for share in (0.5, 0.99):
         value = percentile_us(histogram, share)
         axes.axvline(value, color="#b3261e", linewidth=0.8, linestyle="--")

@@ -85,7 +85,7 @@ def plot_object(deployment: Deployment, results: dict[str, ProcessResult]) -> Fi
     top, bottom = figure.subplots(2, sharex=True, height_ratios=(2, 1))
     for axis, label in enumerate("xyz"):
         top.plot(t_s, 1e3 * (pose[:, axis] - pose[0, axis]), color=_COLOURS[axis], label=label)
-    top.set_ylabel("way of the object [mm]")
+    top.set_ylabel("object displacement [mm]")
     top.legend(loc="upper left", ncols=3, frameon=False)
     bottom.plot(t_s, 1e3 * body.arrays["object_sliding_distance_m"], color=_COLOURS[3])
     bottom.set_ylabel("slip [mm]")

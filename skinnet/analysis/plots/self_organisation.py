@@ -27,7 +27,7 @@ def plot_activity(deployment: Deployment, results: dict[str, ProcessResult]) -> 
         interpolation="none",
         cmap=ListedColormap(["#eef1f4", _INK]),
     )
-    axes.set_title("Activity matrix: which DoF moves which cell")
+    axes.set_title("Activity matrix: DoFs against the cells that they move")
     _label_dofs(axes, deployment)
     patch_ticks(axes, deployment)
     return figure

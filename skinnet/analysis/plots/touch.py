@@ -48,7 +48,7 @@ def plot_touch(deployment: Deployment, results: dict[str, ProcessResult]) -> Fig
     _plot_joints(deployment, body, span_s, main[2:], side[2:])
     _mark_stages(main[0], controller, span_s)
     main[-1].set_xlabel("simulated time [s]")
-    figure.suptitle("Touch and the joints' answer")
+    figure.suptitle("Touch and joint motion")
     return figure
 
 

@@ -14,20 +14,20 @@ def deployment_metrics(deployment: Deployment | None) -> dict[str, Any]:
     """Sizes and rates of a deployment under metric names; empty for None."""
     if deployment is None:
         return {}
-    figures: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     cells = sum(patch.n_cells for patch in deployment.patches)
     if cells:
-        figures |= {"size.patches": len(deployment.patches), "size.cells": cells}
+        metrics |= {"size.patches": len(deployment.patches), "size.cells": cells}
         if deployment.scripted_stimuli is not None and deployment.scripted_stimuli.stimulated_fraction:
-            figures["size.touched_cells"] = round(deployment.scripted_stimuli.stimulated_fraction * cells)
+            metrics["size.touched_cells"] = round(deployment.scripted_stimuli.stimulated_fraction * cells)
     if deployment.sheets:
-        figures["size.sheets"] = len(deployment.sheets)
-        figures["size.tactile_points"] = sum(sheet.n_elements for sheet in deployment.sheets)
+        metrics["size.sheets"] = len(deployment.sheets)
+        metrics["size.tactile_points"] = sum(sheet.n_elements for sheet in deployment.sheets)
     period_ms = deployment.cells.period_ms if cells else deployment.boards.period_ms
-    figures["size.skin_rate_hz"] = 1e3 / period_ms
-    figures["size.joints"] = len(deployment.body.joints)
-    figures["size.control_rate_hz"] = 1e3 / deployment.controller.period_ms
+    metrics["size.skin_rate_hz"] = 1e3 / period_ms
+    metrics["size.joints"] = len(deployment.body.joints)
+    metrics["size.control_rate_hz"] = 1e3 / deployment.controller.period_ms
     stages = (deployment.controller.stages.get(name) for name in deployment.controller.program)
     if any(stage is not None and stage.kind == "structure" for stage in stages):
-        figures["structure.steps"] = _EXPLORATION_PASSES * len(deployment.body.joints)
-    return figures
+        metrics["structure.steps"] = _EXPLORATION_PASSES * len(deployment.body.joints)
+    return metrics

@@ -75,7 +75,10 @@ def _page(name: str, subtitle: str, sections: Sequence[tuple[str, str, Html]]) -
             tag("main", *(section(key, title, content) for key, title, content in sections)),
             class_="columns",
         ),
-        tag("footer", f"Made by skinnet {__version__} from the results alone; nothing in it is loaded."),
+        tag(
+            "footer",
+            f"Made by skinnet {__version__} from the results alone; no external resources are loaded.",
+        ),
         class_="frame",
     )
     return "<!doctype html>\n" + tag("html", head, tag("body", body), lang="en") + "\n"
@@ -88,7 +91,7 @@ def _run(run: RunResults) -> list[tuple[str, str, Html]]:
     sections = [("summary", "Summary", overview.run_summary(run))]
     if run.comparisons:
         rows = ((compared, compared.measured_text, verdict_badge(compared)) for compared in run.comparisons)
-        sections.append(("papers", "Beside the paper", comparison_table(rows)))
+        sections.append(("papers", "Comparison with the papers", comparison_table(rows)))
     sections += [
         ("pictures", "Plots", gallery(rest, run.files.damaged_files, "plot", "pictures")),
         ("metrics", "Figures", metric_cards(group_metrics(run.metrics, _group_titles(run.files)))),
@@ -111,8 +114,8 @@ def _seeds(seeds: SeedResults) -> list[tuple[str, str, Html]]:
     )
     sections = [("summary", "Summary", join(tiles, overview.runs_table(seeds)))]
     if any(run.comparisons for run in runs):
-        sections.append(("papers", "Beside the paper", comparison_table(_claims_over_seeds(runs))))
-    figures = metric_cards(group_over_seeds([run.metrics for run in runs], _group_titles(one.files)))
+        sections.append(("papers", "Comparison with the papers", comparison_table(_claims_over_seeds(runs))))
+    metrics = metric_cards(group_over_seeds([run.metrics for run in runs], _group_titles(one.files)))
     plots = [
         tag(
             "details",
@@ -128,7 +131,7 @@ def _seeds(seeds: SeedResults) -> list[tuple[str, str, Html]]:
     ]
     sections += [
         ("pictures", "Plots", join(*plots) if plots else gallery((), (), "plot", "pictures")),
-        ("metrics", "Figures over all seeds", figures),
+        ("metrics", "Metrics over all seeds", metrics),
         ("deployment", "The deployment", join(_first_seed(one), deployment_listing(one.files))),
         ("versions", "Versions", overview.environment_table(one.summary.environment, one.summary.version)),
     ]
@@ -136,7 +139,9 @@ def _seeds(seeds: SeedResults) -> list[tuple[str, str, Html]]:
 
 
 def _first_seed(run: RunResults) -> Html:
-    return tag("p", f"That of seed {run.summary.seed}; the others differ in their seed only.", class_="soft")
+    return tag(
+        "p", f"Deployment of seed {run.summary.seed}; the others differ only in the seed.", class_="soft"
+    )
 
 
 def _claims_over_seeds(runs: Sequence[RunResults]) -> list[tuple[ClaimComparison, str, Html]]:
@@ -167,14 +172,14 @@ def _stress(stress: StressResults) -> list[tuple[str, str, Html]]:
         ("measured", overview.with_unit(f"{summary.stress.get('duration_s', 0):g}", "s a point")),
     ]
     items += [("skin", size)] if (size := overview.skin_size(stress.metrics)) else []
-    items += [("figures of the paper", count)] if (count := overview.kept_count(stress.comparisons)) else []
+    items += [("published values", count)] if (count := overview.kept_count(stress.comparisons)) else []
     failed = [tag("p", tag("b", name), f" failed: {why}") for name, why in summary.failed.items()]
     sections = [("summary", "Summary", join(overview.tiles(items), *failed, points_table(stress)))]
     if stress.comparisons:
         rows = (
             (compared, compared.measured_text, verdict_badge(compared)) for compared in stress.comparisons
         )
-        sections.append(("papers", "Beside the paper", comparison_table(rows)))
+        sections.append(("papers", "Comparison with the papers", comparison_table(rows)))
     sections += [
         ("pictures", "Plots", gallery(stress.files.pictures, stress.files.damaged_files, "plot", "pictures")),
         (

@@ -92,7 +92,7 @@ def comparison_table(comparisons: Iterable[tuple[ClaimComparison, str, Html]]) -
             )
         )
         used.append(claim.source)
-    heads = ("what", "the paper says", "this run gave", "expected here", "", "where")
+    heads = ("quantity", "published", "this run", "expected", "", "source")
     table = tag("table", _head(heads), tag("tbody", *body), class_="papers stack")
     sources = [tag("li", tag("b", f"[{key}]"), " ", name) for key, name in SOURCES.items() if key in used]
     return join(tag("div", table, class_="card block"), tag("ul", *sources, class_="sources"))
@@ -177,7 +177,7 @@ def deployment_listing(files: RunFiles) -> Html:
     if files.deployment is None:
         if not files.deployment_keys:
             return tag("p", "There is no deployment.json beside the summary.", class_="soft")
-        why = "It is of another version of skinnet, so that its defaults are not known."
+        why = "It was written by another version of skinnet; its defaults are unknown."
         return join(tag("p", why, class_="soft"), pairs_table(flatten(files.deployment_keys)))
     folds = []
     for part in sections(files.deployment):
@@ -188,7 +188,7 @@ def deployment_listing(files: RunFiles) -> Html:
         "p",
         "As TOML, every key. ",
         tag("span", "Marked", class_="swatch"),
-        " is what was set and differs from the default; entries of lists show only that.",
+        " keys differ from the default; entries of lists show only such keys.",
         class_="soft",
     )
     return join(hint, *folds)

@@ -15,15 +15,15 @@ _STATISTICS = ("", "start", "p50", "p99", "p999", "min", "max", "peak", "end")
 _SEED_STATISTICS = ("least", "median", "greatest")
 _TITLES = {
     "": "The sweep",
-    "periodic": "Clock-driven, all cells",
+    "periodic": "Periodic (clock-driven), all cells",
     "contact": "Contact",
     "send_on_delta": "Send-on-delta, all cells",
-    "delta_sigmas": "Deltas, in multiples of the noise",
+    "delta_sigmas": "Send-on-delta thresholds, in multiples of the noise",
     "formation": "Network formation",
     "grasp": "Grasp",
     "guidance": "Guidance by a held force",
-    "level_crossing": "Levels, all cells",
-    "nearest": "Deltas nearest to what was published",
+    "level_crossing": "Level crossing, all cells",
+    "nearest": "Thresholds nearest to the published rates",
     "network": "Packets",
     "noise": "Noise of the sensors",
     "power": "Power",
@@ -32,7 +32,7 @@ _TITLES = {
     "reaction": "Reactions, from the stimulus to the command in effect",
     "recovery": "Recovery from faults",
     "teach_and_grasp": "Teaching and grasping",
-    "size": "Size and rates, as deployed",
+    "size": "Sizes and rates of the deployment",
     "smm": "Sensory-motor map",
     "structure": "Structural exploration",
 }
@@ -89,8 +89,8 @@ def group_over_seeds(
 ) -> list[MetricGroup]:
     """Group the metrics of several runs: least, median and greatest of numbers, counts of other values."""
     found: dict[str, MetricGroup] = {}
-    for name in dict.fromkeys(name for figures in runs for name in figures):
-        values = [figures[name] for figures in runs if figures.get(name) is not None]
+    for name in dict.fromkeys(name for metrics in runs for name in metrics):
+        values = [metrics[name] for metrics in runs if metrics.get(name) is not None]
         key, stem = _split_group(name)
         group = _group(found, key, titles)
         if values and all(_is_number(value) for value in values):

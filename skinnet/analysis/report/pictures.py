@@ -7,32 +7,35 @@ __all__ = ["Picture", "read_pictures"]
 
 _BEGIN, _END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _CAPTIONS = {
-    "body": ("The body", "Cells and elements coloured by what they felt, when they felt most."),
-    "activity_matrix": ("Activity matrix", "Which DoF moves which cell [M14, (1)]."),
-    "kinematic_tree": ("Kinematic tree", "Body parts and joints as the skin sees them [M14, Fig. 4]."),
+    "body": ("The body", "Cells and elements coloured by their readings at the strongest touch."),
+    "activity_matrix": ("Activity matrix", "DoFs against the cells that they move [M14, (1)]."),
+    "kinematic_tree": (
+        "Kinematic tree",
+        "Body parts and joints found by structural exploration [M14, Fig. 4].",
+    ),
     "sensory_motor_map": (
         "Sensory-motor map",
-        "How each DoF moves each cell along its normal [M14, (3)].",
+        "Motion of each cell along its normal by each DoF [M14, (3)].",
     ),
     "touch": (
-        "Touch and answer",
-        "Force and proximity of every cell, and what joints did [M14, Fig. 8].",
+        "Touch and joint motion",
+        "Force and proximity of every cell, and joint motion [M14, Fig. 8].",
     ),
     "grasp": ("Grasp", "Joints, pre-contact, force and the object over the states [M14, Fig. 10]."),
-    "reactions": ("Reactions", "Where the time goes from a stimulus to the command in effect."),
+    "reactions": ("Reactions", "Latency components from the stimulus to the command in effect."),
     "deviations": ("Deviations", "Object, evaluation function, position and rotation [R11, Figs. 9, 10]."),
     "feedback": ("Tactile feedback", "Forces, centres of pressure, adjustments [R11, Figs. 12, 13]."),
-    "object": ("The object", "Where it really was, and how far it slid."),
+    "object": ("The object", "Ground truth of position and slip."),
     "patterns": ("Pressure patterns", "Readings of the elements at three moments [R11, Fig. 14]."),
     "event_driven": (
-        "What event-driven buys",
-        "What is left of the clock-driven rate, and what was published.",
+        "Event-driven rates",
+        "Fractions of the clock-driven rate, measured and published.",
     ),
-    "thresholds": ("Thresholds", "Share of the clock-driven rate over the delta of send-on-delta."),
+    "thresholds": ("Thresholds", "Fraction of the clock-driven rate against the send-on-delta threshold."),
     "rates": ("Rates", "Packets per second into the controller."),
     "cpu": ("CPU", "Of each process, per simulated second."),
     "latency": ("Latency", "From the sample to the gateway."),
-    "plan": ("The skin unrolled", "Cells coloured by the load of their link to the gateway."),
+    "plan": ("Link budget", "Cells coloured by the load of their link to the gateway."),
 }
 """Title and caption by name, in the order of display; other pictures follow by name."""
 

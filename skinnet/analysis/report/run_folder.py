@@ -155,26 +155,26 @@ def read_run_folder(folder: Path) -> Results:
 
 def _unfinished_reason(folder: Path) -> str:
     if (folder / "deployment.json").exists():
-        logs = f"; {folder / 'logs'} has its last words" if (folder / "logs").is_dir() else ""
+        logs = f"; {folder / 'logs'} has the logs" if (folder / "logs").is_dir() else ""
         return f"there is no summary.json: the run failed, was stopped, or is still going on{logs}"
     if any(folder.glob("*/point.json")):
-        return "there is no stress.json: the sweep is not finished; skinnet stress --resume goes on with it"
+        return "there is no stress.json: the sweep is not finished; continue it with skinnet stress --resume"
     if any(folder.glob("seed-*/deployment.json")):
         return "there is no summary.json: not all seeds are finished; each seed's own folder can be reported"
-    return "no run folder: it has neither summary.json nor stress.json"
+    return "not a run folder: neither summary.json nor stress.json is in it"
 
 
 def _read_run(name: str, source: Path, raw: dict[str, Any], files: RunFiles) -> RunResults:
     summary = _convert(raw, Summary, source)
     others = {key: value for key, value in raw.items() if key not in Summary.__struct_fields__}
-    figures = deployment_metrics(files.deployment) | summary.metrics
+    metrics = deployment_metrics(files.deployment) | summary.metrics
     return RunResults(
         name,
         summary,
         others,
-        figures,
+        metrics,
         files,
-        evaluate_claims(summary.deployment, figures, files.deployment_keys),
+        evaluate_claims(summary.deployment, metrics, files.deployment_keys),
     )
 
 
@@ -182,9 +182,9 @@ def _read_stress(folder: Path, name: str) -> StressResults:
     source = folder / "stress.json"
     summary = _convert(_read_summary(source), StressSummary, source)
     made = _read_files(folder)
-    figures = deployment_metrics(made.deployment) | summary.metrics
+    metrics = deployment_metrics(made.deployment) | summary.metrics
     return StressResults(
-        name, summary, figures, made, evaluate_claims(summary.deployment, figures, made.deployment_keys)
+        name, summary, metrics, made, evaluate_claims(summary.deployment, metrics, made.deployment_keys)
     )
 
 

@@ -19,7 +19,7 @@ _COLUMNS = (
     ("dropped", "dropped"),
     ("missing", "missing"),
     ("latency_us.p99", "model 99 % [µs]"),
-    ("machine_us.p99", "machine 99 % [µs]"),
+    ("machine_us.p99", "transit 99 % [µs]"),
     ("cpu.controller", "controller [CPU s/s]"),
     ("cpu.all", "all [CPU s/s]"),
     ("rtf", "× real time"),
@@ -82,7 +82,7 @@ def point_metrics(stress: StressResults) -> Html:
     for name in stress.summary.points:
         own = _metrics_of(stress, name)
         if own:
-            head = tag("summary", tag("code", name), tag("span", f"{len(own)} figures", class_="count"))
+            head = tag("summary", tag("code", name), tag("span", f"{len(own)} metrics", class_="count"))
             folds.append(
                 tag("details", head, tag("div", metric_cards(_metric_groups(name, own)), class_="inside"))
             )
@@ -104,8 +104,8 @@ def _metric_groups(point: str, own: dict[str, Any]) -> list[MetricGroup]:
         parted[kind][f"{point.replace('.', '_')}.{name}"] = value
     return [
         replace(group, key="", title=title.capitalize())
-        for title, figures in parted.items()
-        for group in group_metrics(figures)
+        for title, metrics in parted.items()
+        for group in group_metrics(metrics)
     ]
 
 

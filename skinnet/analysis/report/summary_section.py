@@ -82,9 +82,9 @@ def run_summary(run: RunResults) -> Html:
         ("pace", summary.pace),
     ]
     if summary.pace == "realtime":
-        items.append(("late frames", format_number(summary.deadline_misses)))
+        items.append(("deadline misses", format_number(summary.deadline_misses)))
     items += [("skin", size)] if (size := skin_size(run.metrics)) else []
-    items += [("figures of the paper", count)] if (count := kept_count(run.comparisons)) else []
+    items += [("published values", count)] if (count := kept_count(run.comparisons)) else []
     told: list[tuple[str, Child]] = [("log SHA-256", tag("code", summary.log_sha256))]
     told += [("settings", tag("code", setting)) for setting in summary.settings]
     left = tag("div", tiles(items), facts(told), _process_failures(summary.process_failures))
@@ -115,7 +115,7 @@ def _process_failures(failures: Sequence[ProcessFailure]) -> Html | None:
         )
         for fault in failures
     )
-    return join(tag("h3", "Lost on the way"), tag("ul", *rows, class_="process_failures"))
+    return join(tag("h3", "Process failures"), tag("ul", *rows, class_="process_failures"))
 
 
 def _processes(processes: Sequence[ProcessReport]) -> Html:
@@ -150,7 +150,7 @@ def _counters(counters: dict[str, dict[str, Any]]) -> Html | None:
 
 def _unknown_keys(run: RunResults) -> Html | None:
     return (
-        join(tag("h3", "Also in the summary"), pairs_table(flatten(run.unknown_keys)))
+        join(tag("h3", "Unknown keys of the summary"), pairs_table(flatten(run.unknown_keys)))
         if run.unknown_keys
         else None
     )
@@ -158,7 +158,7 @@ def _unknown_keys(run: RunResults) -> Html | None:
 
 def runs_table(seeds: SeedResults) -> Html:
     """Table of runs, one row for each seed."""
-    heads = ("seed", "outcome", "simulated", "speed", "the paper's figures", "log SHA-256")
+    heads = ("seed", "outcome", "simulated", "speed", "published values", "log SHA-256")
     rows = (
         tag(
             "tr",
@@ -181,4 +181,4 @@ def environment_table(known: dict[str, Any], version: str) -> Html:
     """Environment of a run: software versions and computer."""
     if known:
         return pairs_table(known.items())
-    return tag("p", f"skinnet {version}; the summary says no more.", class_="soft")
+    return tag("p", f"skinnet {version}; the summary holds no environment.", class_="soft")

@@ -93,7 +93,7 @@ def build_contact_scene(
             kind = mujoco.mjtGeom(mj.geom_type[index]).name.removeprefix("mjGEOM_").lower()
             name = mj.geom(index).name or f"number {index}"
             raise ModelError(
-                f'geom "{name}" is of type {kind}, which skin cannot feel; make it visual '
+                f'geom "{name}" is of type {kind}, which skin contact does not support; make it visual '
                 "(contype and conaffinity 0) or use primitives or a mesh"
             )
     triangles: list[Floats] = []

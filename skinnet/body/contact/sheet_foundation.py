@@ -60,7 +60,7 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
     areas_m2 = {sheet.area_m2 for sheet in sheets}
     if len(areas_m2) > 1:
         pitches_m = ", ".join(f"{area_m2**0.5:g}" for area_m2 in sorted(areas_m2))
-        raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets of a body need the same")
+        raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets must have the same pitch")
     pitch_m = float(np.sqrt(areas_m2.pop())) if areas_m2 else 0.0
     steps_m = (
         pitch_m * (np.arange(_STRIPS_PER_ELEMENT) - 0.5 * (_STRIPS_PER_ELEMENT - 1)) / _STRIPS_PER_ELEMENT

@@ -48,7 +48,7 @@ class GripController:
             raise DeploymentError("payload.closing_joints: name at least one joint that closes the arms")
         for name in spec.closing_joints:
             if name not in names:
-                raise DeploymentError(f"payload.closing_joints.{name}: body.joints does not name that joint")
+                raise DeploymentError(f"payload.closing_joints.{name}: must be one of body.joints")
         self.n_joints = len(names)
         self._spec, self._step_s = spec, step_s
         self._joint = np.array([names.index(name) for name in spec.closing_joints])

@@ -100,7 +100,8 @@ def add_stand(spec: mujoco.MjSpec, placed_object: PlacedObject) -> None:
     lowest_m = 0.5 * placed_object.size_m[2] + _PLATE_THICKNESS_M
     if placed_object.position_m[2] <= lowest_m:
         raise DeploymentError(
-            f"stand.grasp_z_m = {placed_object.position_m[2]:g}: object and plate need more than {lowest_m:g}"
+            f"stand.grasp_z_m = {placed_object.position_m[2]:g}: must exceed {lowest_m:g} for object and "
+            "plate to clear the floor"
         )
     top_m = placed_object.start_top_m
     body = spec.worldbody.add_body(name=STAND, pos=[x_m, y_m, top_m], gravcomp=1.0)
@@ -129,8 +130,8 @@ def _add_plate(body: mujoco.MjsBody, placed_object: PlacedObject) -> None:
     near_m, far_m = stand.plate_edge_x_m - x_m, 0.5 * placed_object.size_m[0] + _PLATE_OVERHANG_M
     if near_m >= far_m:
         raise DeploymentError(
-            f"stand.plate_edge_x_m = {stand.plate_edge_x_m:g}: the plate would end before it begins, at "
-            f"{far_m + x_m:g}; less than that"
+            f"stand.plate_edge_x_m = {stand.plate_edge_x_m:g}: must be less than the plate's far edge at "
+            f"{far_m + x_m:g}"
         )
     half_m, length_m = 0.5 * _PLATE_THICKNESS_M, 0.5 * (placed_object.top_m - _PLATE_THICKNESS_M)
     body.add_geom(

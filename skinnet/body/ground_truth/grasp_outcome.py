@@ -123,7 +123,8 @@ class GraspGroundTruth:
             touched.append("skin")
         if touched:
             raise DeploymentError(
-                f"stand: object or stand touch {', '.join(sorted(set(touched)))} at the start; present them "
+                f"stand: object or stand are in contact with {', '.join(sorted(set(touched)))} at the "
+                "start; place them "
                 "from farther below (stand.rise_m) or farther away (stand.object_face_x_m), or change "
                 "body.home_rad"
             )

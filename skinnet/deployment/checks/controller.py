@@ -43,7 +43,8 @@ def _check_kind_of_program(deployment: Deployment) -> None:
         )
     if deployment.nursing is not None and control.external_velocity:
         raise DeploymentError(
-            "controller.external_velocity = true: nursing takes no velocities from outside; leave it"
+            "controller.external_velocity = true: the nursing program accepts no external velocities; "
+            "remove it"
         )
     if deployment.nursing is not None and not deployment.sheets:
         raise DeploymentError("nursing: needs tactile sheets; give surfaces and sheets")
@@ -83,11 +84,11 @@ def _check_nursing(deployment: Deployment) -> None:
         return
     if deployment.memory.read is not None:
         raise DeploymentError(
-            f"memory.read = {deployment.memory.read!r}: nursing starts without knowledge; leave it"
+            f"memory.read = {deployment.memory.read!r}: the nursing program uses no memory; remove it"
         )
     for joint in nursing.joints:
         if joint not in deployment.body.joints:
-            raise DeploymentError(f"nursing.joints: {joint!r} is not among body.joints")
+            raise DeploymentError(f"nursing.joints: {joint!r} is not in body.joints")
     surfaces = {surface.name for surface in deployment.surfaces}
     known = sorted(surfaces | {surface.body for surface in deployment.surfaces})
     for name in nursing.weights:
@@ -104,6 +105,7 @@ def _check_nursing(deployment: Deployment) -> None:
     released_s = 0.0 if payload is None else payload.release_delay_s + payload.release_ramp_s
     if payload is not None and payload.release_stage == "hold" and nursing.hold_s <= released_s:
         raise DeploymentError(
-            f"nursing.hold_s = {nursing.hold_s:g}: the payload is let go {released_s:g} s after it began;"
-            " hold for longer"
+            f"nursing.hold_s = {nursing.hold_s:g}: the payload is released {released_s:g} s after the "
+            "stage began;"
+            " must be longer"
         )

@@ -34,14 +34,13 @@ def check_scripted_stimuli(spec: ScriptedStimuliSpec, cells_per_patch: Mapping[s
     low_n, high_n = spec.random_presses.force_n
     if low_n > high_n:
         raise DeploymentError(
-            f"scripted_stimuli.random_presses.force_n = [{low_n:g}, {high_n:g}]: "
-            "the smallest force comes first"
+            f"scripted_stimuli.random_presses.force_n = [{low_n:g}, {high_n:g}]: must ascend"
         )
     for index, press in enumerate(spec.presses):
         spec.pressed_cells(index, cells_per_patch)
         if press.period_s is not None and ns_of_s(press.period_s) < press.duration_ns:
             raise DeploymentError(
-                f"scripted_stimuli.presses[{index}].period_s = {press.period_s:g}: a press takes "
+                f"scripted_stimuli.presses[{index}].period_s = {press.period_s:g}: must be at least "
                 f"{press.duration_ns * 1e-9:g} s from approach to withdrawal; at least that"
             )
 
@@ -80,14 +79,14 @@ def _check_stand(deployment: Deployment) -> None:
     stand = deployment.stand
     if stand is None:
         if deployment.object != NO_OBJECT:
-            raise DeploymentError(f'object = "{deployment.object}": nothing presents it; give [stand]')
+            raise DeploymentError(f'object = "{deployment.object}": needs a stand; add [stand]')
         return
     for key, other in (("scripted_stimuli", deployment.scripted_stimuli), ("payload", deployment.payload)):
         if other is not None:
-            raise DeploymentError(f"stand, {key}: do not go together; leave one of them")
+            raise DeploymentError(f"stand, {key}: exclude each other; remove one of them")
     if stand.rise_m > 0.0 and stand.rise_stage is None:
         raise DeploymentError(
-            f"stand.rise_m = {stand.rise_m:g}: it would stay there; name the stage in which it rises "
+            f"stand.rise_m = {stand.rise_m:g}: the plate would never rise; name the stage in which it rises "
             "(stand.rise_stage)"
         )
     for key, name in (("rise_stage", stand.rise_stage), ("lower_stage", stand.lower_stage)):

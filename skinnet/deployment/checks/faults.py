@@ -21,11 +21,11 @@ def check_faults(deployment: Deployment) -> None:
         key = f"faults[{index}]"
         _check_times(key, rule, deployment.run.max_s)
         if isinstance(rule, Drift) and rule.rate_per_s == 0.0:
-            raise DeploymentError(f"{key}.rate_per_s = 0: nothing would drift; above or below zero")
+            raise DeploymentError(f"{key}.rate_per_s = 0: must not be zero")
         if isinstance(rule, StuckAt) and rule.value is not None:
             low, high = _reading_range(deployment.cells, rule.channel)
             if not low <= rule.value <= high:
-                hint = "; give each channel a rule of its own" if rule.channel == "all" else ""
+                hint = "; use one rule per channel" if rule.channel == "all" else ""
                 raise DeploymentError(
                     f"{key}.value = {rule.value:g}: {rule.channel} reads {low:g} to {high:g}{hint}"
                 )
@@ -36,7 +36,10 @@ def _check_times(key: str, rule: FaultRule, end_s: float) -> None:
     given = [name for name, value in times.items() if value is not None]
     if len(given) > 1:
         raise DeploymentError(f"{key}: {' and '.join(given)} exclude each other; give one of them")
-    never = f"s is not before run.max_s = {end_s:g}, it would never happen; break it earlier or run longer"
+    never = (
+        f"s is not before run.max_s = {end_s:g}, the fault would never occur; "
+        "set an earlier time or a longer run"
+    )
     if rule.at_s is not None and rule.at_s >= end_s:
         raise DeploymentError(f"{key}.at_s = {rule.at_s:g}: {rule.at_s:g} {never}")
     if rule.between_s is not None:

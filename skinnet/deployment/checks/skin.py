@@ -38,13 +38,13 @@ def _check_network(deployment: Deployment) -> None:
 
 def _check_patches(deployment: Deployment) -> None:
     if not (deployment.patches or deployment.sheets):
-        raise DeploymentError("patches, sheets: there is no skin; give at least one of them")
+        raise DeploymentError("patches, sheets: no skin; give at least one patch or tactile sheet")
     if deployment.sheets and deployment.scripted_stimuli is not None:
         raise DeploymentError("scripted_stimuli: press cells only; remove them, or remove the sheets")
     names = Counter(patch.name for patch in deployment.patches)
     for name, count in names.items():
         if count > 1:
-            raise DeploymentError(f"patches: the name {name} stands {count} times; every patch needs its own")
+            raise DeploymentError(f"patches: duplicate name {name} ({count} times); names must be unique")
 
 
 def _check_processes(deployment: Deployment) -> None:

@@ -139,10 +139,12 @@ class NursingSpec(Table, frozen=True, kw_only=True):
         if self.max_joint_acceleration_rad_s2 is not None:
             _require_positive(self, "max_joint_acceleration_rad_s2")
         if self.assumed_contacts and self.feedback != "none":
-            raise ValueError(f'feedback = "{self.feedback}": assumed contacts feel nothing; set it to none')
+            raise ValueError(
+                f'feedback = "{self.feedback}": assumed contacts have no sensor readings; set it to none'
+            )
         times_s = [0.0, *(point.t_s for point in self.waypoints)]
         if sorted(set(times_s)) != times_s:
-            raise ValueError(f"waypoints at {times_s[1:]} s: each must be later than the one before")
+            raise ValueError(f"waypoints at {times_s[1:]} s: times must ascend strictly")
 
     @property
     def has_position_feedback(self) -> bool:

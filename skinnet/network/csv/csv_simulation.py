@@ -113,7 +113,7 @@ class _CsvSimulation:
             table.reject_row(row, f"t_ns is {t_ns[row]} after {before}; packets must be in order of time")
         if (again := self._ids.add(table.integers("id"))) is not None:
             table.reject_row(
-                again, f"id {table.integers('id')[again]} is there twice; give each packet its own"
+                again, f"id {table.integers('id')[again]} is duplicated; give each packet its own"
             )
         node, dest = (self._csv_topology.node_indices(table, name) for name in ("node", "dest"))
         self._last_ns = int(t_ns[-1]) if t_ns.size else self._last_ns
@@ -182,7 +182,7 @@ class _CsvSimulation:
         if self._last_ns + waits_ns >= NEVER_NS and len(table):
             table.reject_row(
                 len(table) - 1,
-                "with the packets up to here a link could be busy for longer than 146 years; "
+                "packets up to this line could keep a link busy beyond the 64-bit time range of 146 years; "
                 "raise bits_per_s, or lower delay_ns or size_bytes",
             )
 
@@ -193,7 +193,7 @@ def _read_packets(path: Path) -> Iterator[tuple[Table, float]]:
         raw = path.open("rb")
         size = path.stat().st_size
     except OSError as error:
-        raise DeploymentError(f"{path}: {error.strerror}; give a CSV file that can be read") from error
+        raise DeploymentError(f"{path}: {error.strerror}; give a readable CSV file") from error
     for table in read_blocks(path, _PACKET_COLUMNS, raw):
         yield table, (min(raw.tell() / size, 1.0) if size and not raw.closed else 0.0)
 
@@ -221,6 +221,6 @@ def _require_distinct(files: SimulationFiles) -> None:
     read = [path for path in (files.links, files.packets, files.routes) if path is not None]
     for path in written:
         if path.is_dir():
-            raise DeploymentError(f"{path}: a folder; give the name of a file to write")
+            raise DeploymentError(f"{path}: is a directory; give an output file")
         if [other.resolve() for other in (*read, *written)].count(path.resolve()) > 1:
-            raise DeploymentError(f"{path}: named twice; give every file that is written a name of its own")
+            raise DeploymentError(f"{path}: used more than once; give every output file its own name")

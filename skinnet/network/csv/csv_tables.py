@@ -107,17 +107,16 @@ def read_blocks(
                     line += body.count(b"\n") + 1
                 elif len(rest) > _BLOCK_BYTES:
                     raise DeploymentError(
-                        f"{path}:{line}: no end of this line; give lines of comma-separated numbers"
+                        f"{path}:{line}: line too long; give lines of comma-separated numbers"
                     )
             yield _parse_block(path, rest, line, order, columns)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise DeploymentError(
-            f"{path}: not a whole gzip file ({error}); give one, or a plain file under a name without .gz"
+            f"{path}: invalid or truncated gzip file ({error}); give one, or a plain file under a name "
+            "without .gz"
         ) from error
     except OSError as error:
-        raise DeploymentError(
-            f"{path}: {error.strerror or error}; give a CSV file that can be read"
-        ) from error
+        raise DeploymentError(f"{path}: {error.strerror or error}; give a readable CSV file") from error
 
 
 def _decompressed(path: Path, file: IO[bytes]) -> IO[bytes]:
@@ -140,7 +139,7 @@ def _parse_header(path: Path, raw: bytes, columns: tuple[ColumnSpec, ...]) -> li
         if name not in known:
             raise DeploymentError(f"{path}:1: unknown column {_quoted(name)}; {hint}")
         if names.count(name) > 1:
-            raise DeploymentError(f"{path}:1: column {name} is there twice; {hint}")
+            raise DeploymentError(f"{path}:1: column {name} is duplicated; {hint}")
     for column in columns:
         if column.required and column.name not in names:
             raise DeploymentError(f"{path}:1: missing column {column.name}; {hint}")

@@ -65,9 +65,7 @@ class CsvTopology:
         unknown = self.nodes[at] != wanted
         if unknown.any():
             row = int(np.argmax(unknown))
-            table.reject_row(
-                row, f"{column} {wanted[row]} is at no link; allowed are nodes that stand in {self.file}"
-            )
+            table.reject_row(row, f"{column} {wanted[row]} has no link; allowed are the nodes of {self.file}")
         return at.astype(np.int64)
 
 
@@ -79,7 +77,7 @@ def read_links(path: Path) -> CsvTopology:
     """
     table = read_table(path, _LINK_COLUMNS)
     if len(table) == 0:
-        raise DeploymentError(f"{path}:2: no link; give at least one")
+        raise DeploymentError(f"{path}:2: no links; give at least one")
     src, dst = table.integers("src"), table.integers("dst")
     _require_unique_ports(table, "leaves", src, table.integers("src_port"))
     _require_unique_ports(table, "arrives at", dst, table.integers("dst_port"))
@@ -111,14 +109,14 @@ def read_routes(path: Path, csv_topology: CsvTopology) -> Routes:
         table.reject_row(
             row,
             f"no link leaves port {port[row]} of node {csv_topology.nodes[node[row]]}; "
-            + (f"its links leave ports {shown}" if ports.size else "no link leaves this node at all"),
+            + (f"its links leave ports {shown}" if ports.size else "no link leaves this node"),
         )
     apart = topology.component[node] != topology.component[dest]
     if apart.any():
         row = int(np.argmax(apart))
         table.reject_row(
             row,
-            f"no links join node {csv_topology.nodes[node[row]]} and dest {csv_topology.nodes[dest[row]]}",
+            f"no path between node {csv_topology.nodes[node[row]]} and dest {csv_topology.nodes[dest[row]]}",
         )
     by_entry = np.lexsort((node, dest))
     twice = (np.diff(dest[by_entry]) == 0) & (np.diff(node[by_entry]) == 0)
@@ -128,7 +126,7 @@ def read_routes(path: Path, csv_topology: CsvTopology) -> Routes:
         table.reject_row(
             int(second),
             f"a route from {csv_topology.nodes[node[second]]} to {csv_topology.nodes[dest[second]]} is "
-            f"already on line {table.line[first]}; give one way for each node and dest",
+            f"already on line {table.line[first]}; give one route per node and dest",
         )
     _require_loop_free(table, csv_topology, node[by_entry], dest[by_entry], link[by_entry], by_entry)
     return Routes(node, dest, link)
@@ -192,6 +190,6 @@ def _require_loop_free(
     shown = names if len(names) <= 12 else [*names[:6], "…", *names[-5:]]
     table.reject_row(
         int(row[around[0]]),
-        f"the routes to {csv_topology.nodes[dest[around[0]]]} go round: {' → '.join([*shown, names[0]])}; "
-        "every route must end at its dest, or at a node that has no route to it",
+        f"the routes to {csv_topology.nodes[dest[around[0]]]} form a loop: {' → '.join([*shown, names[0]])}; "
+        "every route must end at its dest, or at a node without a route to it",
     )

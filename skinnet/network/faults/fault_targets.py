@@ -194,7 +194,7 @@ def _no_match_reason(inventory: FaultInventory, rule: FaultRule) -> str:
     sort = _target_kind(rule)
     things, form = _TARGET_KINDS[sort]
     if "*" in rule.target:
-        return f"matches none of the {things}; write {form}, with * for anything"
+        return f"matches none of the {things}; write {form}, with * as wildcard"
     if sort == _PROCESS:
         return f"unknown cell process; {known_names(rule.target, inventory.cell_processes)}"
     match = _TARGET.fullmatch(rule.target)

@@ -193,7 +193,7 @@ class ObserverEndpoint:
         """Detach from the loop; external messages are discarded from now on."""
         with self._lock:
             self._loop = None
-        self._request_worker.disable("the run is over")
+        self._request_worker.disable("the run has ended")
 
     def close(self) -> None:
         """Close the endpoint and the request worker."""

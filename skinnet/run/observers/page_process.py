@@ -48,7 +48,7 @@ class PageProcess:
         self._run_ended = True
         stays = self._keep and kind is None and self._process.poll() is None
         if stays:
-            self._print_line("the page stays until Ctrl-C")
+            self._print_line("the page is kept until Ctrl-C")
         # Ctrl-C on a kept page is no failure
         with contextlib.suppress(subprocess.TimeoutExpired, *((KeyboardInterrupt,) if stays else ())):
             self._process.wait(None if stays else _EXIT_TIMEOUT_S)
@@ -56,7 +56,7 @@ class PageProcess:
         self._process.wait()
         self._reader.join()
         if not self._printed:
-            self._print_line("the run was over before its page was ready")
+            self._print_line("the run ended before its page was ready")
 
     def _forward_output(self) -> None:
         assert self._process is not None

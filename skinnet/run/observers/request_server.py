@@ -57,7 +57,9 @@ class RequestServer:
         self._put = put
         self._pending: dict[int, _PendingQuery] = {}
         self._serial = 0
-        self._unavailable_reason = "the controller is not running yet; ask again when the run has begun"
+        self._unavailable_reason = (
+            "the controller is not running yet; repeat the request after the start of the run"
+        )
         self._ended = False
         self.counters: Counter[str] = Counter()
         """Counts of forwarded requests, refused queries and unanswered queries."""
@@ -89,7 +91,7 @@ class RequestServer:
         try:
             asked = self._pending.pop(decode(payload, Answer).id, None)
         except ProtocolError as error:
-            log.warning("dropped an answer: %s", error)
+            log.warning("dropped a malformed answer: %s", error)
         else:
             if asked is not None:
                 asked.query.reply(asked.key, payload)
@@ -170,7 +172,7 @@ class RequestWorker:
 
     def close(self) -> None:
         """Refuse all pending queries and join the thread."""
-        self._jobs.put(lambda: self.server.disable("the run is over", time.monotonic(), grace_s=0.0))
+        self._jobs.put(lambda: self.server.disable("the run has ended", time.monotonic(), grace_s=0.0))
         self._jobs.put(None)
         self._thread.join()
 

@@ -47,7 +47,7 @@ def run_benchmarks(
     workload = make_workload(_CELLS, n_periods)
     progress("compiling")
     expected, hops = _deliveries(workload)
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "cells": _CELLS,
         "cells_per_patch": CELLS_PER_PATCH,
         "hz": _SECOND_NS // PERIOD_NS,
@@ -55,13 +55,13 @@ def run_benchmarks(
         "packet_hops": hops,
     }
     with tempfile.TemporaryDirectory(prefix="skinnet-bench-") as folder:
-        for name, rival in _simulators(workload, Path(folder), figures).items():
-            figures |= _compare(name, rival, workload, expected, hops, n_rounds, progress)
+        for name, rival in _simulators(workload, Path(folder), metrics).items():
+            metrics |= _compare(name, rival, workload, expected, hops, n_rounds, progress)
     for n_cells in _SIZES[:-1] if quick else _SIZES:
         progress(f"{n_cells} cells")
-        figures |= _measure_size(n_cells, 20_000 if quick else 300_000)
-    figures["uart8.ms"] = published_worst_case_ms()
-    return figures
+        metrics |= _measure_size(n_cells, 20_000 if quick else 300_000)
+    metrics["uart8.ms"] = published_worst_case_ms()
+    return metrics
 
 
 def published_worst_case_ms() -> float:

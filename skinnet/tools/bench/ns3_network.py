@@ -78,11 +78,11 @@ def run(program: Path, folder: Path, until_ns: int) -> Ns3Run:
     inputs, outputs = ("links.csv", "packets.csv", "routes.csv"), OUTPUTS
     line = [str(program), *inputs, str(until_ns), *outputs]
     done = subprocess.run(line, cwd=folder, capture_output=True, text=True, check=True)
-    figures = dict(word.split("=") for word in done.stdout.split())
+    numbers = dict(word.split("=") for word in done.stdout.split())
     delivered, dropped, counters = (
         _read(folder / name, width) for name, width in zip(outputs, (2, 3, 3), strict=True)
     )
-    return Ns3Run(float(figures["cpu_s"]), int(figures["hops"]), delivered, dropped, counters)
+    return Ns3Run(float(numbers["cpu_s"]), int(numbers["hops"]), delivered, dropped, counters)
 
 
 def _read(path: Path, width: int) -> NDArray[np.int64]:

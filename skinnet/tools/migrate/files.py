@@ -99,7 +99,7 @@ def _of_json(path: Path, content: bytes) -> Migration:
     try:
         raw = msgspec.json.decode(content)
     except (msgspec.DecodeError, RecursionError) as error:
-        raise _unknown(path, f"no valid JSON: {error}") from None
+        raise _unknown(path, f"invalid JSON: {error}") from None
     if raw.get("format") == MEMORY_JSON:
         return _of_memory_json(path, content)
     if any(isinstance(raw.get(key), dict | list) for key in _SUMMARY_KEYS):

@@ -32,8 +32,8 @@ def _overload(plan: Plan) -> list[str]:
     load = float(plan.budget.utilisation[worst])
     patches = len(np.unique(plan.skin.patch_of_cell[over]))
     return [
-        f"it will drop packets: {len(over)} links of {patches} patches get more than they can send; worst is "
-        f"{plan.link_name(worst)} with {load:.2f} of what it carries ({1 - 1 / load:.0%} lost there)"
+        f"packets will be dropped: {len(over)} links of {patches} patches are overloaded; the worst is "
+        f"{plan.link_name(worst)} with {load:.2f} times its capacity ({1 - 1 / load:.0%} lost there)"
     ]
 
 
@@ -44,7 +44,7 @@ def _full_queues(plan: Plan) -> list[str]:
         return []
     worst = int(backlog.argmax())
     return [
-        f"it may drop packets if cells sample at the wrong moments: up to {backlog[worst]:.0f} would wait at "
+        f"packets may be dropped for some sampling phases: up to {backlog[worst]:.0f} would wait at "
         f"{plan.link_name(worst)}, and a queue holds {room}"
     ]
 
@@ -68,7 +68,7 @@ def _limits(plan: Plan) -> list[str]:
         found.pop("utilisation", None)  # reported by _overload
     asked = _requested_limits(plan)
     return [
-        f"{_LIMITS[key][0]} is {_format_limit(key, value)}; {_format_limit(key, asked[key])} are asked for"
+        f"{_LIMITS[key][0]} is {_format_limit(key, value)}; {_format_limit(key, asked[key])} required"
         for key, value in found.items()
         if not (key == "voltage_v" and value >= asked[key])
     ]
@@ -82,7 +82,7 @@ def _infeasible_limits(plan: Plan) -> list[str]:
         if search.breaches:
             limits = " and ".join(
                 f"{_LIMITS[key][0]} "
-                f"(at best {_format_limit(key, value)}, asked {_format_limit(key, asked[key])})"
+                f"(at best {_format_limit(key, value)}, required {_format_limit(key, asked[key])})"
                 for key, value in search.breaches.items()
             )
             count = len(search.gateways)

@@ -51,7 +51,7 @@ def _load(plan: Plan) -> dict[str, Any]:
 def _metrics(plan: Plan) -> dict[str, Any]:
     budget, skin = plan.budget, plan.skin
     impossible = any(search.breaches for search in plan.searches)
-    figures = {
+    metrics = {
         "plan.cells": skin.n_cells,
         "plan.patches": len(skin.patches),
         "plan.gateways": len(skin.gateways),
@@ -66,12 +66,12 @@ def _metrics(plan: Plan) -> dict[str, Any]:
         "plan.unreached_cells": int((budget.forest.parent == UNREACHED).sum()),
     }
     if budget.power is not None and plan.deployment.power is not None:
-        figures |= {
+        metrics |= {
             "plan.min_voltage_v": float(budget.power.voltage_v.min()),
             "plan.browned_out_cells": int(budget.power.browned_out.sum()),
             "plan.power_w": plan.deployment.power.supply_v * float(budget.power.feed_current_a.sum()),
         }
-    return figures
+    return metrics
 
 
 def _patch(plan: Plan, index: int) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def _draw_load(figure: Figure, axes: Axes, plan: Plan, flattening: FlattenedSkin
         axes,
         colours,
         norm,
-        "share of its time that a cell's link sends",
+        "link utilisation",
         PercentFormatter(1.0, decimals=0),
         over=load.max() > 1.0,
     )

@@ -163,7 +163,7 @@ def traffic_of(deployment: Deployment) -> Traffic:
             deployment.controller.stages[n].kind in _STREAMING_STAGE_KINDS
             for n in deployment.controller.program
         )
-        encoding, why = deployment.cells.encoding.kind, "as cells.encoding.kind says"
+        encoding, why = deployment.cells.encoding.kind, "set by cells.encoding.kind"
         if explores and encoding != "periodic":
             encoding, why = "periodic", "all cells stream while the program explores"
     period_ns = deployment.cells.period_ns

@@ -101,7 +101,7 @@ def _packets(cell_processes: list[ProcessResult], controller: ProcessResult) -> 
                 total[name] = total.get(name, 0) + count
     offered, delivered, in_flight = (total.pop(name) for name in _NOT_DROPPED)
     dropped = sum(total.values())
-    figures = {
+    metrics = {
         "offered": offered,
         "delivered": delivered,
         "dropped": dropped,
@@ -112,7 +112,7 @@ def _packets(cell_processes: list[ProcessResult], controller: ProcessResult) -> 
         "rejected": controller.facts["rejected"],
         "malformed_messages": sum(controller.facts["counters"].get(name, 0) for name in _MALFORMED),
     }
-    return figures | {f"dropped.{cause}": count for cause, count in sorted(total.items()) if count}
+    return metrics | {f"dropped.{cause}": count for cause, count in sorted(total.items()) if count}
 
 
 def _latencies(cell_processes: list[ProcessResult], results: list[ProcessResult]) -> dict[str, Any]:
@@ -131,18 +131,18 @@ def _percentiles(name: str, histogram: NDArray[np.int64]) -> dict[str, float]:
 
 def _costs(results: dict[str, ProcessResult], window: MeasurementWindow) -> dict[str, Any]:
     """CPU time of each process per simulated and per wall second, peak memory, traffic, real-time factor."""
-    figures: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     total = 0.0
     for name, part in results.items():
         used = usage_within(part, window)
-        figures[f"cpu.{name}"] = used["cpu_s"] / used["sim_s"]
-        figures[f"cores.{name}"] = used["cpu_s"] / used["wall_s"]
-        figures[f"peak_mb.{name}"] = part.facts["peak_mb"]
+        metrics[f"cpu.{name}"] = used["cpu_s"] / used["sim_s"]
+        metrics[f"cores.{name}"] = used["cpu_s"] / used["wall_s"]
+        metrics[f"peak_mb.{name}"] = part.facts["peak_mb"]
         total += used["cpu_s"] / used["sim_s"]
         if name == "controller":
-            figures["zenoh_bytes_per_s"] = used["received_bytes"] / used["sim_s"]
-            figures["rtf"] = used["sim_s"] / used["wall_s"]
-    return figures | {"cpu.all": total}
+            metrics["zenoh_bytes_per_s"] = used["received_bytes"] / used["sim_s"]
+            metrics["rtf"] = used["sim_s"] / used["wall_s"]
+    return metrics | {"cpu.all": total}
 
 
 def usage_within(result: ProcessResult, window: MeasurementWindow) -> dict[str, float]:

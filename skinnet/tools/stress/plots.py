@@ -98,7 +98,7 @@ def _plot_rates(deployment: Deployment, spec: StressSpec, results: list[PointRes
     axes.set_xscale("log")
     axes.set_xlim(1.0, 8.0 * max(result.metrics["clock_packets_per_s"] for result in own))
     axes.set_xlabel("packets per second into the controller")
-    axes.set_title(f"{deployment.name}: rates, and their share of clock-driven", fontsize=11)
+    axes.set_title(f"{deployment.name}: rates, and their fraction of clock-driven", fontsize=11)
     return figure
 
 
@@ -120,7 +120,7 @@ def _plot_latency(deployment: Deployment, spec: StressSpec, results: list[PointR
     axes.set_xlabel("latency [µs]")
     handles = [
         Line2D([], [], color=kinds[0][1], label="modelled: sample to gateway"),
-        Line2D([], [], color=kinds[1][1], label="machine: envelope from process to process"),
+        Line2D([], [], color=kinds[1][1], label="measured: batches between processes"),
         *(
             Line2D([], [], marker=marker, color="#555", linestyle="", label=label)
             for marker, label in (("o", "median"), ("D", "99 %"), ("|", "99.9 %"))
@@ -163,7 +163,7 @@ def _plot_cpu(deployment: Deployment, spec: StressSpec, results: list[PointResul
     figure.legend(
         handles=handles, loc="outside lower center", ncols=min(8, len(names)), fontsize=8, frameon=False
     )
-    axes.set_title(f"{deployment.name}: what it costs", fontsize=11)
+    axes.set_title(f"{deployment.name}: CPU time", fontsize=11)
     return figure
 
 
@@ -195,10 +195,11 @@ def _plot_event_driven(deployment: Deployment, spec: StressSpec, results: list[P
     most = max(max(r.metrics["fraction.bytes"], r.metrics["fraction.packets"]) for r in events)
     both[0].set_ylim(0.0, 1.2 * max([most, *(published.fraction for published in spec.published)]))
     both[0].yaxis.set_major_formatter(PercentFormatter(1.0))
-    both[0].set_ylabel("share of clock-driven")
+    both[0].set_ylabel("fraction of clock-driven")
     cells = events[0].point.cells
     figure.suptitle(
-        f"{deployment.name}, {cells} cells: what event-driven leaves of the clock-driven rate", fontsize=11
+        f"{deployment.name}, {cells} cells: event-driven rates as fractions of the clock-driven rate",
+        fontsize=11,
     )
     return figure
 
@@ -254,7 +255,7 @@ def _plot_thresholds(deployment: Deployment, spec: StressSpec, results: list[Poi
         axes.yaxis.set_major_formatter(lambda share, _: f"{100.0 * share:g} %")
         axes.set_xlabel("delta of every sensor [multiples of its noise σ]")
         axes.set_title(f"{of} per second", fontsize=10)
-    both[0].set_ylabel("share of clock-driven")
+    both[0].set_ylabel("fraction of clock-driven")
     most = max(result.metrics["fraction.packets"] for result in swept)
     both[0].set_ylim(_MIN_FRACTION, 1.5 * max(1.0, most))
     handles, labels = both[0].get_legend_handles_labels()

@@ -67,13 +67,13 @@ def thresholds(deployment: Deployment) -> dict[str, float]:
         "acceleration": cells.accelerometer.delta_g,
         "temperature": cells.temperature.delta_c,
     }
-    figures = {}
+    metrics = {}
     for name, sigma in noise_sigma(cells).items():
-        figures[f"delta.{name}"] = deltas[name]
-        figures[f"noise.{name}"] = sigma
+        metrics[f"delta.{name}"] = deltas[name]
+        metrics[f"noise.{name}"] = sigma
         if sigma > 0.0:
-            figures[f"delta_sigmas.{name}"] = deltas[name] / sigma
-    return figures
+            metrics[f"delta_sigmas.{name}"] = deltas[name] / sigma
+    return metrics
 
 
 def delta_at_published(
@@ -128,36 +128,36 @@ def sweep_metrics(deployment: Deployment, spec: StressSpec, results: list[PointR
     `<encoding>.<unstimulated|stimulated>.…` are metrics of the points with all cells; with several fractions
     of stimulated cells, of the largest.
     """
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "points": len(results),
         "failed": sum(result.failure is not None for result in results),
     }
     for result in sorted(full_size_points(results), key=lambda r: r.point.stimulated or 0.0):
         label = "stimulated" if is_stimulated(result.point) else "unstimulated"
         for name in _HEADLINE:
-            figures[f"{result.point.encoding}.{label}.{name}"] = result.metrics[name]
+            metrics[f"{result.point.encoding}.{label}.{name}"] = result.metrics[name]
     for published in spec.published:
         label = "stimulated" if published.stimulated else "unstimulated"
         name = f"published.{published.source}.{label}"
-        figures[f"{name}.fraction"] = published.fraction
+        metrics[f"{name}.fraction"] = published.fraction
         for what in _RATE_KINDS:
             if (
                 published.applies_to(what)
                 and (sigmas := delta_at_published(results, published, what)) is not None
             ):
-                figures[f"{name}.delta_sigmas.{what}"] = sigmas
+                metrics[f"{name}.delta_sigmas.{what}"] = sigmas
     sigma = nearest_delta(results, spec)
     if sigma is not None:
-        figures["nearest.delta_sigmas"] = sigma
+        metrics["nearest.delta_sigmas"] = sigma
         for result in points_at_delta(results, sigma):
             label = "stimulated" if is_stimulated(result.point) else "unstimulated"
-            figures |= {
+            metrics |= {
                 f"nearest.{label}.fraction.{what}": result.metrics[f"fraction.{what}"] for what in _RATE_KINDS
             }
-    figures |= thresholds(deployment)
+    metrics |= thresholds(deployment)
     for result in results:
-        figures |= {f"{result.point.name}.{name}": value for name, value in result.metrics.items()}
-    return figures
+        metrics |= {f"{result.point.name}.{name}": value for name, value in result.metrics.items()}
+    return metrics
 
 
 def print_table(
@@ -225,14 +225,14 @@ def _notes(deployment: Deployment, spec: StressSpec, results: list[PointResult])
     )
     if others > _DISTURBING_CORES:
         yield (
-            f"Other programs kept up to {others:.1f} cores of this machine busy: CPU times and speeds "
-            "are worse than they need be."
+            f"Other programs used up to {others:.1f} cores of this computer: CPU times and speeds "
+            "are pessimistic."
         )
-    figures = thresholds(deployment)
+    metrics = thresholds(deployment)
     given = ", ".join(
-        f"{name} {figures[f'delta.{name}']:g} = {figures[f'delta_sigmas.{name}']:.1f} σ"
+        f"{name} {metrics[f'delta.{name}']:g} = {metrics[f'delta_sigmas.{name}']:.1f} σ"
         for name in ("force", "proximity", "acceleration", "temperature")
-        if f"delta_sigmas.{name}" in figures
+        if f"delta_sigmas.{name}" in metrics
     )
     yield f"Deltas of send-on-delta, σ of noise and quantisation: {given}."
     for published in spec.published:

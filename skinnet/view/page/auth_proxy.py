@@ -54,14 +54,14 @@ def authorise(head: bytes, token: str | None, port: int, *, loopback: bool) -> A
     lines = head.decode("latin-1").split("\r\n")
     words = lines[0].split(" ")
     if len(words) != 3 or words[0] != "GET":
-        return _refusal(400, "not a request for a page")
+        return _refusal(400, "not an HTTP GET request")
     fields = {name.strip().lower(): value.strip() for name, _, value in (x.partition(":") for x in lines[1:])}
     host = fields.get("host", "")
     if loopback and host.rpartition(":")[0] not in _LOOPBACK_NAMES and host not in _LOOPBACK_NAMES:
-        return _refusal(403, "the page is for this machine only")
+        return _refusal(403, "the page is served to this computer only")
     origin = fields.get("origin")
     if origin is not None and urlsplit(origin).netloc != host:
-        return _refusal(403, f"a page of {origin[:80]} may not come in")
+        return _refusal(403, f"cross-origin request from {origin[:80]} refused")
     if token is None:
         return AccessDecision(None)
     cookie = f"skinnet-{port}"
@@ -70,9 +70,9 @@ def authorise(head: bytes, token: str | None, port: int, *, loopback: bool) -> A
     path, _, query = words[1].partition("?")
     parameters = dict(parse_qsl(query))
     if "token" not in parameters:
-        return _refusal(401, "a token is needed: open the address that skinnet view printed")
+        return _refusal(401, "missing token: open the URL that skinnet view printed")
     if not _tokens_equal(parameters.pop("token"), token):
-        return _refusal(403, "the token is wrong")
+        return _refusal(403, "wrong token")
     there = path + ("?" + urlencode(parameters) if parameters else "")
     return AccessDecision(
         (
@@ -134,7 +134,7 @@ class AuthProxy:
             self._stop()
             if error.errno is not None and "in use" in str(error):
                 raise PortInUseError(
-                    f"--port {port}: that port is already taken; choose another, or 0 for any"
+                    f"--port {port}: port in use; choose another, or 0 for any free one"
                 ) from error
             raise DeploymentError(f"--host {host}: cannot listen there: {error.strerror or error}") from error
         self.port = int(self._server.sockets[0].getsockname()[1])

@@ -236,7 +236,7 @@ class Page:
 
     def _page_statistics(self) -> dict[str, str]:
         scene = self._run_state
-        rates = {f"{name} a second": f"{rate:.0f}" for name, rate in self.rates.rates.items()}
+        rates = {f"{name} per second": f"{rate:.0f}" for name, rate in self.rates.rates.items()}
         own = {**self._source.properties(), "missed on the way": str(scene.n_missed), **rates}
         if scene.n_malformed:
             own |= {"made no sense": f"{scene.n_malformed}", "the last of them": scene.last_error}

@@ -47,7 +47,7 @@ class ViewOptions:
 
 
 def serve_page(options: ViewOptions, log: Callable[[str], None]) -> None:
-    """Serve the page until the run is over or it is stopped.
+    """Serve the page until the run has ended or it is stopped.
 
     Raises:
         SkinnetError: the source is unusable, or the address is taken.
@@ -69,7 +69,7 @@ def serve_page(options: ViewOptions, log: Callable[[str], None]) -> None:
         stack.callback(page.close)
         gate = AuthProxy(options.host, options.port, page.port, token or None, log)
         stack.callback(gate.close)
-        log(f"live page of {source.title}: {gate.url}")
+        log(f"page of {source.title}: {gate.url}")
         log(page.run(keep_open=options.keep_open))
 
 

@@ -39,7 +39,7 @@ class RequestButtons:
             for what, arguments in offered.items():
                 self._add(what, arguments)
             self._status_line = self._gui.add_html(
-                _status_html("" if offered else "the controller takes no requests")
+                _status_html("" if offered else "the controller accepts no requests")
             )
 
     def _add(self, what: str, arguments: list[str]) -> None:

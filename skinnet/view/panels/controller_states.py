@@ -14,7 +14,7 @@ _SHOWN_TRANSITIONS = 12
 def render(controller: ControllerView, t_ns: int) -> str:
     """Controller panel as HTML; present state filled, outgoing transitions blue, last transition red."""
     if not controller.state:
-        return '<p style="padding:10px;color:#495766">nothing was heard of the controller yet</p>'
+        return '<p style="padding:10px;color:#495766">no controller state received yet</p>'
     ways: dict[tuple[str, str], list[str]] = {}
     for state, event, to in controller.transitions:
         ways.setdefault((state, to), []).append(event)

@@ -71,7 +71,7 @@ def render(layout: SkinLayout) -> str:
         for n, (x, y) in enumerate(paper.position[: layout.n_cells].tolist())
     )
     parts = [*_wires(layout), *_gateways(layout), *cells, *captions(paper, names, font_px)]
-    hint = "point at a cell, a link or a gateway"
+    hint = "hover over a cell, link or gateway"
     return f"<style>{style}</style>{skin_map(_CSS_CLASS, paper, parts, hint)}"
 
 
@@ -116,12 +116,12 @@ def render_tooltips(layout: SkinLayout, run_state: RunState) -> str:
             hops = int(network.depth[n])
             cells.append((n, f"{names[n]} · sends to {to} by port {network.master_port[n]} · hops {hops}"))
         else:
-            cells.append((n, f"{names[n]} · not yet in the network"))
+            cells.append((n, f"{names[n]} · not yet connected"))
     wires = [
         (
             w,
             f"{names[a]}:{pa} ↔ {names[b]}:{pb} · "
-            f"{'cut' if cut[w] else _link_text(run_state, (a, pa), (b, pb))}",
+            f"{'broken' if cut[w] else _link_text(run_state, (a, pa), (b, pb))}",
         )
         for w, (a, pa, b, pb) in enumerate(layout.wires.tolist())
     ]
@@ -139,12 +139,12 @@ def render_legend(run_state: RunState) -> str:
     """Legend of link colours, with counts of broken links and unreachable cells."""
     network = run_state.network
     cut, out = int(network.broken.sum()), int(network.unreachable.sum())
-    source = "told by the hosts" if network.measured_ns >= 0 else "inferred from what was delivered"
+    source = "reported by the cell processes" if network.measured_ns >= 0 else "inferred from deliveries"
     bad = f'<b style="color:{_FAULT_COLOUR}">'
     words = [
         f"{int(network.connected.sum())} of {len(network.connected)} cells in the network",
-        f"{bad}{cut} cut</b>" if cut else "no link cut",
-        f"{bad}{out} out</b>" if out else "no cell out",
+        f"{bad}{cut} broken links</b>" if cut else "no broken links",
+        f"{bad}{out} unreachable cells</b>" if out else "no unreachable cells",
     ]
     if network.measured_ns >= 0:
         words.append(f"{int(network.dropped.sum())} packets lost on links")
@@ -153,7 +153,7 @@ def render_legend(run_state: RunState) -> str:
         f'<div style="height:7px;border-radius:3px;margin-top:3px;'
         f'background:linear-gradient(90deg,{",".join(_LOAD_COLOURS)})"></div>'
         f"<div>0<span style='float:right'>{_scale_maximum(run_state):.0%}</span>"
-        f"<div style='text-align:center'>share of its time that a link sends, {source}</div></div></div>"
+        f"<div style='text-align:center'>link utilisation, {source}</div></div></div>"
     )
 
 
@@ -199,7 +199,7 @@ def _link_text(run_state: RunState, *ends: tuple[int, int]) -> str:
     """Link load, queue length and losses of the given ends, as text."""
     network = run_state.network
     words = " and ".join(f"{network.utilisation[end]:.1%}" for end in ends)
-    text = f"sends {words} of its time"
+    text = f"utilisation {words}"
     lost, waited = (sum(int(a[end]) for end in ends) for a in (network.dropped, network.max_queue_length))
     if waited:
         text += f" · queue up to {waited}"

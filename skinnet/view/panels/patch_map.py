@@ -45,7 +45,7 @@ def render(layout: SkinLayout) -> str:
     names_alone = tooltip_rules(_CSS_CLASS, "c", enumerate(layout.taxel_names))
     font_px = min(max(330.0 / paper.width, 6.5), 12.0)
     parts = [*spots, *captions(paper, names, font_px)]
-    hint = "point at a cell to see what it feels"
+    hint = "hover over a cell for its readings"
     return f"<style>{style}{names_alone}</style>{skin_map(_CSS_CLASS, paper, parts, hint)}"
 
 
@@ -67,7 +67,7 @@ def render_tooltips(layout: SkinLayout, run_state: RunState) -> str:
         if any(value and value == value for value in row)
     ]
     dead = [
-        (n, f"{layout.taxel_names[n]} · not in the network")
+        (n, f"{layout.taxel_names[n]} · unreachable")
         for n in np.flatnonzero(run_state.network.unreachable).tolist()
     ]
     pressed = enumerate(run_state.skin.pressure_kpa().tolist(), layout.n_cells)
@@ -99,7 +99,7 @@ def _reading_text(row: list[float]) -> str:
     words = []
     for name, columns, form, unit in (
         ("force", row[0:3], "{:.2f}", ""),
-        ("near", row[3:4], "{:.2f}", ""),
+        ("proximity", row[3:4], "{:.2f}", ""),
         ("", row[4:7], "{:+.2f}", " g"),
         ("", row[7:8], "{:.1f}", " °C"),
     ):

@@ -23,7 +23,7 @@ def render(processes: ProcessStats, page_statistics: Mapping[str, str]) -> str:
     """Process table as HTML, followed by the page's own statistics `page_statistics`, by name."""
     rows = "".join(_row(process) for process in processes.processes.values())
     if not rows:
-        rows = '<tr><td colspan="5">nothing was told of the processes yet</td></tr>'
+        rows = '<tr><td colspan="5">no process statistics received yet</td></tr>'
     facts = "".join(
         f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>"
         for name, value in page_statistics.items()

@@ -105,7 +105,7 @@ class LiveSource:
         if now_s - self._last_check_s > _CONNECTION_CHECK_PERIOD_S:
             self._last_check_s = now_s
             if not self._session.connected:
-                self.end_reason = "the run is over"
+                self.end_reason = "the run has ended"
         return count
 
     def properties(self) -> Mapping[str, str]:
@@ -121,7 +121,7 @@ class LiveSource:
         except SkinnetError as error:
             return str(error)
         if not replies:
-            return "nobody takes requests"
+            return "no process answers requests"
         if replies[0].error:
             return str(replies[0].error)
         try:

@@ -66,6 +66,6 @@ class PlaybackClock:
             ValueError: `rate` is not above 0.
         """
         if rate <= 0.0:
-            raise ValueError(f"rate is {rate}; it is above 0")
+            raise ValueError(f"rate is {rate}; it must be above 0")
         self._anchor_ns, self._anchor_s = self.position_ns(now_s), now_s
         self.rate = rate

@@ -60,7 +60,7 @@ class RecordingSource:
         self.n_malformed = 0
         first = next(self._read(0), None)
         if first is None:
-            raise RecordingError(f"{path}: there is no message in it: nothing to see")
+            raise RecordingError(f"{path}: the recording has no messages")
         self.clock = PlaybackClock(first.t_ns, self.recording.end_ns, now_s)
         self._messages: Iterator[ReceivedMessage] = self._read(0)
         self._next: ReceivedMessage | None = None

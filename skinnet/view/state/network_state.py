@@ -70,7 +70,7 @@ class NetworkState:
         patch, cells = self._require_patch(topology.patch)
         columns = (topology.network_id, topology.master_port, topology.depth, topology.neighbours)
         if any(len(column) != len(cells) for column in columns):
-            raise ProtocolError(f"a topology of {topology.patch} that does not have its {len(cells)} cells")
+            raise ProtocolError(f"topology of {topology.patch}: expected columns of {len(cells)} cells")
         before = self.connected[cells].copy()
         found = np.array(topology.network_id) > 0
         lost, won = cells[before & ~found], cells[found & ~before]
@@ -96,7 +96,7 @@ class NetworkState:
         patch, cells = self._require_patch(load.patch)
         rows = unpack(load.rows, LINK_ROW)
         if rows["cell"].max(initial=0) >= len(cells) or rows["port"].max(initial=0) >= N_PORTS:
-            raise ProtocolError(f"links of {load.patch} that it does not have")
+            raise ProtocolError(f"link loads of {load.patch}: unknown cell or port")
         if any(not 0 <= cell < len(cells) for cell in load.unpowered_cells):
             raise ProtocolError(f"{load.patch} has no cell {max(load.unpowered_cells)}")
         cell, port = cells[rows["cell"]], rows["port"].astype(np.int64)

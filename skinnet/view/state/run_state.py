@@ -186,7 +186,7 @@ class RunState:
     def _apply_joints(self, joints: Joints) -> None:
         if len(joints.position_rad) != len(self.position_rad):
             raise ProtocolError(
-                f"joints of {len(joints.position_rad)} angles; this robot has {len(self.position_rad)}"
+                f"{len(joints.position_rad)} joint positions; this robot has {len(self.position_rad)} joints"
             )
         self.position_rad = joints.position_rad
 

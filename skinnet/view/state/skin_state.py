@@ -92,9 +92,9 @@ class SkinState:
         patterns = unpack(regions.patterns, PATTERN_ROW)
         boards = len(self._regions)
         if int(frames["n_regions"].sum()) != len(rows):
-            raise ProtocolError("regions that do not add up to their frames")
+            raise ProtocolError("regions: row count differs from the sum over frames")
         if max(frames["board"].max(initial=0), patterns["board"].max(initial=0)) >= max(boards, 1):
-            raise ProtocolError(f"a board beyond the {boards} that there are")
+            raise ProtocolError(f"regions of an unknown board; boards are 0 to {boards - 1}")
         told, end = [], 0
         peaks_kpa = rows["peak_kpa"].tolist()
         for t_sampled_ns, t_delivered_ns, _, board, count in frames.tolist():

@@ -146,7 +146,7 @@ def test_messages_that_contradict_themselves_are_refused() -> None:
     with pytest.raises(ProtocolError, match="board 7; there are 2"):
         ear.add(Regions(t_ns=0, watermark_ns=0, frames=frame.tobytes(), rows=b""))
     frame["board"], frame["n_regions"] = 0, 1
-    with pytest.raises(ProtocolError, match="0 regions; the frames announce 1"):
+    with pytest.raises(ProtocolError, match="0 region records, but the frame records count 1"):
         ear.add(Regions(t_ns=0, watermark_ns=0, frames=frame.tobytes(), rows=b""))
 
 
@@ -165,7 +165,7 @@ def test_the_controller_knows_one_sheet_for_each_surface() -> None:
         ({"patches": (), "surfaces": (), "sheets": ()}, "there is no skin"),
         ({"boards": {"period_ms": 2.0}}, "boards.period_ms = 2"),
         ({"controller": {"program": (), "stages": {}}}, "give a program"),
-        ({"nursing": {"joints": ("knee",)}}, "'knee' is not among body.joints"),
+        ({"nursing": {"joints": ("knee",)}}, "'knee' is not in body.joints"),
         (
             {"nursing": {"weights": {"foot": {}}}},
             "weights.foot: no such surface or body; there are arm, left",

@@ -30,6 +30,11 @@ LOWERED_M = 0.15
 Figures = dict[str, Any]
 
 
+def long(value: object) -> Any:
+    """A parameter of which a test of its kind is in every run of the suite already."""
+    return pytest.param(value, marks=pytest.mark.long)
+
+
 def grasped(out: Path, *settings: str, seed: int = 1) -> Figures:
     """Figures of a run in one process; whatever happened, what must never happen did not."""
     order = RunOptions(GRASP, settings, in_process=True, plots=False)
@@ -58,7 +63,9 @@ def as_it_was(figures: Figures) -> None:
     assert abs(figures["object.displacement_m"][2]) < 0.01
 
 
-@pytest.mark.parametrize("thing", ["trash_bin", "sponge_rock", "moving_box", "lid", "delivery_box"])
+@pytest.mark.parametrize(
+    "thing", ["trash_bin", *map(long, ("sponge_rock", "moving_box", "lid", "delivery_box"))]
+)
 def test_unknown_objects_are_grasped(thing: str, tmp_path: Path) -> None:
     figures = grasped(tmp_path, f"object={thing}", seed=7)
     assert figures["grasp.success"]
@@ -73,7 +80,7 @@ def test_unknown_objects_are_grasped(thing: str, tmp_path: Path) -> None:
         ("object=none",),
         ("object=thin_post",),
         ("object=wide_crate",),
-        ("object=delivery_box", "stand.fix_object=true"),
+        long(("object=delivery_box", "stand.fix_object=true")),
     ],
     ids=["none", "small", "big", "stuck"],
 )
@@ -86,7 +93,7 @@ def test_what_cannot_be_grasped_is_given_up(settings: tuple[str, ...], tmp_path:
     assert figures["grasp.cancelled_by"] in ("pose reached", "stalled", "timed out", "an arm lost the object")
 
 
-@pytest.mark.parametrize("state", FAST)
+@pytest.mark.parametrize("state", [long(state) if state in ("hold", "release") else state for state in FAST])
 def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Path) -> None:
     before = [("hold", "release", 12.0)] if state == "release" else []
     figures = grasped(tmp_path, operator(*before, (state, "cancel", FAST[state])))
@@ -97,7 +104,7 @@ def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Pat
     as_it_was(figures)
 
 
-@pytest.mark.parametrize("state", ["contact", "pull", "hold"])
+@pytest.mark.parametrize("state", ["contact", long("pull"), long("hold")])
 def test_a_lost_gateway_in_any_state_ends_the_grasp_gently(state: str, tmp_path: Path) -> None:
     """The patch of a forearm has one gateway: with it, all its cells are lost."""
     calm = grasped(tmp_path / "calm")
@@ -112,6 +119,7 @@ def test_a_lost_gateway_in_any_state_ends_the_grasp_gently(state: str, tmp_path:
 
 
 @pytest.mark.processes
+@pytest.mark.long
 def test_one_process_or_many_the_log_is_the_same(tmp_path: Path) -> None:
     one = run(GRASP, tmp_path / "one", "--in-process", settings=("object=trash_bin",))
     many = run(GRASP, tmp_path / "many", settings=("object=trash_bin",))
@@ -135,6 +143,7 @@ def _lost(out: Path, state: str, who: Callable[[Any], Any], may: str) -> Figures
 
 
 @pytest.mark.processes
+@pytest.mark.long
 def test_without_its_controller_the_robot_holds_what_it_holds(tmp_path: Path) -> None:
     figures = _lost(tmp_path, "hold", lambda process: child(process, "controller"), "controller")
     assert not figures["object.dropped"]
@@ -158,6 +167,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Figures]:
     return out, summary["metrics"]
 
 
+@pytest.mark.long
 def test_from_an_empty_memory_to_a_grasp(taught: tuple[Path, Figures]) -> None:
     _, figures = taught
     assert figures["structure.wrong_entries"] == 0
@@ -176,6 +186,7 @@ def test_from_an_empty_memory_to_a_grasp(taught: tuple[Path, Figures]) -> None:
     assert figures["grasp.success"]
 
 
+@pytest.mark.long
 def test_the_shipped_memory_is_what_was_taught(taught: tuple[Path, Figures]) -> None:
     out, _ = taught
     assert to_json(read_memory(out / "memory.sqlite")) == MEMORY.read_bytes()

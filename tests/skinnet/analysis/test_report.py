@@ -224,7 +224,7 @@ def test_seeds_are_summed_up(several: Path) -> None:
     page = page_of(several)
     assert len(page.all("img")) == 2 * len(list((several / "seed-1").glob("*.png")))
     assert "2 of 2" in page.text
-    assert "Figures over all seeds" in page.text
+    assert "Metrics over all seeds" in page.text
 
 
 def test_a_sweep_is_a_row_for_each_point(tmp_path: Path) -> None:

@@ -200,7 +200,7 @@ def held(folder: Path, feedback: str, seed: int) -> dict[str, Any]:
     return figures
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_experiment_b_is_held_by_touch_alone(tmp_path: Path, seed: int) -> None:
     """The cylinder falls without feedback, is held with that of position, evenly with that of rotation."""
     blind, position, both = (held(tmp_path, mode, seed) for mode in ("none", "position", "position_rotation"))

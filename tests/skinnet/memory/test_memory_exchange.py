@@ -74,7 +74,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "number for a joint": (changed("robot", "joints", to=[1]), "robot.joints: expected `str`, got `int`"),
     "patch twice": (
         changed("robot", "patches", 1, "name", to="arm"),
-        r"robot.patches\[1\].name = 'arm': stands there twice",
+        r"robot.patches\[1\].name = 'arm': duplicate",
     ),
     "cells of a patch": (
         changed("robot", "patches", 1, "cells", to=2.5),
@@ -108,7 +108,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     ),
     "cell twice": (
         changed("areas", "contact", to=["arm/1", "arm/0", "arm/1"]),
-        r"areas.contact\[2\] = 'arm/1': stands there twice",
+        r"areas.contact\[2\] = 'arm/1': duplicate",
     ),
     "parameter in words": (
         changed("parameters", "x", to="much"),

@@ -241,9 +241,9 @@ REFUSED: dict[Callable[[Path], None], str] = {
     changed_weight: "is damaged: .*not what was sealed",
     missing_rows: "is damaged: 6 entries of map",
     wrong_type: "is damaged: CHECK constraint failed in parameter",
-    cell_that_is_not_there: "is damaged: areas.contact: there is no cell arm/7",
-    more_tables: "is damaged: its tables are not those of this version",
-    empty_tables: "is damaged: nothing answers to SELECT name FROM robot",
+    cell_that_is_not_there: "is damaged: areas.contact: unknown cell arm/7",
+    more_tables: "is damaged: its tables do not match the schema of this version",
+    empty_tables: "is damaged: no row for query SELECT name FROM robot",
 }
 
 
@@ -334,7 +334,7 @@ REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
         lambda s: s.store_area("pat", np.zeros(0, dtype=np.int64)),
         "areas.pat: has no",
     ),
-    "cell outside": (lambda s: s.store_area("pat", np.array([5])), "areas.pat: there is no cell 5; 5 are"),
+    "cell outside": (lambda s: s.store_area("pat", np.array([5])), "areas.pat: unknown cell 5; 5 are"),
     "cells twice": (lambda s: s.store_area("pat", np.array([1, 1])), "areas.pat: cells must ascend"),
     "no label": (lambda s: s.store_area("a b", np.array([1])), "areas: 'a b' is no name"),
     "pose of another robot": (
@@ -343,7 +343,7 @@ REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
     ),
     "pose that is not finite": (
         lambda s: s.store_pose("open", KeyPose(np.array([0.0, np.nan]))),
-        "poses.open.position_rad: holds a value that is not finite",
+        "poses.open.position_rad: contains a value that is not finite",
     ),
     "map of another robot": (
         lambda s: s.store_pose("open", KeyPose(np.zeros(2), np.zeros((4, 2)))),
@@ -351,7 +351,7 @@ REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
     ),
     "map that is not finite": (
         lambda s: s.store_pose("open", KeyPose(np.zeros(2), np.full((5, 2), np.inf))),
-        "poses.open.weights: holds a value that is not finite",
+        "poses.open.weights: contains a value that is not finite",
     ),
     "structure of another robot": (
         lambda s: s.store_structure(np.ones((5, 3), dtype=bool)),
@@ -359,7 +359,7 @@ REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
     ),
     "unmeasured and active": (
         lambda s: s.store_structure(np.ones((5, 2), dtype=bool), np.array([2])),
-        "activity: cell 2 is active, and not measured",
+        "activity: cell 2 is marked both active and unmeasured",
     ),
     "parameter that is not finite": (lambda s: s.store_parameters({"x": np.inf}), "parameters.x: holds"),
     "parameter without name": (lambda s: s.store_parameters({"": 1.0}), "parameters: '' is no name"),

@@ -535,7 +535,7 @@ def test_a_memory_in_use_is_not_migrated(old: Path) -> None:
     db.close()
     assert (code, errors) == (
         2,
-        [f"skinnet: {path}: is in use by another process; wait for the end of its run"],
+        [f"skinnet: {path}: is locked by another process; wait until its run ends"],
     )
 
 

@@ -241,9 +241,9 @@ def routes_with(row: str) -> dict[str, str | bytes]:
         (routes_with("1,3,0"), "routes.csv:6: a route from 1 to 3 is already on line 2"),
         (
             links_with("8,0,9,0,5,8,0,") | routes_with("1,9,0"),
-            "routes.csv:6: no links join node 1 and dest 9",
+            "routes.csv:6: no path between node 1 and dest 9",
         ),
-        (links_with("8,0,9,0,5,8,0,") | routes_with("9,8,0"), "no link leaves this node at all"),
+        (links_with("8,0,9,0,5,8,0,") | routes_with("9,8,0"), "no link leaves this node"),
         (
             {"routes.csv": ROUTES + "3,1,1\n1,3,0\n2,3,1\n"},
             "routes.csv:3: the routes to 3 go round: 1 → 2 → 1;",

@@ -260,9 +260,9 @@ def test_published_power_of_2600_cells() -> None:
 
 
 def test_bad_input() -> None:
-    with pytest.raises(ValueError, match="feeds name a cell outside 0 to 1"):
+    with pytest.raises(ValueError, match="feeds contain a cell outside 0 to 1"):
         PowerGrid(2, line(2), [2], PowerSpec())
-    with pytest.raises(ValueError, match="wires name a cell outside 0 to 0"):
+    with pytest.raises(ValueError, match="wires contain a cell outside 0 to 0"):
         PowerGrid(1, line(2), [0], PowerSpec())
     with pytest.raises(ValueError, match=r"cell_on has shape \(3,\)"):
         PowerGrid(2, line(2), [0], PowerSpec()).solve([True] * 3)

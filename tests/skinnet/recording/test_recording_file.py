@@ -181,7 +181,7 @@ def test_a_run_that_is_killed_leaves_its_record(tmp_path: Path) -> None:
     done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("no difference in ")
-    assert done.stdout.endswith("s; the recording is cut there\n")
+    assert done.stdout.endswith("s; the recording is truncated there\n")
 
 
 @pytest.mark.processes
@@ -260,7 +260,7 @@ def test_what_is_no_recording_is_refused_in_one_line(recording: Path, tmp_path: 
             "a recording of format 3, by skinnet 9.1",
         ),
         (foreign(tmp_path / "bare.mcap", {"format": "1"}), "it ends before it says what was run"),
-        (cut, "no recording of skinnet: an MCAP file of another program, or one that ends before it begins"),
+        (cut, "no recording of skinnet: an MCAP file of another program, or truncated before it"),
         (damaged, "damaged at byte"),
     ]
     for path, why in cases:

@@ -100,7 +100,7 @@ def test_the_controller_of_another_robot_is_refused(touched: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        ((), "give --into controller, or else --publish"),
+        ((), "give either --into controller or --publish"),
         (("--into", "body"), "--into body: allowed: controller"),
         (("--publish", "--from", "2", "--until", "1"), "--until 1: must be later than --from 2"),
         (("--publish", "--from", "99"), "--from 99: the recording ends at "),

@@ -355,7 +355,7 @@ def test_velocities_of_ros_reach_the_run() -> None:
         assert lines == {
             "refused: /teleop: velocities of 2 joints; the run has 3",
             "refused: /teleop: velocities of 4 joints; the run has 3",
-            "refused: /teleop: velocities that are not finite",
+            "refused: /teleop: velocities are not finite",
             "refused: /teleop: velocities of 0 joints; the run has 3",
         }
     assert "refused 2 times: /teleop: velocities of 2 joints" in bridged.wait_for("of 2 joints")

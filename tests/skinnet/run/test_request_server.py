@@ -146,7 +146,7 @@ def test_without_a_controller_nobody_waits(loop: Loop) -> None:
     desk = RequestServer(KEYS, loop)
     early, during, late = Asked(), Asked(), Asked()
     desk.handle_query(early, 0.0)
-    assert early.said == ["the controller is not running yet; ask again when the run has begun"]
+    assert early.said == ["the controller is not running yet; repeat the request after the start of the run"]
     desk.enable()
     desk.handle_query(during, 1.0)
     desk.disable("the controller is gone", 2.0)
@@ -226,7 +226,7 @@ class AnyOrder(RuleBasedStateMachine):
         assert due_s == (min(waiting) + TIMEOUT_S if waiting else None)
 
     def teardown(self) -> None:
-        self.desk.disable("the run is over", self.now_s, grace_s=0.0)
+        self.desk.disable("the run has ended", self.now_s, grace_s=0.0)
         assert all(len(query.said) == 1 for query in self.all)
 
 
@@ -253,7 +253,7 @@ def test_the_clerk_answers_gives_up_and_sends_away(
     monkeypatch.setattr("skinnet.run.observers.request_server.TIMEOUT_S", 1e6)
     clerk.handle_query(last := Asked())
     clerk.close()
-    assert last.said == ["no answer: the run is over"]
+    assert last.said == ["no answer: the run has ended"]
     assert [request.id for _, request in loop.requests] == [1, 2, 3]
 
 
@@ -312,7 +312,7 @@ async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
         def error(why: str) -> list[Reply]:
             return [Reply("", b"", why)]
 
-        not_yet = "the controller is not running yet; ask again when the run has begun"
+        not_yet = "the controller is not running yet; repeat the request after the start of the run"
         assert query("request/go").result() == error(not_yet)
         watch.attach(hub.connect(EXTERNAL))
         controller.session.declare_token(KEYS.liveliness(Role.CONTROLLER, "controller"))
@@ -332,7 +332,7 @@ async def test_the_way_of_a_request_through_the_watch_endpoint() -> None:
         assert lost.result() == error("no answer: the controller is gone")
         assert query("request/go").result() == error("the controller is gone")
         watch.detach()
-        assert query("request/go").result() == error("the run is over")
+        assert query("request/go").result() == error("the run has ended")
         assert await controller.receive(0.0) == []
         watch.close()
         with pytest.raises(UnreachableError):

@@ -104,7 +104,7 @@ def test_more_gateways_never_deepen_a_tree() -> None:
 def test_what_cannot_be() -> None:
     patch = placed(4, 3)
     edge = len(np.unique(free_ports(patch.n_cells, patch.wires)[:, 0]))
-    with pytest.raises(DeploymentError, match=f"patches.p: {edge + 1} gateways: allowed are 1 to {edge}"):
+    with pytest.raises(DeploymentError, match=f"patches.p: {edge + 1} gateways: give 1 to {edge}"):
         place_gateways(patch, edge + 1)
     with pytest.raises(DeploymentError, match="more pieces"):
         choose_gateway_ports(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 1)

@@ -231,5 +231,5 @@ def test_shipped_patches_are_each_in_one_piece() -> None:
 
 def test_islands_are_refused() -> None:
     """One column of cells cannot be wired through: no port looks to where the third row is."""
-    with pytest.raises(DeploymentError, match=r"patches\.p: no wire leads from cell 2 \(2 in all\)"):
+    with pytest.raises(DeploymentError, match=r"patches\.p: no path leads from cell 2 \(2 in all\)"):
         place_patches([patch(lattice(1, 4))], CELLS)

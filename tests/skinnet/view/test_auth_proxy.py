@@ -150,7 +150,7 @@ def test_only_who_knows_the_token_reaches_the_page(inner: http.server.ThreadingH
         assert (entry.status, entry.getheader("Location")) == (303, "/")
         cookie = str(entry.getheader("Set-Cookie")).partition(";")[0]
         assert get(gate.port, Cookie=cookie).body == PAGE  # type: ignore[attr-defined]
-    assert said[-1].endswith("the token is wrong")
+    assert said[-1].endswith("wrong token")
 
 
 def test_whoever_leaves_in_mid_stream_has_left(inner: http.server.ThreadingHTTPServer) -> None:

@@ -186,7 +186,7 @@ def test_the_token_opens_the_page_and_nothing_else_does(browser: Any, robot: Pus
         bare = page.url.partition("?")[0]
         assert tab.goto(bare).status == 401
         assert tab.goto(f"{bare}?token=wrong").status == 403
-        assert "the token is wrong" in tab.inner_text("body")
+        assert "wrong token" in tab.inner_text("body")
         context.close()
         with visit(browser, page.url, 1000, 600) as found:
             assert "token" not in found.page.url

@@ -75,7 +75,7 @@ def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
     """In lockstep, with a page that is stopped in the middle: the log is what it is without one."""
     reference = run(ARM, tmp_path / "alone", "--in-process", settings=LASTING)
     with launched(ARM, tmp_path / "viewed", "--view", settings=LASTING) as process:
-        wait_for(process, "live page of")
+        wait_for(process, "page of")
         everybody = family(process)
         page = called(everybody, "view")
         page.send_signal(signal.SIGSTOP)
@@ -84,7 +84,7 @@ def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
         _, errors = process.communicate(timeout=200)
         assert process.returncode == 0, errors
         said = errors.splitlines()  # Zenoh waits for the page when the run's session closes, then says so
-        assert all(line.startswith("a peer did not answer when the session was closed") for line in said)
+        assert all(line.startswith("a peer did not respond to the closing of the session") for line in said)
         assert gone(everybody)
     viewed = json.loads((tmp_path / "viewed" / "summary.json").read_text())
     assert viewed["log_sha256"] == reference["log_sha256"]
@@ -94,12 +94,12 @@ def test_a_run_that_is_over_first_says_so() -> None:
     said: list[str] = []
     with PageProcess(said.append) as viewer:
         viewer.start("tcp/127.0.0.1:1")
-    assert said == ["the run was over before its page was ready"]
+    assert said == ["the run ended before its page was ready"]
 
 
 def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:
     with launched(ARM, tmp_path, "--view", settings=LASTING) as process:
-        wait_for(process, "live page of")
+        wait_for(process, "page of")
         page = called(family(process), "view")
         page.kill()
         _, errors = process.communicate(timeout=200)
@@ -108,8 +108,8 @@ def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:
 
 def test_a_page_that_is_kept_stays_until_somebody_ends_it(tmp_path: Path) -> None:
     with launched(ARM, tmp_path, "--view", "--keep", settings=LASTING) as process:
-        url = wait_for(process, "live page of").split()[-1]
-        wait_for(process, "the page stays until Ctrl-C")
+        url = wait_for(process, "page of").split()[-1]
+        wait_for(process, "the page is kept until Ctrl-C")
         port = int(re.findall(r":(\d+)/", url)[0])
         with socket.create_connection(("127.0.0.1", port), timeout=30) as visitor:
             visitor.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
@@ -122,11 +122,11 @@ def test_a_page_that_is_kept_stays_until_somebody_ends_it(tmp_path: Path) -> Non
 def test_a_real_run_in_a_browser(browser: Any, tmp_path: Path) -> None:
     """All that the page shows of a run comes from the run: network, loads, processes, the controller."""
     with launched(ARM, tmp_path, "--view", "--pace", "realtime", settings=LISTEN) as process:
-        url = wait_for(process, "live page of").split()[-1]
+        url = wait_for(process, "page of").split()[-1]
         with visit(browser, url) as found:
             found.tab("Network")
             found.until("() => document.body.innerText.includes('15 of 15 cells')")
-            found.until("() => document.body.innerText.includes('told by the hosts')")
+            found.until("() => document.body.innerText.includes('reported by the cell processes')")
             found.tab("Controller")
             found.until("() => document.body.innerText.includes('listen for')")
             found.tab("Processes")
@@ -149,16 +149,16 @@ def test_a_page_of_elsewhere_prints_its_token(tmp_path: Path) -> None:
         with subprocess.Popen(
             line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT
         ) as page:
-            url = wait_for(page, "live page of").split()[-1]
+            url = wait_for(page, "page of").split()[-1]
             assert re.fullmatch(r"http://0\.0\.0\.0:\d+/\?token=[A-Za-z0-9_-]{20,}", url)
             port = url.split(":")[2].split("/")[0]
             code, said = view(endpoint, "--port", port)
             assert code == 2
-            assert said == f"skinnet: --port {port}: that port is already taken; choose another, or 0 for any"
+            assert said == f"skinnet: --port {port}: port in use; choose another, or 0 for any free one"
             code, said = view(endpoint, "--host", "0.0.0.0", "--token", "")
             assert code == 2
             assert "needs one" in said
             process.send_signal(signal.SIGINT)
             process.wait(timeout=60)
-            wait_for(page, "the run is over")
+            wait_for(page, "the run has ended")
             assert page.wait(timeout=60) == 0

@@ -7,7 +7,7 @@ __all__ = ["CLAIMS"]
 _UR5 = (
     Claim("cells on the arm", "260", "B15", "", ("size.cells",), Equals(260)),
     Claim(
-        "rate left when nothing touches, the sensors' own deltas",
+        "event-driven rate, untouched, deployed thresholds",
         "16.45 % of clock-driven",
         "B15",
         "",
@@ -16,7 +16,7 @@ _UR5 = (
         "the paper's thresholds and motion are not known here",
     ),
     Claim(
-        "rate left when half is touched, the sensors' own deltas",
+        "event-driven rate, half of the cells touched, deployed thresholds",
         "47.69 % of clock-driven",
         "B15",
         "",
@@ -25,7 +25,7 @@ _UR5 = (
         "the paper's thresholds and motion are not known here",
     ),
     Claim(
-        "untouched and touched, the deltas of the sweep that come nearest",
+        "event-driven rate, untouched and touched, nearest thresholds of the sweep",
         "16.45 %, 47.69 %",
         "B15",
         "",
@@ -34,7 +34,7 @@ _UR5 = (
         "no single threshold gives both",
     ),
     Claim(
-        "deltas that give the published shares, untouched and touched",
+        "thresholds that give the published fractions, untouched and touched",
         "not given",
         "B15",
         "",
@@ -54,13 +54,13 @@ _H1 = (
         Between(314_000.0, 316_000.0),
     ),
     Claim(
-        "of those, dropped on the modelled way and missing after it",
+        "of those, dropped in the modelled network and missing after it",
         "80 000 per s (25 %)",
         "B19",
         "",
         ("periodic.stimulated.dropped", "periodic.stimulated.missing"),
         Equals(0),
-        "the published loss was that of the computer, which is none of the model",
+        "the published loss was that of the computer, which is not modelled",
     ),
     Claim(
         "event-driven packets, touched",
@@ -71,7 +71,7 @@ _H1 = (
         Between(None, 40_000.0),
     ),
     Claim(
-        "their share of clock-driven",
+        "their fraction of clock-driven",
         "at most 13 %",
         "B19",
         "",
@@ -80,7 +80,7 @@ _H1 = (
     ),
     Claim(
         "of those, dropped and missing",
-        "next to none",
+        "negligible",
         "B19",
         "",
         ("send_on_delta.stimulated.dropped", "send_on_delta.stimulated.missing"),
@@ -93,7 +93,7 @@ _H1 = (
         "",
         ("periodic.stimulated.cpu.controller",),
         Between(None, 2.7),
-        "a machine of another decade; at real time 1 CPU s per s is 100 %",
+        "the published computer is of another decade; in real time 1 CPU s per s is 100 %",
     ),
     Claim(
         "CPU of the controller, event-driven",

@@ -28,7 +28,7 @@ _STRUCTURE = (
         ("structure.wrong_entries",),
         Equals(0),
     ),
-    Claim("the parts make a tree", "a tree", "M14", "Fig. 4", ("structure.is_tree",), Equals(True)),
+    Claim("body parts form a tree", "a tree", "M14", "Fig. 4", ("structure.is_tree",), Equals(True)),
 )
 _TOUCH = (
     Claim(
@@ -57,7 +57,7 @@ _TOUCH = (
         Between(0.0855, 0.0945),
     ),
     Claim(
-        "of that, the joint that moves most",
+        "measured velocity of the fastest joint",
         "0.09 rad/s on a single DoF",
         "M14",
         "VI.B",

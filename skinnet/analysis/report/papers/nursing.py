@@ -128,7 +128,7 @@ _CYLINDER = (
         conditions=_WITH_FEEDBACK,
     ),
     Claim(
-        "centre of pressure at the end, from where it was",
+        "displacement of the centre of pressure at the end",
         "recovered to that in the initial state",
         "R11",
         "VI.B, Fig. 13",
@@ -137,7 +137,7 @@ _CYLINDER = (
         conditions=_WITH_ROTATION_FEEDBACK,
     ),
     Claim(
-        "centre of pressure at its farthest",
+        "largest displacement of the centre of pressure",
         "changed during the movement",
         "R11",
         "VI.B, Fig. 13",
@@ -147,7 +147,7 @@ _CYLINDER = (
         _WITH_ROTATION_FEEDBACK,
     ),
     Claim(
-        "object from where it was to be, after 0.1 m",
+        "position error of the object after 0.1 m",
         "moved 0.1 m in x",
         "R11",
         "VI.B",
