@@ -109,7 +109,7 @@ def _channels() -> str:
     told = f"[{DeploymentInfo.__name__}](#{DeploymentInfo.__name__.lower()})"
     rows.append((f"`{Keys('<robot>').deployment}`", told, "launcher", "", "when asked", "yes", ""))
     rows.append((f"`{prefix}{ALIVE}/<role>/<name>`", "liveliness token", roles, "all", "on change", "", ""))
-    return _table(("key", "message", "from", "to", "period", "watchers", "recorded"), rows)
+    return _table(("key", "message", "from", "to", "period", "observers", "recorded"), rows)
 
 
 def _messages() -> str:

@@ -82,7 +82,7 @@ class Channel:
 
     @property
     def sender_name(self) -> str:
-        """Sender role as text; "outside" for external clients."""
+        """Sender role as text; "external" for external clients."""
         return EXTERNAL if self.sender is None else self.sender.value
 
 

@@ -158,7 +158,7 @@ class Config(Message, frozen=True, kw_only=True, tag="config"):
 
 
 class Events(Message, frozen=True, kw_only=True, tag="events"):
-    """Skin events as columns of equal length, from one cell or from a gateway that bundles.
+    """Skin events as columns of equal length, from one cell or bundled by a gateway.
 
     `cell` indexes the patch; `channel` counts within the modality; `seq` counts the gateway's deliveries.
     """

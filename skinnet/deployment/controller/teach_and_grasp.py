@@ -46,7 +46,7 @@ class StateParametersSpec(Table, frozen=True, kw_only=True):
 class OperatorRequestSpec(Table, frozen=True, kw_only=True):
     """Request of the scripted operator, who sends one after the other.
 
-    It is sent once the session has been in `state` for `delay_s`, counted from the previous request if that
+    It is sent once the stage has been in `state` for `delay_s`, counted from the previous request if that
     was later, without any contact for `contact_free_s`.
     """
 
@@ -66,9 +66,9 @@ class TeachAndGraspSpec(Table, frozen=True, kw_only=True):
     """Teaching and grasping [M14]; levels are those of Table I, counted from 1."""
 
     operator_requests: tuple[OperatorRequestSpec, ...] = ()
-    """Scripted requests; without any, external clients send requests until one of them ends the session."""
+    """Scripted requests; without any, external clients send requests until one of them ends the stage."""
     operator_timeout_s: Positive = 10.0
-    """Timeout of the scripted operator, while the robot is at rest; then the session ends."""
+    """Timeout of the scripted operator, while the robot is at rest; then the stage ends."""
     pre_contact: bool = True
     """Use proximity and force to grasp; if false, force only."""
     near_level: LevelNumber = 2
