@@ -91,7 +91,7 @@ class RobotIdentity:
             place = next((i for i, (a, b) in enumerate(zip(mine, due, strict=False)) if a != b), None)
             if place is not None:
                 raise MemoryFileError(
-                    f"is of another robot: {what}[{place}] is {mine[place]}; {due[place]} is due"
+                    f"belongs to another robot: {what}[{place}] is {mine[place]}; {due[place]} is due"
                 )
             if len(mine) != len(due):
                 raise MemoryFileError(

@@ -210,8 +210,8 @@ def test_the_host_waits_for_configurations_that_were_announced() -> None:
         ("config", ("arm", "6"), Config(patch="arm", cell=6), "cells 0 to 5"),
         ("config", ("arm", "-1"), Config(patch="arm", cell=-1), "cells 0 to 5"),
         ("config", ("leg", "0"), Config(patch="leg", cell=0), "leg/0"),
-        ("config", ("arm", "1"), Config(patch="arm", cell=2), "under the key of arm/1"),
-        ("config", ("hand", "0"), Config(patch="arm", cell=0), "under the key of hand/0"),
+        ("config", ("arm", "1"), Config(patch="arm", cell=2), "published on the key of arm/1"),
+        ("config", ("hand", "0"), Config(patch="arm", cell=0), "published on the key of hand/0"),
         ("config", ("arm", "0"), PeriodEnd(patch="arm", t_ns=0, watermark_ns=0, n_events=0), "Config"),
         (
             "stimulus",

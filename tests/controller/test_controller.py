@@ -333,14 +333,14 @@ two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
     [
         ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[0.0, math.nan]), "finite"),
         ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[-math.inf, 0.0]), "finite"),
-        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[0.0]), "1 joints; this run has 2"),
-        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[]), "0 joints"),
+        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[0.0]), "1 positions; expected 2"),
+        ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[]), "0 positions"),
         ("period_end", ("leg",), PeriodEnd(patch="leg", t_ns=0, watermark_ns=9**9, n_events=0), "leg"),
         ("period_end", ("arm",), events("arm", (0, 1, 0.5)), "PeriodEnd"),
         ("events", ("arm", "3"), events("arm", (3, 1, 0.5)), "unknown cell of arm: .* 0 to 2"),
         ("events", ("arm", "0"), events("arm", (-1, 1, 0.5)), "unknown cell"),
         ("events", ("arm", "0"), events("hand", (0, 1, 0.5)), "hand under a key of arm"),
-        ("bundle", ("arm",), events("arm", (0, 1, 0.5), (1, 1, 0.5), value=[0.5]), "unequal"),
+        ("bundle", ("arm",), events("arm", (0, 1, 0.5), (1, 1, 0.5), value=[0.5]), "differ in length"),
         ("bundle", ("arm",), events("arm", (0, 1, 0.5), seq=2**63), "64 bits"),
         ("bundle", ("arm",), events("arm", (0, 1, 0.5), modality=[4]), "modality"),
         ("bundle", ("arm",), events("arm", (0, 1, 0.5), modality=[-1]), "modality"),
@@ -359,7 +359,7 @@ two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
             Stream(patch="arm", t_ns=0, watermark_ns=9, n_events=0, rows=b"\xff" * 60),
             "unknown cell",
         ),
-        ("config", ("arm", "0"), Config(patch="arm", cell=0), "does not read config"),
+        ("config", ("arm", "0"), Config(patch="arm", cell=0), "does not subscribe to channel config"),
     ],
 )
 def test_what_makes_no_sense_changes_nothing(

@@ -74,7 +74,7 @@ def test_nursing_refuses_velocities_and_the_skin_of_others() -> None:
     frame = encode(PeriodEnd(patch="arm", t_ns=0, watermark_ns=9, n_events=0))
     with pytest.raises(ProtocolError, match="period_end of arm"):
         process.accept("period_end", ("arm",), frame)
-    with pytest.raises(ProtocolError, match="nursing program does not read stream"):
+    with pytest.raises(ProtocolError, match="nursing controller does not subscribe to stream"):
         process.accept("stream", ("boards",), frame)
     assert process.upstreams["boards"].watermark_ns == 0
 

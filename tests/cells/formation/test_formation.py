@@ -276,7 +276,7 @@ def test_a_round_trip_waits_behind_full_queues() -> None:
 
 def test_packets_refuse_what_is_none_of_theirs() -> None:
     for payload in (b"", bytes(7), bytes(9), bytes([15]) + bytes(7)):
-        with pytest.raises(ProtocolError, match="no packet of network formation"):
+        with pytest.raises(ProtocolError, match="not a formation packet"):
             FormationPacket.from_bytes(payload)
 
 

@@ -80,9 +80,9 @@ def test_what_is_pressed_is_told_and_every_period_is_closed() -> None:
 
 def test_pressures_of_another_skin_are_refused() -> None:
     node = BoardProcess(skinned(), "boards")
-    with pytest.raises(ProtocolError, match="3 elements; there are 32"):
+    with pytest.raises(ProtocolError, match="3 elements; the sheets have 32"):
         node.accept("pressures", (), encode(Pressures(t_ns=0, watermark_ns=0, values=bytes(12))))
-    with pytest.raises(ProtocolError, match="does not read"):
+    with pytest.raises(ProtocolError, match="does not subscribe|does not read"):
         node.accept("stimulus", (), b"")
 
 
@@ -162,7 +162,7 @@ def test_the_controller_knows_one_sheet_for_each_surface() -> None:
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"patches": (), "surfaces": (), "sheets": ()}, "there is no skin"),
+        ({"patches": (), "surfaces": (), "sheets": ()}, "no skin; give"),
         ({"boards": {"period_ms": 2.0}}, "boards.period_ms = 2"),
         ({"controller": {"program": (), "stages": {}}}, "give a program"),
         ({"nursing": {"joints": ("knee",)}}, "'knee' is not in body.joints"),
@@ -190,5 +190,5 @@ def test_commands_about_cells_refuse_a_skin_of_sheets(command: str) -> None:
     line = [sys.executable, "-m", "skinnet.cli", command, str(file), "--no-plots"]
     done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 2
-    assert "patches: there are none" in done.stderr
+    assert "patches: none" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -197,7 +197,7 @@ def test_every_request_in_every_state(state: State, event: Event) -> None:
     assert reply.accepted == (target is not None)
     assert reply.state == robot.session.state.value == (target or state).value
     if target is None:
-        assert f"not while {state.value}" in reply.reason
+        assert f"not possible in state {state.value}" in reply.reason
         assert (len(robot.session.log), robot.session.gains.tolist(), dict(robot.knowledge.areas)) == before
         assert robot.session.refused[-1][1:3] == REQUESTS[event]
 

@@ -174,7 +174,7 @@ def test_original_undoes_adjusted(position: Impedance | None, rotation: Impedanc
 
 def test_what_cannot_work_is_refused() -> None:
     one = initial_contacts(kinematics(), POSE, sheets(), [touch("left_forearm")])
-    with pytest.raises(ValueError, match="left_forearm is where the object's centre is"):
+    with pytest.raises(ValueError, match="left_forearm coincides with the object's centre"):
         TactileFeedback(one, PERIOD_S)
     TactileFeedback(one, PERIOD_S, position_impedance=None)  # turning needs no centre
     for wrong in (Impedance(0.0, 1.0, 1.0), Impedance(1.0, -1.0, 1.0), Impedance(1.0, 1.0, np.nan)):

@@ -129,7 +129,7 @@ def test_dead_cells_and_stuck_joints_are_reported_and_weigh_nothing() -> None:
         _ = program.result
     run(program, arm, noise_g=NOISE_G, dead_cells=(1,), stuck_dof=2)
     found = program.result
-    assert "DoF 2 did not follow its sine" in found.problems
+    assert any(problem.startswith("DoF 2 did not follow its sine") for problem in found.problems)
     assert "DoF 0: cell 1 with too few samples" in found.problems
     assert not found.deflection_m[1].any()
     assert not found.deflection_m[:, 2].any()
@@ -197,9 +197,9 @@ def test_the_closest_pose_decides() -> None:
     np.testing.assert_array_equal(skin_map.poses_rad, poses)
     for at, number in (([0.4, 0.0], 0), ([0.6, 0.1], 1), ([0.0, 1.1], 2), ([0.5, 0.0], 0)):
         assert skin_map.closest(np.array(at))[0, 0] == number
-    with pytest.raises(ValueError, match="do not fit"):
+    with pytest.raises(ValueError, match="do not match"):
         skin_map.add(np.zeros(3), np.zeros((3, 2)))
-    with pytest.raises(ValueError, match="do not fit"):
+    with pytest.raises(ValueError, match="do not match"):
         skin_map.add(np.zeros(2), np.zeros((4, 2)))
 
 

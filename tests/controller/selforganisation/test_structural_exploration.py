@@ -141,7 +141,7 @@ def test_a_dead_cell_and_a_stuck_joint_are_reported() -> None:
     assert not found.activity[:, 3].any()
     text = "\n".join(found.problems)
     assert "cell 3 measured with too few samples" in text
-    assert "DoF 3 did not make its step in time in run 0" in text
+    assert "DoF 3 did not complete its step before the timeout in run 0" in text
     assert "DoF 3 moves no cell" in text
 
 

@@ -140,9 +140,9 @@ def test_rows_of_nonsense_and_unequal_columns_are_refused() -> None:
     picture.apply_stream(np.array([2, 0, 1]), np.zeros(3, dtype=np.int64), rows)
     assert picture.rejected == 2
     assert picture.reaction_readings(0).sum(axis=1).tolist() == [0.0, 4.0]
-    with pytest.raises(ProtocolError, match="different lengths"):
+    with pytest.raises(ProtocolError, match="differ in length"):
         picture.apply_stream(np.array([1]), np.zeros(2, dtype=np.int64), rows)
-    with pytest.raises(ProtocolError, match="is due"):
+    with pytest.raises(ProtocolError, match="expected"):
         picture.apply_stream(np.array([1]), np.array([0]), np.ones((1, 7)))
 
 
@@ -477,7 +477,7 @@ def test_a_clamp_refuses_limits_that_are_none() -> None:
     ):
         with pytest.raises(ValueError, match="positive and finite"):
             SafetyClamp(limits, D, PERIOD_NS)
-    with pytest.raises(ValueError, match="the lowest below the highest"):
+    with pytest.raises(ValueError, match="the lower below the upper"):
         SafetyClamp(SafetyLimits(position_rad=(np.ones(D), np.ones(D))), D, PERIOD_NS)
-    with pytest.raises(ValueError, match="due"):
+    with pytest.raises(ValueError, match="expected"):
         SafetyClamp(SafetyLimits(), D, PERIOD_NS).clamp(0, np.zeros(2), np.zeros(D), 0, 0)

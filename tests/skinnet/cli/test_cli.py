@@ -49,7 +49,7 @@ BAD = {
     ),
     "a lattice that bites its tail": (
         "cells.side_m=0.05",
-        ["patches.left_upper_arm", "wraps more than once"],
+        ["patches.left_upper_arm", "exceeds the circumference"],
     ),
     "unknown body": ("patches.torso.body=belly", ["belly", "no such body", "torso"]),
     "two processes for one patch": (

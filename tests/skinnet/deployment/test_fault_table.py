@@ -91,11 +91,11 @@ def interrupts() -> Iterator[None]:
             ("value = 2", "force0 reads 0 to 1"),
         ),
         ("kind='stuck_at', target='torso/0', channel='ax_g', value=-9", ("ax_g reads -8 to 8",)),
-        ("kind='stuck_at', target='torso/0', channel='all', value=2", ("all reads 0 to 1; give each",)),
+        ("kind='stuck_at', target='torso/0', channel='all', value=2", ("all reads 0 to 1; use one rule",)),
         ("kind='drift', target='torso/0', channel='all', rate_per_s=1", ("channel = 'all'", "'force0'")),
         (
             "kind='drift', target='torso/0', channel='ax_g', rate_per_s=0",
-            ("rate_per_s = 0", "nothing would drift"),
+            ("rate_per_s = 0", "must not be zero"),
         ),
         ("kind='babbling_idiot', target='torso/0', rate_hz=1e9", ("rate_hz", "<= 100000")),
         ("kind='burst_loss', target='*', mean_good_s=1, mean_bad_s=0", ("mean_bad_s = 0", ">= 0.0001")),

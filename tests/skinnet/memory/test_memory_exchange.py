@@ -70,7 +70,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "no poses": (changed("poses"), "the file: poses is missing"),
     "more keys": (changed("posses", to={}), "the file.posses: unknown key"),
     "list of poses": (changed("poses", to=[]), "poses: expected `object`, got `array`"),
-    "robot without joints": (changed("robot", "joints", to=[]), "robot.joints: there are none"),
+    "robot without joints": (changed("robot", "joints", to=[]), "robot.joints: empty"),
     "number for a joint": (changed("robot", "joints", to=[1]), "robot.joints: expected `str`, got `int`"),
     "patch twice": (
         changed("robot", "patches", 1, "name", to="arm"),
@@ -131,7 +131,7 @@ def test_what_does_not_hold_is_refused_by_its_key(case: str) -> None:
     "text", [b"", b"{", b"\xff", b"[" * 100_000, b"null", b'{"format": NaN}', b'{"format": 1e999}']
 )
 def test_what_is_no_memory_is_refused(text: bytes) -> None:
-    with pytest.raises(MemoryFileError, match=r"no valid JSON|the file"):
+    with pytest.raises(MemoryFileError, match=r"invalid JSON|the file"):
         from_json(text)
 
 
@@ -200,9 +200,9 @@ def test_a_file_is_replaced_by_force_only(skinnet: Skinnet, tmp_path: Path) -> N
     assert skinnet("import", str(text), str(path)) == (0, "", "")
     assert skinnet("export", str(path)) == (0, text.read_text(), "")
     text.write_bytes(to_json(MemoryContents(ROBOT)))
-    refuse(skinnet, "m.sqlite: exists already; give --force", "import", str(text), str(path))
+    refuse(skinnet, "m.sqlite: already exists; give --force", "import", str(text), str(path))
     with MemoryStore.open(path, ROBOT) as store:
-        refuse(skinnet, "m.sqlite: is in use by another", "import", str(text), str(path), "--force")
+        refuse(skinnet, "m.sqlite: is locked by another", "import", str(text), str(path), "--force")
         assert same(store.contents, known())
     assert skinnet("import", str(text), str(path), "--force") == (0, "", "")
     assert same(read_memory(path), MemoryContents(ROBOT))
@@ -236,16 +236,16 @@ def test_commands_refuse_in_one_line(skinnet: Skinnet, tmp_path: Path) -> None:
     text, path = tmp_path / "a.json", tmp_path / "m.sqlite"
     text.write_bytes(to_json(known()))
     refuse(skinnet, "m.sqlite: there is no such file", "show", str(path))
-    refuse(skinnet, "b.json: there is no such file", "import", str(tmp_path / "b.json"), str(path))
+    refuse(skinnet, "b.json: file not found", "import", str(tmp_path / "b.json"), str(path))
     what = ("import", str(text), str(path), "--deployment", str(TOUCH))
-    refuse(skinnet, "a.json: is of another robot: name[0] is bot; hrp2 is due", *what)
+    refuse(skinnet, "a.json: belongs to another robot: name[0] is bot; hrp2 is due", *what)
     text.write_bytes(to_json(bent()))
     refuse(skinnet, "a.json: poses.open: left_elbow_pitch = 9: the joint turns from -", *what)
     text.write_text("{}")
     refuse(skinnet, "a.json: the file: format is missing", "import", str(text), str(path))
     assert not path.exists()
     path.write_text("no database")
-    refuse(skinnet, "m.sqlite: is no SQLite file", "export", str(path))
+    refuse(skinnet, "m.sqlite: is not an SQLite file", "export", str(path))
 
 
 def test_help_has_examples(skinnet: Skinnet) -> None:
@@ -268,12 +268,12 @@ def test_a_run_is_refused_before_it_starts_if_its_memory_does_not_fit(tmp_path: 
         prepare_run(order())
     write_memory(path, known())
     with pytest.raises(
-        DeploymentError, match=r"memory.read: .*is of another robot: name\[0\] is bot; hrp2 is"
+        DeploymentError, match=r"memory.read: .*belongs to another robot: name\[0\] is bot; hrp2 is"
     ):
         prepare_run(order())
     write_memory(path, taught())
-    with pytest.raises(DeploymentError, match=r"is of another robot: joints\[0\] is left_shoulder_pitch"):
+    with pytest.raises(DeploymentError, match=r"another robot: joints\[0\] is left_shoulder_pitch"):
         prepare_run(order('body.joints=["left_elbow_pitch"]'))
     assert prepare_run(order()).deployment.memory.read == str(path)
-    with pytest.raises(DeploymentError, match=r"memory.read = .*: nursing starts without knowledge"):
+    with pytest.raises(DeploymentError, match=r"memory.read = .*: the nursing program uses no memory"):
         prepare_run(RunOptions(ROOT / "deployments" / "riba_trajectory.toml", (f"memory.read={path}",)))

@@ -113,7 +113,7 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
             lambda: MemoryStore.create(path, ROBOT),
             lambda: read_memory(path),
         ):
-            with pytest.raises(MemoryFileError, match="in use by another process"):
+            with pytest.raises(MemoryFileError, match="locked by another process"):
                 attempt()
         first.store_parameters({"still": 1.0})
         code = (
@@ -122,7 +122,7 @@ def test_one_writer_at_a_time_and_no_reader_beside_it(path: Path) -> None:
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert "MemoryFileError" in done.stderr
-        assert "in use by another process" in done.stderr
+        assert "locked by another process" in done.stderr
     with MemoryStore.open(path, ROBOT) as second:
         assert second.contents.parameters["still"] == 1.0
 
@@ -132,7 +132,7 @@ def test_a_reader_is_waited_for(path: Path) -> None:
     reader = sqlite3.connect(path, isolation_level=None)
     reader.execute("BEGIN")
     reader.execute("SELECT * FROM robot").fetchall()
-    with pytest.raises(MemoryFileError, match="in use"):
+    with pytest.raises(MemoryFileError, match="locked by"):
         MemoryStore.open(path, ROBOT)
     reader.close()
     MemoryStore.open(path, ROBOT).close()
@@ -163,10 +163,10 @@ OTHERS: dict[str, tuple[RobotIdentity, str]] = {
 @pytest.mark.parametrize("case", OTHERS)
 def test_the_memory_of_another_robot_is_refused(path: Path, case: str) -> None:
     other, said = OTHERS[case]
-    with pytest.raises(MemoryFileError, match=f"^{re.escape(str(path))}: is of another robot: .*{said}"):
+    with pytest.raises(MemoryFileError, match=f"^{re.escape(str(path))}: belongs to another robot: .*{said}"):
         MemoryStore.open(path, other)
     with MemoryStore.open(path, ROBOT) as store:
-        with pytest.raises(MemoryFileError, match="is of another robot"):
+        with pytest.raises(MemoryFileError, match="belongs to another robot"):
             store.replace_contents(MemoryContents(other))
         assert same(store.contents, known())
 
@@ -231,14 +231,14 @@ def empty_tables(path: Path) -> None:
 
 REFUSED: dict[Callable[[Path], None], str] = {
     no_file: "there is no such file",
-    folder: "is no file",
-    text: "is no SQLite file",
-    empty: "is a database of another program, no memory",
-    database_of_another_program: "is a database of another program, no memory",
+    folder: "is not a file",
+    text: "is not an SQLite file",
+    empty: "is an SQLite database, but not a skinnet memory",
+    database_of_another_program: "is an SQLite database, but not a skinnet memory",
     newer: "has version 3 of the schema, and this skinnet reads 1 to 2: it is newer; update skinnet",
     older: "has version 0 of the schema, and this skinnet reads 1 to 2: it is of no skinnet",
     truncated: "is damaged",
-    changed_weight: "is damaged: .*not what was sealed",
+    changed_weight: "is damaged: .*do not match the stored SHA-256",
     missing_rows: "is damaged: 6 entries of map",
     wrong_type: "is damaged: CHECK constraint failed in parameter",
     cell_that_is_not_there: "is damaged: areas.contact: unknown cell arm/7",
@@ -335,8 +335,11 @@ REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
         "areas.pat: has no",
     ),
     "cell outside": (lambda s: s.store_area("pat", np.array([5])), "areas.pat: unknown cell 5; 5 are"),
-    "cells twice": (lambda s: s.store_area("pat", np.array([1, 1])), "areas.pat: cells must ascend"),
-    "no label": (lambda s: s.store_area("a b", np.array([1])), "areas: 'a b' is no name"),
+    "cells twice": (
+        lambda s: s.store_area("pat", np.array([1, 1])),
+        "areas.pat: cell numbers must be ascending",
+    ),
+    "no label": (lambda s: s.store_area("a b", np.array([1])), "areas: 'a b' is not a valid name"),
     "pose of another robot": (
         lambda s: s.store_pose("open", KeyPose(np.zeros(3))),
         r"poses.open.position_rad: has the shape \(3,\); \(2,\) is due",
@@ -361,8 +364,8 @@ REFUSED_MEMORIES: dict[str, tuple[Callable[[MemoryStore], object], str]] = {
         lambda s: s.store_structure(np.ones((5, 2), dtype=bool), np.array([2])),
         "activity: cell 2 is marked both active and unmeasured",
     ),
-    "parameter that is not finite": (lambda s: s.store_parameters({"x": np.inf}), "parameters.x: holds"),
-    "parameter without name": (lambda s: s.store_parameters({"": 1.0}), "parameters: '' is no name"),
+    "parameter that is not finite": (lambda s: s.store_parameters({"x": np.inf}), "parameters.x: contains"),
+    "parameter without name": (lambda s: s.store_parameters({"": 1.0}), "parameters: '' is not a valid name"),
 }
 
 
@@ -396,12 +399,12 @@ def test_a_change_that_fails_half_way_is_taken_back(path: Path, monkeypatch: pyt
 @pytest.mark.parametrize(
     ("robot", "said"),
     [
-        (lambda: RobotIdentity("bot", (), {"arm": 1}), "robot.joints: there are none"),
+        (lambda: RobotIdentity("bot", (), {"arm": 1}), "robot.joints: empty"),
         (lambda: RobotIdentity("bot", ("a", "a"), {"arm": 1}), "robot.joints: a stands 2 times"),
-        (lambda: RobotIdentity("bot", ("a\n",), {"arm": 1}), "robot.joints: 'a\\\\n' is no name"),
-        (lambda: RobotIdentity("bot", ("a",), {}), "robot.patches: there are none"),
+        (lambda: RobotIdentity("bot", ("a\n",), {"arm": 1}), "robot.joints: 'a\\\\n' is not a valid name"),
+        (lambda: RobotIdentity("bot", ("a",), {}), "robot.patches: empty"),
         (lambda: RobotIdentity("bot", ("a",), {"arm": 0}), "robot.patches.arm = 0: 1 to"),
-        (lambda: RobotIdentity("b t", ("a",), {"arm": 1}), "robot.name: 'b t' is no name"),
+        (lambda: RobotIdentity("b t", ("a",), {"arm": 1}), "robot.name: 'b t' is not a valid name"),
     ],
 )
 def test_a_robot_has_joints_and_skin(robot: Callable[[], RobotIdentity], said: str) -> None:

@@ -195,7 +195,7 @@ def routes_with(row: str) -> dict[str, str | bytes]:
     [
         ({"links.csv": "src,src_port,dst\n"}, "links.csv:1: missing column dst_port"),
         ({"packets.csv": "id,t_ns,node,dest,size_bytes,colour\n"}, "packets.csv:1: unknown column 'colour'"),
-        ({"packets.csv": "id,t_ns,node,dest,id\n"}, "packets.csv:1: column id is there twice"),
+        ({"packets.csv": "id,t_ns,node,dest,id\n"}, "packets.csv:1: column id is duplicated"),
         ({"packets.csv": ""}, "packets.csv:1: no header"),
         ({"links.csv": LINKS}, "links.csv:2: no link"),
         ({"links.csv": b"\x00\xff\x89PNG" * 9}, "links.csv:1: not a line of text"),
@@ -222,9 +222,9 @@ def routes_with(row: str) -> dict[str, str | bytes]:
         (links_with("3,0,1,7,5,8,0"), "links.csv:6: 7 fields; allowed are 8"),
         (links_with("3,0,1,7,5,8,0,,"), "links.csv:6: 9 fields; allowed are 8"),
         (packets_with("10,0,1,3,5"), "packets.csv:5: t_ns is 0 after 1; packets must be in order of time"),
-        (packets_with("7,2,1,3,5"), "packets.csv:5: id 7 is there twice"),
-        (packets_with("10,2,4,3,5"), "packets.csv:5: node 4 is at no link"),
-        (packets_with("10,2,1,-3,5"), "packets.csv:5: dest -3 is at no link"),
+        (packets_with("7,2,1,3,5"), "packets.csv:5: id 7 is duplicated"),
+        (packets_with("10,2,4,3,5"), "packets.csv:5: node 4 has no link"),
+        (packets_with("10,2,1,-3,5"), "packets.csv:5: dest -3 has no link"),
         (packets_with("10,2,1,3,0"), "packets.csv:5: size_bytes is 0; allowed are whole numbers from 1 to"),
         (packets_with("10,2,1,3,5.0"), "packets.csv:5: size_bytes is '5.0'"),
         (packets_with("10,2,1,3,1_0"), "packets.csv:5: size_bytes is '1_0'"),
@@ -233,11 +233,11 @@ def routes_with(row: str) -> dict[str, str | bytes]:
         (packets_with("1 0,2,1,3,5"), "packets.csv:5: id is '1 0'"),
         (packets_with("-"), "packets.csv:5: 1 fields; allowed are 5"),
         (packets_with("9223372036854775808,2,1,3,5"), "packets.csv:5: id is '9223372036854775808'"),
-        (packets_with("10,4611686018427387903,1,3,5"), "packets.csv:5: with the packets up to here"),
+        (packets_with("10,4611686018427387903,1,3,5"), "packets.csv:5: packets up to this line"),
         (packets_with("10,2,1,3"), "packets.csv:5: 4 fields; allowed are 5"),
         (packets_with("\n\n10,2,1,x,5"), "packets.csv:7: dest is 'x'"),
         (routes_with("1,2,5"), "routes.csv:6: no link leaves port 5 of node 1; its links leave ports 0"),
-        (routes_with("1,4,0"), "routes.csv:6: dest 4 is at no link"),
+        (routes_with("1,4,0"), "routes.csv:6: dest 4 has no link"),
         (routes_with("1,3,0"), "routes.csv:6: a route from 1 to 3 is already on line 2"),
         (
             links_with("8,0,9,0,5,8,0,") | routes_with("1,9,0"),
@@ -246,7 +246,7 @@ def routes_with(row: str) -> dict[str, str | bytes]:
         (links_with("8,0,9,0,5,8,0,") | routes_with("9,8,0"), "no link leaves this node"),
         (
             {"routes.csv": ROUTES + "3,1,1\n1,3,0\n2,3,1\n"},
-            "routes.csv:3: the routes to 3 go round: 1 → 2 → 1;",
+            "routes.csv:3: the routes to 3 form a loop: 1 → 2 → 1;",
         ),
     ],
 )
@@ -278,8 +278,8 @@ def test_probabilities_are_numbers_from_0_to_1(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("packets.csv.gz", b"id,t_ns,node,dest,size_bytes\n", "not a whole gzip file"),
-        ("packets.csv.gz", gzip.compress(PACKETS.encode() * 999)[:-9], "not a whole gzip file"),
+        ("packets.csv.gz", b"id,t_ns,node,dest,size_bytes\n", "invalid or truncated gzip file"),
+        ("packets.csv.gz", gzip.compress(PACKETS.encode() * 999)[:-9], "invalid or truncated gzip file"),
         ("no/such/packets.csv", None, "No such file"),
         (".", None, "Is a directory"),
     ],
@@ -310,7 +310,7 @@ def test_long_ways_round_are_found_and_long_ways_are_not(tmp_path: Path) -> None
     spur = "0,7,5000,7,1000000000,1,0,\n"
     given = files(tmp_path, {"links.csv": ring + spur, "packets.csv": packets, "routes.csv": endless})
     with pytest.raises(
-        DeploymentError, match=r"routes.csv:2: the routes to 5000 go round: 0 → 1 → .* → 999 → 0;"
+        DeploymentError, match=r"routes.csv:2: the routes to 5000 form a loop: 0 → 1 → .* → 999 → 0;"
     ):
         simulate_csv(given, 10**9)
 
@@ -318,7 +318,7 @@ def test_long_ways_round_are_found_and_long_ways_are_not(tmp_path: Path) -> None
 def test_files_that_would_overwrite_each_other_are_refused(tmp_path: Path) -> None:
     given = files(tmp_path, {})
     for out, drops in ((given.packets, None), (given.delivered, given.delivered), (tmp_path, None)):
-        with pytest.raises(DeploymentError, match=r"named twice|a folder"):
+        with pytest.raises(DeploymentError, match=r"used more than once|is a directory"):
             simulate_csv(SimulationFiles(given.links, given.packets, out, None, drops), 10**9)
 
 

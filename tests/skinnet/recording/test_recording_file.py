@@ -253,14 +253,20 @@ def test_what_is_no_recording_is_refused_in_one_line(recording: Path, tmp_path: 
     cases = [
         (tmp_path / "none.mcap", "no such file or directory"),
         (tmp_path, "is a directory"),
-        (text, "no recording: it is not an MCAP file"),
-        (foreign(tmp_path / "other.mcap", None), "no recording of skinnet: an MCAP file of another program"),
+        (text, "not a recording: not an MCAP file"),
+        (
+            foreign(tmp_path / "other.mcap", None),
+            "not a skinnet recording: an MCAP file without the metadata record of skinnet",
+        ),
         (
             foreign(tmp_path / "new.mcap", {"format": "3", "skinnet": "9.1"}),
             "a recording of format 3, by skinnet 9.1",
         ),
-        (foreign(tmp_path / "bare.mcap", {"format": "1"}), "it ends before it says what was run"),
-        (cut, "no recording of skinnet: an MCAP file of another program, or truncated before it"),
+        (foreign(tmp_path / "bare.mcap", {"format": "1"}), "truncated before its deployment"),
+        (
+            cut,
+            "not a skinnet recording: an MCAP file without the metadata record of skinnet, or",
+        ),
         (damaged, "damaged at byte"),
     ]
     for path, why in cases:

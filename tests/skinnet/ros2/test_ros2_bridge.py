@@ -287,7 +287,7 @@ def test_a_stranger_reads_the_run_in_ros() -> None:
     assert sum(math.isnan(t) for t in felt["temperature"]) == 14
     assert [m["header"]["frame_id"] for m in markers] == ["arm/base", "arm/upper_link", "arm/fore_link"]
     assert status["arm: run"]["message"] == "evade"
-    assert status["arm: skin upper_link"]["message"] == "5 of 6 cells reached"  # asked for at the start
+    assert status["arm: skin upper_link"]["message"] == "5 of 6 cells connected"  # asked for at the start
 
 
 def test_the_bridge_can_be_the_router() -> None:
@@ -353,10 +353,10 @@ def test_velocities_of_ros_reach_the_run() -> None:
         assert run.velocities.get(timeout=PATIENCE_S) == [0.0, 0.0, 0.25]
         lines = {bridged.wait_for("refused") for _ in range(4)}
         assert lines == {
-            "refused: /teleop: velocities of 2 joints; the run has 3",
-            "refused: /teleop: velocities of 4 joints; the run has 3",
+            "refused: /teleop: 2 velocities; expected 3",
+            "refused: /teleop: 4 velocities; expected 3",
             "refused: /teleop: velocities are not finite",
-            "refused: /teleop: velocities of 0 joints; the run has 3",
+            "refused: /teleop: 0 velocities; expected 3",
         }
     assert "refused 2 times: /teleop: velocities of 2 joints" in bridged.wait_for("of 2 joints")
     assert run.velocities.empty()
@@ -385,7 +385,7 @@ def test_nobody_at_the_watch_endpoint() -> None:
 
 
 def test_a_zenoh_endpoint_without_a_run() -> None:
-    with zenoh_router() as router, pytest.raises(SkinnetError, match="nobody there tells what runs"):
+    with zenoh_router() as router, pytest.raises(SkinnetError, match="no run serves its deployment there"):
         bridge(BridgeOptions(router), print)
 
 
@@ -421,7 +421,7 @@ def test_two_bridges_of_one_robot() -> None:
     with run_of(arm()) as run, zenoh_router() as router:
         first = Bridged(BridgeOptions(run.endpoint, router=router))
         first.wait_for("/diagnostics")
-        with pytest.raises(SkinnetError, match="already has a node of that name"):
+        with pytest.raises(SkinnetError, match="a node of that name already exists in domain"):
             bridge(BridgeOptions(run.endpoint, router=router), print)
     first.join()
 

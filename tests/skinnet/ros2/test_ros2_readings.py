@@ -184,7 +184,7 @@ def test_diagnostics_tell_what_is_wrong() -> None:
     assert (int(status["arm: run"].level), status["arm: run"].message) == (0, "evade")
     assert (int(status["arm: skin base"].level), status["arm: skin base"].message) == (
         1,
-        "5 of 6 cells reached",
+        "5 of 6 cells connected",
     )
     figures = {pair.key: pair.value for pair in status["arm: skin base"].values}
     assert figures == {"cells": "6", "reached": "5", "events": "2", "full_readings": "0", "lost": "2"}

@@ -305,7 +305,7 @@ async def test_a_lost_upstream_that_is_needed() -> None:
 
 async def test_a_silent_upstream_is_given_up_after_the_deadline() -> None:
     a, b = Talker("a", ("b",)), Talker("b", ("a",), silent_from=2, periods=99, tolerated_losses=("a",))
-    with pytest.RaisesGroup(pytest.RaisesExc(UpstreamLostError, match=r"a: b .*no frame for 0\.05 s")):
+    with pytest.RaisesGroup(pytest.RaisesExc(UpstreamLostError, match=r"a: b .*no period end for 0\.05 s")):
         await meet(a, b, deadline_s=0.05)
     assert len(a.log) == 3
 
@@ -543,5 +543,5 @@ async def test_with_a_shorter_delay_they_wait_for_each_other(periods_ms: tuple[i
         await meet(*nodes, deadline_s=0.2, leave=False)
     for error in group.value.exceptions:  # who sees it first, and perhaps another
         assert isinstance(error, UpstreamLostError)
-        assert "sent no frame" in str(error)
+        assert "sent no period end" in str(error)
     assert nodes[0].t_ns < 40_000_000

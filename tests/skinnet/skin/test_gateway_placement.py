@@ -106,7 +106,7 @@ def test_what_cannot_be() -> None:
     edge = len(np.unique(free_ports(patch.n_cells, patch.wires)[:, 0]))
     with pytest.raises(DeploymentError, match=f"patches.p: {edge + 1} gateways: give 1 to {edge}"):
         place_gateways(patch, edge + 1)
-    with pytest.raises(DeploymentError, match="more pieces"):
+    with pytest.raises(DeploymentError, match="more connected components"):
         choose_gateway_ports(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 1)
     assert choose_gateway_ports(3, [[0, 0, 1, 2]], np.array([[0, 1], [1, 1], [2, 1]]), 2)[:, 0].tolist() in (
         [0, 2],

@@ -193,11 +193,11 @@ def test_a_gap_of_two_stays_open() -> None:
 @pytest.mark.parametrize(
     ("surfaces", "sheets", "text"),
     [
-        ([surface(), surface()], [], "twice"),
-        ([surface(flat_m=0.1)], [], "a plane has none"),
+        ([surface(), surface()], [], "duplicate"),
+        ([surface(flat_m=0.1)], [], "not allowed on a plane"),
         ([surface()], [SheetSpec(name="a", surface="leg")], "'leg': unknown; there are arm"),
-        ([surface()], [SheetSpec(name="a", surface="arm")] * 2, "twice"),
-        ([surface(0.02)], [SheetSpec(name="a", surface="arm")], "half around"),
+        ([surface()], [SheetSpec(name="a", surface="arm")] * 2, "duplicate"),
+        ([surface(0.02)], [SheetSpec(name="a", surface="arm")], "on both sides"),
         ([surface()], [SheetSpec(name="a", surface="arm", mask=("#",) * 8)], "8 texts of 8"),
         ([surface()], [SheetSpec(name="a", surface="arm", mask=("###x####",) * 8)], "8 texts of 8"),
         ([surface()], [SheetSpec(name="a", surface="arm", rows=1, columns=2, mask=("..",))], "no element"),

@@ -263,11 +263,11 @@ def test_an_overloaded_port_says_so() -> None:
     """Behind one port of 2 Mbit/s, 34 cells of 250 Hz fit and 35 do not."""
     full = plan_of((34, 1, (0, 2)))
     assert full.budget.utilisation.max() < 1.0
-    assert not any("will drop" in line for line in diagnose(full))
+    assert not any("will be dropped" in line for line in diagnose(full))
     over = plan_of((40, 1, (0, 2)))
     assert over.budget.utilisation[0] == pytest.approx(40 * 115e-6 * 250)
     (first, *_) = diagnose(over)
-    assert "will drop packets" in first
+    assert "packets will be dropped" in first
     assert "p0/0:2 → gateway" in first
     rate = plan_report(over)["metrics"]["plan.dropped_per_s"]
     assert rate == pytest.approx(40 * 250 - 1 / 115e-6)

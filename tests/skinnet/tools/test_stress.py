@@ -139,7 +139,7 @@ def test_what_cannot_be_is_refused_before_anything_runs(tmp_path: Path) -> None:
             run_sweep(ARM, deployment, StressSpec(**spec), tmp_path, resume=False, progress=print)
 
     refused(row_of_patches(), "has 18 cells, at most that", cells=(6, 19))
-    refused(row_of_patches(), "gateways: allowed are 1 to", gateways=(1, 100))
+    refused(row_of_patches(), "gateways: give 1 to", gateways=(1, 100))
     refused(small(), r"need \[scripted_stimuli\]", stimulated_fractions=(0.0, 0.5))
     assert list(tmp_path.iterdir()) == []
 
@@ -331,8 +331,8 @@ def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, di
         (("--stimulated", "1.5"), "stress: Expected `float` <= 1.0"),
         (("--sigmas", "0"), "stress: Expected `float` > 0.0"),
         (("--duration-s", "-1"), "stress: Expected `float` > 0.0"),
-        (("--gateways", "7"), "7 gateways: allowed are 1 to"),
-        (("--resume",), "--resume: say with --out"),
+        (("--gateways", "7"), "7 gateways: give 1 to"),
+        (("--resume",), "--resume needs --out"),
     ],
 )
 def test_bad_input_is_one_clear_line(

@@ -412,7 +412,7 @@ def test_questions_are_answered_when_the_answer_is_known(endpoint: str) -> None:
             asked[b"4"].drop()
             assert replies[b"4"].result(LONG_S) == []
         asked.clear()
-        assert query(endpoint, go, b"late", 0.05) == [Reply("", b"", "no answer within 0.05 s")]
+        assert query(endpoint, go, b"late", 0.05) == [Reply("", b"", "no reply within 0.05 s")]
         asked[b"late"].reply(go, b"nobody hears it")
         assert query(endpoint, KEYS.of("state"), b"", LONG_S) == []
     finally:

@@ -188,7 +188,7 @@ def test_png_is_what_others_read() -> None:
 
 def test_the_ring_shows_the_present_state_its_ways_out_and_the_way_in() -> None:
     view, _ = scene()
-    assert "nothing was heard" in machine.render(view.controller, 0)
+    assert "no controller state" in machine.render(view.controller, 0)
     view.controller.description = StateMachineDescription(
         t_ns=0,
         states=["s.idle", "s.go", "s.safe"],

@@ -55,7 +55,7 @@ def test_what_cannot_be_shown_is_one_clear_line(tmp_path: Path) -> None:
     missing.write_bytes(b"nothing of the kind")
     code, said = view(str(missing))
     assert code == 2
-    assert said.startswith(f"skinnet: {missing}: no recording")
+    assert said.startswith(f"skinnet: {missing}: not a recording")
 
 
 def test_options_of_the_page_are_for_a_page(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_a_stuck_object_cannot_be_moved(tmp_path):
     [
         ({"object_face_x_m": 0.2, "max_offset_m": 0.0, "grasp_z_m": 0.3}, "touch base"),
         ({"rise_m": 0.95, "rise_stage": "guide"}, "touch floor at the start"),
-        ({"grasp_z_m": 0.15}, r"grasp_z_m = 0.15: object and plate need more than 0.16"),
+        ({"grasp_z_m": 0.15}, r"grasp_z_m = 0.15: must exceed 0.16"),
         ({"plate_edge_x_m": 0.6}, r"plate_edge_x_m = 0.6: .* at 0.55"),
     ],
 )
@@ -270,9 +270,9 @@ def test_what_cannot_stand_there_is_refused(tmp_path, stand, says):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"stand": None}, r'object = "delivery_box": nothing presents it'),
+        ({"stand": None}, r'object = "delivery_box": needs a stand'),
         ({"scripted_stimuli": {}}, "stand, scripted_stimuli: do not go together"),
-        ({"stand": {"rise_m": 0.2}}, "rise_m = 0.2: it would stay there"),
+        ({"stand": {"rise_m": 0.2}}, "rise_m = 0.2: the plate would never rise"),
         ({"stand": {"lower_stage": "hold"}}, "lower_stage = 'hold': unknown stage; there are guide"),
         ({"stand": {"rise_m": 0.1, "rise_stage": "grasp.open"}}, "rise_stage = 'grasp.open': unknown"),
     ],
