@@ -137,7 +137,7 @@ class CellProcess(WiredProcess):
             case "config":
                 self._accept_config(fields, decode(payload, Config))
             case _:
-                raise ProtocolError(f"a cell process does not read {channel}")
+                raise ProtocolError(f"a cell process does not subscribe to {channel}")
 
     def _accept_stimulus(self, stimulus: Stimulus) -> None:
         values = unpack(stimulus.values, "<f4", _N_COLUMNS)

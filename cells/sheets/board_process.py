@@ -76,7 +76,7 @@ class BoardProcess(WiredProcess):
             self._accept_pattern_request(decode(payload, Config))
             return
         if channel != "pressures":
-            raise ProtocolError(f"the board process does not read {channel}")
+            raise ProtocolError(f"the board process does not subscribe to {channel}")
         pressures = decode(payload, Pressures)
         values = unpack(pressures.values, "<f4")
         if len(values) != self._n_elements:

@@ -197,7 +197,7 @@ class AuthProxy:
     def _log_refusal(self, reason: str) -> None:
         if reason and reason not in self._logged_reasons and len(self._logged_reasons) < 100:
             self._logged_reasons.add(reason)
-            self._log(f"somebody was sent away from the page: {reason}")
+            self._log(f"refused access to the page: {reason}")
 
     def _run_in_loop(self, work: Coroutine[Any, Any, Any]) -> Any:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()

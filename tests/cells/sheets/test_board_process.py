@@ -82,7 +82,7 @@ def test_pressures_of_another_skin_are_refused() -> None:
     node = BoardProcess(skinned(), "boards")
     with pytest.raises(ProtocolError, match="3 elements; the sheets have 32"):
         node.accept("pressures", (), encode(Pressures(t_ns=0, watermark_ns=0, values=bytes(12))))
-    with pytest.raises(ProtocolError, match="does not subscribe|does not read"):
+    with pytest.raises(ProtocolError, match="does not subscribe"):
         node.accept("stimulus", (), b"")
 
 

@@ -334,7 +334,7 @@ def test_the_command_writes_the_page_or_one_line(folder: Path, tmp_path: Path) -
     assert str(out) in done.stdout
     assert out.read_text(encoding="utf-8") == render_html(read_run_folder(folder))
     for arguments, told in (
-        ((str(tmp_path),), "no run folder"),
+        ((str(tmp_path),), "not a run folder"),
         ((str(folder), "--out", str(tmp_path)), "folder"),
     ):
         done = skinnet("report", *arguments)

@@ -210,7 +210,7 @@ def test_a_recorder_that_is_killed(tmp_path: Path, tolerated_losses: bool) -> No
         assert errors.startswith("skinnet: recorder was killed by signal 9")
 
 
-FULL = "the recording cannot go on: No space left on device"
+FULL = "cannot write the recording: No space left on device"
 
 
 @pytest.mark.processes

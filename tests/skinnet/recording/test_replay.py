@@ -94,7 +94,7 @@ def test_another_program_is_a_difference_as_well(touched: Path) -> None:
 def test_the_controller_of_another_robot_is_refused(touched: Path) -> None:
     code, said = replay(str(touched), "--into", "controller", "--deployment", str(ARM))
     assert code == 2
-    assert said == "skinnet: the recording and the deployment differ in robot: hrp2 and arm"
+    assert said == "skinnet: the recording and the deployment differ in robot: recorded hrp2, deployed arm"
 
 
 @pytest.mark.parametrize(

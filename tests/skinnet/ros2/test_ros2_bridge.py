@@ -353,12 +353,12 @@ def test_velocities_of_ros_reach_the_run() -> None:
         assert run.velocities.get(timeout=PATIENCE_S) == [0.0, 0.0, 0.25]
         lines = {bridged.wait_for("refused") for _ in range(4)}
         assert lines == {
-            "refused: /teleop: 2 velocities; expected 3",
-            "refused: /teleop: 4 velocities; expected 3",
+            "refused: /teleop: 2 velocities; expected 3, one for each joint",
+            "refused: /teleop: 4 velocities; expected 3, one for each joint",
             "refused: /teleop: velocities are not finite",
-            "refused: /teleop: 0 velocities; expected 3",
+            "refused: /teleop: 0 velocities; expected 3, one for each joint",
         }
-    assert "refused 2 times: /teleop: velocities of 2 joints" in bridged.wait_for("of 2 joints")
+    assert "refused 2 times: /teleop: 2 velocities" in bridged.wait_for("refused 2 times")
     assert run.velocities.empty()
     bridged.join()
 
@@ -444,7 +444,8 @@ def test_the_command_line_says_in_one_line_what_is_wrong() -> None:
 def test_without_the_extra_it_says_which_one_to_install() -> None:
     code, errors = commanded(free_endpoint(), before="sys.modules['xxhash'] = None")
     assert code == 1
-    assert errors == "skinnet: xxhash is missing; install the extra: pip install 'skinnet[ros2]'\n"
+    mend = "install the extra: pip install 'skinnet[ros2]'"
+    assert errors == f"skinnet: module xxhash is not installed; {mend}\n"
 
 
 def test_the_command_line_follows_a_run(tmp_path: Path) -> None:

@@ -212,5 +212,5 @@ def test_cdr_goes_there_and_back(values: list[float]) -> None:
     "payload", [b"", b"\x00\x01", b"\x00\x07\x00\x00" + bytes(12), b"\x00\x01\x00\x00" + b"\xff" * 12]
 )
 def test_what_is_no_message_is_refused(payload: bytes) -> None:  # fmt: skip
-    with pytest.raises(ProtocolError, match="no std_msgs/msg/Float64MultiArray"):
+    with pytest.raises(ProtocolError, match="cannot decode std_msgs/msg/Float64MultiArray"):
         types.decode(payload, types.FLOAT64_MULTI_ARRAY)

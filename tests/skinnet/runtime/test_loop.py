@@ -239,7 +239,7 @@ async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody()
     await asyncio.sleep(0)
     for _ in range(3):
         transport = hub.connect("a")
-        with pytest.raises(NameTakenError, match=r"^a: there is a process of this name"):
+        with pytest.raises(NameTakenError, match=r"^a: a process of this name"):
             await run_loop(twin, transport, KEYS, deadline_s=20.0)
         transport.close()
     await run_loop(other, hub.connect("b"), KEYS, deadline_s=20.0)

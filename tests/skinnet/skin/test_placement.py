@@ -208,7 +208,7 @@ def test_patches_of_one_body_may_not_overlap_but_lie_back_to_back() -> None:
             r"p\.cells\[0\]\.x_axis",
         ),
         (patch(lattice(2, 1), ends=((2, 0),)), r"interfaces\[0\]\.cell = 2: .*0 to 1"),
-        (patch(lattice(2, 1), ends=((0, 0),)), r"cell 0 port 0: .*taken.*\[1, 2, 3\]"),
+        (patch(lattice(2, 1), ends=((0, 0),)), r"cell 0 port 0: .*in use.*\[1, 2, 3\]"),
         (patch(lattice(2, 1), ends=((0, 2), (0, 2))), r"interfaces\[1\] = cell 0 port 2: .*\[1, 3\]"),
     ],
 )

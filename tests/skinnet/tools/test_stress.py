@@ -325,7 +325,7 @@ def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, di
     ("arguments", "said"),
     [
         (("--cells", "99"), "stress.cells: 99; two_link_arm has 15 cells"),
-        (("--cells", "ten"), "--cells ten: write numbers"),
+        (("--cells", "ten"), "--cells ten: must be numbers"),
         (("--cells", "0"), "stress: Expected `int` >= 1"),
         (("--encodings", "morse"), "stress: Invalid enum value 'morse'"),
         (("--stimulated", "1.5"), "stress: Expected `float` <= 1.0"),

@@ -137,7 +137,7 @@ def test_the_page_comes_through_whole(inner: http.server.ThreadingHTTPServer) ->
         assert get(gate.port, Origin="http://evil.example").status == 403
         assert get(gate.port, Origin="http://evil.example").status == 403
     assert len(inner.asked) == 9  # type: ignore[attr-defined]
-    assert said == ["somebody was sent away from the page: a page of http://evil.example may not come in"]
+    assert said == ["refused access to the page: cross-origin request from http://evil.example refused"]
 
 
 def test_only_who_knows_the_token_reaches_the_page(inner: http.server.ThreadingHTTPServer) -> None:
@@ -175,7 +175,7 @@ def test_a_visitor_who_stays_does_not_hold_the_door_open(inner: http.server.Thre
 def test_a_port_in_use_is_one_clear_line() -> None:
     with (
         closing(AuthProxy("127.0.0.1", 0, 9, None, lambda _: None)) as gate,
-        pytest.raises(PortInUseError, match=f"--port {gate.port}: that port is already taken"),
+        pytest.raises(PortInUseError, match=f"--port {gate.port}: port in use"),
     ):
         AuthProxy("127.0.0.1", gate.port, 9, None, lambda _: None)
     with pytest.raises(DeploymentError, match=r"--host 192\.0\.2\.1: cannot listen there"):

@@ -126,8 +126,8 @@ def test_touched_cells_have_their_colours_and_tell_what_they_feel() -> None:
     assert not of_class(style, "c1"), "what is idle needs no rule"
     assert "#16161a" in of_class(style, "c5")
     told = patches.render_tooltips(atlas, view)
-    assert "arm/2 · force 0.45 0.00 0.00 · near 0.00" in of_class(told, "c2:hover")
-    assert "not in the network" in of_class(told, "c5:hover")
+    assert "arm/2 · force 0.45 0.00 0.00 · proximity 0.00" in of_class(told, "c2:hover")
+    assert "unreachable" in of_class(told, "c5:hover")
     view.apply(stream("hand", np.full((2, 8), 0.5, dtype=np.float32)), 0.0)
     assert "+0.50 +0.50 +0.50 g · 0.5 °C" in of_class(patches.render_tooltips(atlas, view), "c7:hover")
 
@@ -148,13 +148,13 @@ def test_the_network_shows_loads_cuts_and_the_dead() -> None:
     assert "#e03131" not in of_class(style, f"w{busiest}")
     assert "height:6px" in of_class(style, f"w{busiest}")
     told = network.render_tooltips(atlas, view)
-    assert "cut" in of_class(told, "w0:hover")
+    assert "broken" in of_class(told, "w0:hover")
     assert "out of the network" in of_class(told, "n5:hover")
     assert "gateway at arm/0:2" in of_class(told, "g0:hover")
     assert "sends to arm/" in of_class(told, "n3:hover")
     words = "".join(Elements(network.render_legend(view)).texts)
-    assert "1 cut" in words
-    assert "1 out" in words
+    assert "1 broken links" in words
+    assert "1 unreachable cells" in words
     assert "inferred" in words
 
 

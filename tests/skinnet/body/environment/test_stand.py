@@ -255,14 +255,14 @@ def test_a_stuck_object_cannot_be_moved(tmp_path):
 @pytest.mark.parametrize(
     ("stand", "says"),
     [
-        ({"object_face_x_m": 0.2, "max_offset_m": 0.0, "grasp_z_m": 0.3}, "touch base"),
-        ({"rise_m": 0.95, "rise_stage": "guide"}, "touch floor at the start"),
+        ({"object_face_x_m": 0.2, "max_offset_m": 0.0, "grasp_z_m": 0.3}, "in contact with base"),
+        ({"rise_m": 0.95, "rise_stage": "guide"}, "in contact with floor at the start"),
         ({"grasp_z_m": 0.15}, r"grasp_z_m = 0.15: must exceed 0.16"),
         ({"plate_edge_x_m": 0.6}, r"plate_edge_x_m = 0.6: .* at 0.55"),
     ],
 )
 def test_what_cannot_stand_there_is_refused(tmp_path, stand, says):
-    keys = {"object_face_x_m": -0.13, "plate_edge_x_m": -0.1} if "touch base" in says else {}
+    keys = {"object_face_x_m": -0.13, "plate_edge_x_m": -0.1} if "in contact with base" in says else {}
     with pytest.raises(DeploymentError, match=says):
         rig(tmp_path, **(stand | keys))
 
@@ -271,7 +271,7 @@ def test_what_cannot_stand_there_is_refused(tmp_path, stand, says):
     ("changes", "says"),
     [
         ({"stand": None}, r'object = "delivery_box": needs a stand'),
-        ({"scripted_stimuli": {}}, "stand, scripted_stimuli: do not go together"),
+        ({"scripted_stimuli": {}}, "stand, scripted_stimuli: exclude each other"),
         ({"stand": {"rise_m": 0.2}}, "rise_m = 0.2: the plate would never rise"),
         ({"stand": {"lower_stage": "hold"}}, "lower_stage = 'hold': unknown stage; there are guide"),
         ({"stand": {"rise_m": 0.1, "rise_stage": "grasp.open"}}, "rise_stage = 'grasp.open': unknown"),
