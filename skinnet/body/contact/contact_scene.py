@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from skinnet.body.contact import ray_casting as geometry
 from skinnet.body.contact.collision_filter import felt_flex, geoms_felt_by_bodies
 from skinnet.body.contact.compliant_layer import CompliantLayer
+from skinnet.body.contact.contact_margins import geom_label
 from skinnet.body.contact.convex_hull import (
     ConvexHulls,
     build_convex_hulls,
@@ -110,7 +111,7 @@ def build_contact_scene(
     for index in np.flatnonzero(felt.any(axis=0) & ~supported):
         kind = mujoco.mjtGeom(mj.geom_type[index]).name.removeprefix("mjGEOM_").lower()
         raise ModelError(
-            f"{_geom_label(mj, int(index))} is of type {kind}, which skin contact does not support; make it "
+            f"{geom_label(mj, int(index))} is of type {kind}, which skin contact does not support; make it "
             "visual (contype and conaffinity 0) or use primitives or a mesh"
         )
     geom = np.flatnonzero((collidable | felt.any(axis=0)) & supported).astype(np.int64)
@@ -145,8 +146,9 @@ def _hulls(mj: mujoco.MjModel, meshes: Indices) -> ConvexHulls:
     except ValueError as error:
         index = int(meshes[error.args[0]])
         raise ModelError(
-            f"{_geom_label(mj, index)}: its mesh is flat and has no convex hull, which is what MuJoCo "
-            "collides and skin feels; give it a thickness, use a box, or make it visual (contype and conaffinity 0)"
+            f"{geom_label(mj, index)}: its mesh is flat and has no convex hull, which is what MuJoCo "
+            "collides and skin feels; give it a thickness, use a box, or make it visual (contype and "
+            "conaffinity 0)"
         ) from error
 
 
@@ -159,13 +161,6 @@ def _refuse_felt_flexes(mj: mujoco.MjModel, surface: SkinSurface) -> None:
                 f'flex "{name}" can touch skin, and skin does not feel flexes (cloth, rope, elastic solids); '
                 "use bodies with geoms instead, or give it contype and conaffinity that no skinned body meets"
             )
-
-
-def _geom_label(mj: mujoco.MjModel, index: int) -> str:
-    name = mj.geom(index).name
-    return (
-        f'geom "{name}"' if name else f'geom number {index} of body "{mj.body(mj.geom_bodyid[index]).name}"'
-    )
 
 
 @compiled_without_nrt
