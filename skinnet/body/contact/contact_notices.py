@@ -29,7 +29,8 @@ def contact_notices(deployment: Deployment, base_dir: Path) -> list[str]:
         base_dir: Folder that `body.model` is relative to.
     """
     mj = load_model(deployment, base_dir).mj
-    names = sorted({part.body for part in (*deployment.patches, *deployment.surfaces)})
+    patches, surfaces = deployment.patches, deployment.surfaces
+    names = sorted({patch.body for patch in patches} | {surface.body for surface in surfaces})
     skinned = [require_body_id(mj, name, "body", deployment.body.model) for name in names]
     bodies = np.array(skinned, dtype=np.int64)
     lines = _filter_notices(mj, bodies)

@@ -220,17 +220,17 @@ def _line_entry(
 def _facing_triangle(
     hulls: ConvexHulls, h: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> int:
-    """Triangle of hull `h` that faces a line, near to where the line comes nearest to the hull's centre.
+    """Triangle of hull `h` that faces a line, near to where the line enters the hull.
 
-    The line is followed from there by its distance from the centre, or by the hull's radius, against its
-    direction; else the triangle opposite to the direction is taken, else the one that faces it most.
+    That in the direction of the point where the line would enter a sphere around the hull's centre; if it does
+    not face the line, that opposite to the line's direction, else the one that faces the line most.
     """
     plane = hulls.plane
     cx, cy, cz = x - hulls.centre_m[h, 0], y - hulls.centre_m[h, 1], z - hulls.centre_m[h, 2]
     along = cx * u + cy * v + cz * w
     cx, cy, cz = cx - along * u, cy - along * v, cz - along * w
     # where the line would enter a sphere as large as the hull is in the direction of the line
-    i = hulls.start[h, _direction_cell(-u, -v, -w)]
+    i: int = hulls.start[h, _direction_cell(-u, -v, -w)]
     radius_m = plane[i, 3] - (
         plane[i, 0] * hulls.centre_m[h, 0]
         + plane[i, 1] * hulls.centre_m[h, 1]
@@ -238,7 +238,7 @@ def _facing_triangle(
     )
     off_m2 = cx * cx + cy * cy + cz * cz
     back_m = math.sqrt(max(radius_m * radius_m - off_m2, 0.0))
-    first = hulls.start[h, _direction_cell(cx - back_m * u, cy - back_m * v, cz - back_m * w)]
+    first: int = hulls.start[h, _direction_cell(cx - back_m * u, cy - back_m * v, cz - back_m * w)]
     if plane[first, 0] * u + plane[first, 1] * v + plane[first, 2] * w <= -_GRAZING:
         return first
     best, most = i, plane[i, 0] * u + plane[i, 1] * v + plane[i, 2] * w

@@ -45,8 +45,8 @@ def hull_gap_m(mj: mujoco.MjModel, mesh: int) -> float:
     centre_m = corner_m.mean(axis=1)
     radius_m = np.linalg.norm(corner_m - centre_m[:, None], axis=2).max(axis=1)
     points_m = _points_on_hull_m(hull_vertices_m(mj, mesh))
-    _, first = cKDTree(centre_m).query(points_m)
-    return _largest_distance_m(points_m, corner_m, centre_m, radius_m, first.astype(np.int64))
+    first = np.asarray(cKDTree(centre_m).query(points_m)[1], dtype=np.int64)
+    return _largest_distance_m(points_m, corner_m, centre_m, radius_m, first)
 
 
 def _vertices_m(mj: mujoco.MjModel, mesh: int) -> Floats:
@@ -116,7 +116,7 @@ def _squared_distance_m2(corner_m: Floats, t: int, x: float, y: float, z: float)
         b, c = (vv * au - uv * av) / area, (uu * av - uv * au) / area
         if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
             dx, dy, dz = ax - b * ux - c * vx, ay - b * uy - c * vy, az - b * uz - c * vz
-            return dx * dx + dy * dy + dz * dz
+            return float(dx * dx + dy * dy + dz * dz)
     nearest_m2 = math.inf
     for k in range(3):
         m = (k + 1) % 3
