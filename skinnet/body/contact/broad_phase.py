@@ -5,6 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.cell_tree import CellTree, build_cell_tree
 from skinnet.body.contact.contact_scene import ContactScene, may_intersect_sphere
 from skinnet.body.contact.point_kinematics import Motion, rotate
 from skinnet.body.contact.skin_surface import SkinSurface
@@ -23,11 +24,13 @@ class ActiveCells(NamedTuple):
         row: (n,) rows of the active cells, ascending; the rest is of no meaning.
         is_marked: (n,) True for active cells while they are collected, and for cells to keep.
         block_is_marked: True for blocks of cells with a marked one; a block belongs to one patch.
+        tree: Hierarchy of bounding spheres over the cells.
     """
 
     row: NDArray[np.int64]
     is_marked: NDArray[np.bool_]
     block_is_marked: NDArray[np.bool_]
+    tree: CellTree
 
     @classmethod
     def of(cls, surface: SkinSurface) -> Self:
@@ -37,6 +40,7 @@ class ActiveCells(NamedTuple):
             row=np.zeros(n, dtype=np.int64),
             is_marked=np.zeros(n, dtype=np.bool_),
             block_is_marked=np.zeros((n >> _BLOCK_BITS) + n_patches + 1, dtype=np.bool_),
+            tree=build_cell_tree(np.split(surface.position_m, surface.patch_start[1:-1])),
         )
 
 
@@ -91,7 +95,7 @@ def _mark_near_cells(
     active: ActiveCells,
 ) -> None:
     """Mark the cells of those leaves of the hierarchy of patch `p` that a solid may be near."""
-    tree, b = surface.tree, surface.patch_body_id[p]
+    tree, b = active.tree, surface.patch_body_id[p]
     i = tree.root[p]
     while i < tree.root[p + 1]:
         x, y, z = rotate(motion.xmat, b, tree.centre_m[i, 0], tree.centre_m[i, 1], tree.centre_m[i, 2])

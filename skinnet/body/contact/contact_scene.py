@@ -65,9 +65,8 @@ class ContactScene(NamedTuple):
         foam_fraction: (k,) as in `CompliantLayer`; 1 for rigid solids.
         max_indentation_m: (k,) as in `CompliantLayer`; 0 for rigid solids [m].
         largest_indentation_m: Largest `max_indentation_m` [m].
-        collides: (p, k) collision filter: True if the patch may touch the solid (`geoms_felt_by_bodies`).
-        first_felt: (p + 1,) where the solids of each patch begin in `felt`, then their number.
-        felt: (f,) solids that each patch may touch, ascending; all others are never probed.
+        collides: (p, k) collision filter: True if the patch may touch the solid (`geoms_felt_by_bodies`);
+            else it is never probed.
     """
 
     geom_id: Indices
@@ -82,8 +81,6 @@ class ContactScene(NamedTuple):
     max_indentation_m: Floats
     largest_indentation_m: float
     collides: NDArray[np.bool_]
-    first_felt: Indices
-    felt: Indices
 
 
 def build_contact_scene(
@@ -120,7 +117,6 @@ def build_contact_scene(
     hull[np.isin(geom, meshes)] = np.arange(len(meshes))
     owner = mj.geom_bodyid[geom].astype(np.int64)
     gives = [(compliant_layers or {}).get(int(body), _RIGID_LAYER) for body in owner]
-    patch, solid = np.nonzero(felt[:, geom])
     return ContactScene(
         geom_id=geom,
         geom_type=mj.geom_type[geom].astype(np.int64),
@@ -134,8 +130,6 @@ def build_contact_scene(
         max_indentation_m=np.array([each.max_indentation_m for each in gives], dtype=np.float64),
         largest_indentation_m=max((each.max_indentation_m for each in gives), default=0.0),
         collides=felt[:, geom],
-        first_felt=np.searchsorted(patch, np.arange(len(felt) + 1)).astype(np.int64),
-        felt=solid.astype(np.int64),
     )
 
 
@@ -211,9 +205,8 @@ def solids_near_patch(
     x, y, z = motion.xpos[b, 0] + x, motion.xpos[b, 1] + y, motion.xpos[b, 2] + z
     radius_m = surface.patch_radius_m[p] + margin_m
     count = 0
-    for f in range(scene.first_felt[p], scene.first_felt[p + 1]):
-        k = scene.felt[f]
-        if may_intersect_sphere(scene, motion, k, x, y, z, radius_m):
+    for k in range(len(scene.geom_id)):
+        if scene.collides[p, k] and may_intersect_sphere(scene, motion, k, x, y, z, radius_m):
             near[count] = k
             count += 1
     return count

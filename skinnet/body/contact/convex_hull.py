@@ -42,8 +42,8 @@ class ConvexHulls(NamedTuple):
         first: (h + 1,) first triangle of each hull, then the number of triangles.
         centre_m: (h, 3) a point inside [m].
         plane: (t, 4) outward unit normal n of each triangle and its offset n · x [m].
-        edge_m: (t, 3, 3) vectors along the edges, counter-clockwise seen from outside [m].
-        moment_m2: (t, 3, 3) moments of the edges about the origin, start × end [m²].
+        line: (t, 3, 6) edges, counter-clockwise seen from outside: their vectors [m], and their moments about
+            the origin, start × end [m²] (Plücker coordinates).
         neighbour: (t, 3) triangle on the other side of each edge.
         start: (h, d) triangle that a ray from the centre leaves by, for d directions (`_direction_cell`).
     """
@@ -51,8 +51,7 @@ class ConvexHulls(NamedTuple):
     first: Indices
     centre_m: Floats
     plane: Floats
-    edge_m: Floats
-    moment_m2: Floats
+    line: Floats
     neighbour: Indices
     start: Indices
 
@@ -85,19 +84,18 @@ def build_convex_hulls(vertices_m: Sequence[Floats]) -> ConvexHulls:
         first=first,
         centre_m=np.array([part[0] for part in parts]).reshape(-1, 3),
         plane=np.concatenate([np.zeros((0, 4)), *(part[1] for part in parts)]),
-        edge_m=np.concatenate([np.zeros((0, 3, 3)), *(part[2] for part in parts)]),
-        moment_m2=np.concatenate([np.zeros((0, 3, 3)), *(part[3] for part in parts)]),
+        line=np.concatenate([np.zeros((0, 3, 6)), *(part[2] for part in parts)]),
         neighbour=np.concatenate(
-            [np.zeros((0, 3), dtype=np.int64), *(p[4] + k for p, k in zip(parts, first[:-1], strict=True))]
+            [np.zeros((0, 3), dtype=np.int64), *(p[3] + k for p, k in zip(parts, first[:-1], strict=True))]
         ),
         start=np.array(
-            [part[5] + k for part, k in zip(parts, first[:-1], strict=True)], dtype=np.int64
+            [part[4] + k for part, k in zip(parts, first[:-1], strict=True)], dtype=np.int64
         ).reshape(-1, _DIRECTIONS),
     )
 
 
-def _hull(points_m: Floats) -> tuple[Floats, Floats, Floats, Floats, Indices, Indices]:
-    """Centre, planes, edges, moments, neighbours and start triangles of one hull, as in `ConvexHulls`."""
+def _hull(points_m: Floats) -> tuple[Floats, Floats, Floats, Indices, Indices]:
+    """Centre, planes, lines, neighbours and start triangles of one hull, as in `ConvexHulls`."""
     hull = ConvexHull(points_m)
     triangle, neighbour = hull.simplices.astype(np.int64), hull.neighbors.astype(np.int64)
     corner_m = hull.points[triangle]
@@ -112,8 +110,7 @@ def _hull(points_m: Floats) -> tuple[Floats, Floats, Floats, Floats, Indices, In
     return (
         centre_m,
         plane,
-        end_m - corner_m,
-        np.cross(corner_m, end_m),
+        np.concatenate([end_m - corner_m, np.cross(corner_m, end_m)], axis=2),
         np.roll(neighbour, 1, axis=1),
         _start_triangles(plane, centre_m),
     )
@@ -188,7 +185,7 @@ def _line_entry(
     edges of the triangle that is met; with the moment of the edge, a × b, that is
     d · (a × b) − (b − a) · (d × o).
     """
-    plane, edge_m, moment_m2 = hulls.plane, hulls.edge_m, hulls.moment_m2
+    plane, line = hulls.plane, hulls.line
     i = near if near >= 0 else _facing_triangle(hulls, h, x, y, z, u, v, w)
     if plane[i, 0] * u + plane[i, 1] * v + plane[i, 2] * w > -_GRAZING:
         i = _facing_triangle(hulls, h, x, y, z, u, v, w)
@@ -197,10 +194,10 @@ def _line_entry(
         beyond = -1
         for k in range(3):
             side = (
-                u * moment_m2[i, k, 0]
-                + v * moment_m2[i, k, 1]
-                + w * moment_m2[i, k, 2]
-                - (edge_m[i, k, 0] * mx + edge_m[i, k, 1] * my + edge_m[i, k, 2] * mz)
+                u * line[i, k, 3]
+                + v * line[i, k, 4]
+                + w * line[i, k, 5]
+                - (line[i, k, 0] * mx + line[i, k, 1] * my + line[i, k, 2] * mz)
             )
             if side > 0.0:
                 beyond = k
@@ -222,7 +219,7 @@ def _facing_triangle(
 ) -> int:
     """Triangle of hull `h` that faces a line, near to where the line enters the hull.
 
-    That in the direction of the point where the line would enter a sphere around the hull's centre; if it does
+    That towards the point where the line would enter a sphere around the hull's centre; if it does
     not face the line, that opposite to the line's direction, else the one that faces the line most.
     """
     plane = hulls.plane

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.cell_tree import CellTree, build_cell_tree
 from skinnet.body.model import require_body_id
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.skin.placement import PlacedPatch
@@ -53,7 +52,6 @@ class SkinSurface(NamedTuple):
         sample_m: (s, 2) sample points of a cell's foam, plane of the cell [m]; s / e per force cell, in turn.
         sample_area_m2: Area per sample point [m²].
         n_taxels: e, number of force cells per cell.
-        tree: Hierarchy of bounding spheres over the cells.
     """
 
     body_id: Indices
@@ -66,7 +64,6 @@ class SkinSurface(NamedTuple):
     sample_m: Floats
     sample_area_m2: float
     n_taxels: int
-    tree: CellTree
 
 
 def build_skin_surface(
@@ -117,7 +114,6 @@ def surface_of_patches(
         sample_m=sample_m,
         sample_area_m2=sample_area_m2,
         n_taxels=n_taxels,
-        tree=build_cell_tree(position_m),
     )
 
 
