@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
+from skinnet.body.contact.contact_margins import clear_contact_margins
 from skinnet.body.contact.sheet_foundation import SheetFoundation, sheet_surface
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import build_skin_surface, rows_by_patch
@@ -76,6 +77,8 @@ class BodySimulation:
         self.model = load_model(deployment, base_dir)
         self.surface = build_skin_surface(self.model.mj, self.patches, deployment.cells, spec.model)
         on_sheets = sheet_surface(self.model.mj, self.sheets, spec.model)
+        skinned = np.concatenate([self.surface.patch_body_id, on_sheets.patch_body_id])
+        clear_contact_margins(self.model.mj, skinned)
 
         sway = Sway(spec.sway, deployment.seed)
         self.data = _home_data(self.model, sway)

@@ -42,15 +42,19 @@ def check(
     """
     if channels and resolved:
         raise UsageError("--channels and --resolved exclude each other: give one of them")
+    from skinnet.body.contact.contact_notices import contact_notices
     from skinnet.cli.deployment_listing import print_channels, print_deployment, resolved_toml
     from skinnet.deployment.extends import read_layers
     from skinnet.run.prepare import RunOptions, prepare_run
 
-    deployment = prepare_run(RunOptions(file, tuple(settings or ()))).deployment
+    prepared = prepare_run(RunOptions(file, tuple(settings or ())))
+    deployment = prepared.deployment
     if resolved:
         sys.stdout.write(resolved_toml(deployment, file))
         return
     terminal = console()
     print_deployment(terminal, deployment, [layer.path for layer in reversed(read_layers(file))])
+    for line in contact_notices(deployment, prepared.base):
+        terminal.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
     if channels:
         print_channels(terminal, deployment.robot)

@@ -1,6 +1,6 @@
 """Contact scene: the solids that skin can contact, broad phase, collision filtering."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.contact import ray_casting as geometry
+from skinnet.body.contact.collision_filter import felt_flex, geoms_felt_by_bodies
 from skinnet.body.contact.compliant_layer import CompliantLayer
+from skinnet.body.contact.contact_margins import geom_label
+from skinnet.body.contact.convex_hull import (
+    ConvexHulls,
+    build_convex_hulls,
+    hull_entry,
+    hull_vertices_m,
+    is_apart_from_hull,
+)
 from skinnet.body.contact.point_kinematics import Motion, rotate, rotate_inverse
 from skinnet.body.contact.ray_casting import entry_distance_m
 from skinnet.body.contact.skin_surface import SkinSurface
@@ -50,14 +59,14 @@ class ContactScene(NamedTuple):
         size_m: (k, 3) their sizes [m].
         body_id: (k,) ids of their bodies.
         bounding_radius_m: (k,) radius of each bounding sphere, 0 for planes [m].
-        first_triangle: (k,) first triangle of each mesh.
-        end_triangle: (k,) one past its last.
-        triangles_m: (t, 3, 3) corners of the triangles of all meshes, frames of the geoms [m].
+        bounding_box_m: (k, 6) centre and half sizes of each bounding box, frame of the geom [m].
+        hull: (k,) row of each mesh in `hulls`, -1 for primitives.
+        hulls: Convex hulls of the meshes, frames of their geoms.
         foam_fraction: (k,) as in `CompliantLayer`; 1 for rigid solids.
         max_indentation_m: (k,) as in `CompliantLayer`; 0 for rigid solids [m].
         largest_indentation_m: Largest `max_indentation_m` [m].
-        collides: (p, k) collision filter: True if the patch may contact the solid; False for solids of its
-            own and adjacent bodies.
+        collides: (p, k) collision filter: True if the patch may touch the solid (`geoms_felt_by_bodies`);
+            else it is never probed.
     """
 
     geom_id: Indices
@@ -65,9 +74,9 @@ class ContactScene(NamedTuple):
     size_m: Floats
     body_id: Indices
     bounding_radius_m: Floats
-    first_triangle: Indices
-    end_triangle: Indices
-    triangles_m: Floats
+    bounding_box_m: Floats
+    hull: Indices
+    hulls: ConvexHulls
     foam_fraction: Floats
     max_indentation_m: Floats
     largest_indentation_m: float
@@ -75,7 +84,10 @@ class ContactScene(NamedTuple):
 
 
 def build_contact_scene(
-    mj: mujoco.MjModel, surface: SkinSurface, compliant_layers: Mapping[int, CompliantLayer] | None = None
+    mj: mujoco.MjModel,
+    surface: SkinSurface,
+    compliant_layers: Mapping[int, CompliantLayer] | None = None,
+    always_felt: Sequence[int] = (),
 ) -> ContactScene:
     """Build the contact scene of `mj`.
 
@@ -83,26 +95,26 @@ def build_contact_scene(
         mj: The model.
         surface: The skin.
         compliant_layers: Compliance of elastic bodies, by body id; all others are rigid.
+        always_felt: Bodies that all skin feels, whatever its masks: the teacher's finger.
 
     Raises:
-        ModelError: a contact geom is a height field or a signed distance field.
+        ModelError: skin may touch a height field, a signed distance field, a mesh without a hull, or a flex.
     """
-    geom = np.flatnonzero((mj.geom_contype != 0) | (mj.geom_conaffinity != 0)).astype(np.int64)
-    for index in geom:
-        if mj.geom_type[index] not in _SHAPES:
-            kind = mujoco.mjtGeom(mj.geom_type[index]).name.removeprefix("mjGEOM_").lower()
-            name = mj.geom(index).name or f"number {index}"
-            raise ModelError(
-                f'geom "{name}" is of type {kind}, which skin contact does not support; make it visual '
-                "(contype and conaffinity 0) or use primitives or a mesh"
-            )
-    triangles: list[Floats] = []
-    first, last = np.zeros_like(geom), np.zeros_like(geom)
-    for k, index in enumerate(geom):
-        if mj.geom_type[index] == geometry.MESH:
-            triangles.append(_mesh_triangles_m(mj, int(mj.geom_dataid[index])))
-            last[k] = sum(len(mesh) for mesh in triangles)
-            first[k] = last[k] - len(triangles[-1])
+    collidable = (mj.geom_contype != 0) | (mj.geom_conaffinity != 0)
+    felt = geoms_felt_by_bodies(mj, surface.patch_body_id)
+    felt |= np.isin(mj.geom_bodyid, always_felt) & collidable
+    _refuse_felt_flexes(mj, surface)
+    supported = np.isin(mj.geom_type, _SHAPES)
+    for index in np.flatnonzero(felt.any(axis=0) & ~supported):
+        kind = mujoco.mjtGeom(mj.geom_type[index]).name.removeprefix("mjGEOM_").lower()
+        raise ModelError(
+            f"{geom_label(mj, int(index))} is of type {kind}, which skin contact does not support; make it "
+            "visual (contype and conaffinity 0) or use primitives or a mesh"
+        )
+    geom = np.flatnonzero((collidable | felt.any(axis=0)) & supported).astype(np.int64)
+    meshes = geom[mj.geom_type[geom] == geometry.MESH]
+    hull = np.full(len(geom), -1, dtype=np.int64)
+    hull[np.isin(geom, meshes)] = np.arange(len(meshes))
     owner = mj.geom_bodyid[geom].astype(np.int64)
     gives = [(compliant_layers or {}).get(int(body), _RIGID_LAYER) for body in owner]
     return ContactScene(
@@ -111,41 +123,38 @@ def build_contact_scene(
         size_m=mj.geom_size[geom].copy(),
         body_id=owner,
         bounding_radius_m=mj.geom_rbound[geom].copy(),
-        first_triangle=first,
-        end_triangle=last,
-        triangles_m=np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)),
+        bounding_box_m=mj.geom_aabb[geom].copy(),
+        hull=hull,
+        hulls=_hulls(mj, meshes),
         foam_fraction=np.array([each.foam_fraction for each in gives], dtype=np.float64),
         max_indentation_m=np.array([each.max_indentation_m for each in gives], dtype=np.float64),
         largest_indentation_m=max((each.max_indentation_m for each in gives), default=0.0),
-        collides=np.array(
-            [[_may_collide(mj, int(a), int(b)) for b in owner] for a in surface.patch_body_id], dtype=np.bool_
-        ).reshape(-1, len(geom)),
+        collides=felt[:, geom],
     )
 
 
-def _mesh_triangles_m(mj: mujoco.MjModel, mesh: int) -> Floats:
-    vertices = mj.mesh_vert[mj.mesh_vertadr[mesh] :][: mj.mesh_vertnum[mesh]]
-    faces = mj.mesh_face[mj.mesh_faceadr[mesh] :][: mj.mesh_facenum[mesh]]
-    triangles: Floats = vertices[faces].astype(np.float64)
-    return triangles
+def _hulls(mj: mujoco.MjModel, meshes: Indices) -> ConvexHulls:
+    """Convex hulls of the mesh geoms `meshes`."""
+    try:
+        return build_convex_hulls([hull_vertices_m(mj, int(mj.geom_dataid[index])) for index in meshes])
+    except ValueError as error:
+        index = int(meshes[error.args[0]])
+        raise ModelError(
+            f"{geom_label(mj, index)}: its mesh is flat and has no convex hull, which is what MuJoCo "
+            "collides and skin feels; give it a thickness, use a box, or make it visual (contype and "
+            "conaffinity 0)"
+        ) from error
 
 
-def _may_collide(mj: mujoco.MjModel, skin_body: int, other: int) -> bool:
-    """Collision filter: False for the skin's own body, its weld group, and neighbours across one joint.
-
-    MuJoCo puts all bodies welded to the world into one group; skin on a fixed body must still contact a fixed
-    table, so there only the body itself and its direct parent and children are excluded.
-    """
-    group, other_group = int(mj.body_weldid[skin_body]), int(mj.body_weldid[other])
-    if group == 0 and other_group == 0:
-        related = (skin_body, int(mj.body_parentid[skin_body]) or skin_body)
-        return not (other in related or (other != 0 and mj.body_parentid[other] == skin_body))
-    if group == other_group:
-        return False
-    if group == 0 or other_group == 0:
-        return True  # as in MuJoCo: the world counts as nobody's parent
-    up, other_up = (int(mj.body_weldid[mj.body_parentid[g]]) for g in (group, other_group))
-    return up != other_group and other_up != group
+def _refuse_felt_flexes(mj: mujoco.MjModel, surface: SkinSurface) -> None:
+    """Refuse flexes (cloth, rope, elastic solids) that skin may touch: the foundation does not feel them."""
+    for index in range(mj.nflex):
+        if felt_flex(mj, surface.patch_body_id, index):
+            name = mujoco.mj_id2name(mj, mujoco.mjtObj.mjOBJ_FLEX, index) or f"number {index}"
+            raise ModelError(
+                f'flex "{name}" can touch skin, and skin does not feel flexes (cloth, rope, elastic solids); '
+                "use bodies with geoms instead, or give it contype and conaffinity that no skinned body meets"
+            )
 
 
 @compiled_without_nrt
@@ -170,6 +179,13 @@ def may_intersect_sphere(
         end = b if kind == geometry.CYLINDER else a + b
         reach = radius_m + a
         return bool(abs(dz) <= radius_m + end and dx * dx + dy * dy <= reach * reach)
+    if kind == geometry.MESH:
+        x, y, z = rotate_inverse(motion.geom_xmat, g, dx, dy, dz)
+        box_m = scene.bounding_box_m
+        dx, dy, dz = x - box_m[k, 0], y - box_m[k, 1], z - box_m[k, 2]
+        if max(abs(dx) - box_m[k, 3], abs(dy) - box_m[k, 4], abs(dz) - box_m[k, 5]) > radius_m:
+            return False
+        return not is_apart_from_hull(scene.hulls, scene.hull[k], x, y, z, radius_m)
     return True
 
 
@@ -200,18 +216,18 @@ def solids_near_patch(
 def ray_distance_m(
     scene: ContactScene, motion: Motion, k: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
-    """Ray distance [m] from (x, y, z) along unit (u, v, w), world, to solid `k`; see `entry_distance_m`."""
+    """Ray distance [m] from (x, y, z) along unit (u, v, w), world, to solid `k` (`entry_distance_m`)."""
     x, y, z = world_to_solid(scene, motion, k, x, y, z)
     u, v, w = rotate_inverse(motion.geom_xmat, scene.geom_id[k], u, v, w)
     size_m = scene.size_m
+    if scene.geom_type[k] == geometry.MESH:
+        distance_m, _ = hull_entry(scene.hulls, scene.hull[k], x, y, z, u, v, w, -1)
+        return distance_m
     return entry_distance_m(
         scene.geom_type[k],
         size_m[k, 0],
         size_m[k, 1],
         size_m[k, 2],
-        scene.triangles_m,
-        scene.first_triangle[k],
-        scene.end_triangle[k],
         x,
         y,
         z,

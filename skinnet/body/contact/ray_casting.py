@@ -1,4 +1,4 @@
-"""Ray casting against solids: MuJoCo's primitives and triangle meshes, in compiled code.
+"""Ray casting against solids: MuJoCo's primitives, in compiled code.
 
 All functions work in the frame of the solid, with the origin (x, y, z) [m] and the unit direction
 (u, v, w) of the ray as scalars. They return the distance [m] to the first point of the solid:
@@ -6,9 +6,6 @@ zero when the origin is inside, infinity when the ray misses. Sizes follow MuJoC
 """
 
 import math
-
-import numpy as np
-from numpy.typing import NDArray
 
 from skinnet.compilation import compiled_without_nrt
 
@@ -108,50 +105,11 @@ def _box(x: float, y: float, z: float, u: float, v: float, w: float, a: float, b
 
 
 @compiled_without_nrt
-def _mesh(
-    x: float,
-    y: float,
-    z: float,
-    u: float,
-    v: float,
-    w: float,
-    triangles_m: NDArray[np.float64],
-    first_triangle: int,
-    end_triangle: int,
-) -> float:
-    """Intersect a closed mesh (Möller and Trumbore, 1997); a first hit on a back face means inside."""
-    nearest, behind = math.inf, False
-    for i in range(first_triangle, end_triangle):
-        ax, ay, az = triangles_m[i, 0, 0], triangles_m[i, 0, 1], triangles_m[i, 0, 2]
-        e1x, e1y, e1z = triangles_m[i, 1, 0] - ax, triangles_m[i, 1, 1] - ay, triangles_m[i, 1, 2] - az
-        e2x, e2y, e2z = triangles_m[i, 2, 0] - ax, triangles_m[i, 2, 1] - ay, triangles_m[i, 2, 2] - az
-        px, py, pz = v * e2z - w * e2y, w * e2x - u * e2z, u * e2y - v * e2x
-        determinant = e1x * px + e1y * py + e1z * pz
-        if abs(determinant) < 1e-18:
-            continue
-        tx, ty, tz = x - ax, y - ay, z - az
-        along_1 = (tx * px + ty * py + tz * pz) / determinant
-        if along_1 < 0.0 or along_1 > 1.0:
-            continue
-        qx, qy, qz = ty * e1z - tz * e1y, tz * e1x - tx * e1z, tx * e1y - ty * e1x
-        along_2 = (u * qx + v * qy + w * qz) / determinant
-        if along_2 < 0.0 or along_1 + along_2 > 1.0:
-            continue
-        distance = (e2x * qx + e2y * qy + e2z * qz) / determinant
-        if 0.0 <= distance < nearest:
-            nearest, behind = distance, determinant < 0.0
-    return 0.0 if behind else nearest
-
-
-@compiled_without_nrt
 def entry_distance_m(
     geom_type: int,
     a: float,
     b: float,
     c: float,
-    triangles_m: NDArray[np.float64],
-    first_triangle: int,
-    end_triangle: int,
     x: float,
     y: float,
     z: float,
@@ -162,14 +120,11 @@ def entry_distance_m(
     """Ray distance [m] from (x, y, z) along (u, v, w) to the solid of MuJoCo type `geom_type`, in its frame.
 
     Args:
-        geom_type: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX or MESH; rays miss all others.
+        geom_type: PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER or BOX; rays miss all others, also meshes,
+            whose rays are those of `convex_hull`.
         a: Size of the solid as in MuJoCo's `geom_size`, with b and c [m].
         b: See a.
         c: See a.
-        triangles_m: (t, 3, 3) corners of all meshes' triangles; this mesh has those from
-            `first_triangle` to `end_triangle`.
-        first_triangle: First triangle of the mesh.
-        end_triangle: One past its last triangle.
         x: Origin of the ray in the frame of the solid [m], with y and z.
         y: See x.
         z: See x.
@@ -189,6 +144,4 @@ def entry_distance_m(
         return _ellipsoid(x, y, z, u, v, w, a, b, c)
     if geom_type == PLANE:
         return _plane(z, w)
-    if geom_type == MESH:
-        return _mesh(x, y, z, u, v, w, triangles_m, first_triangle, end_triangle)
     return math.inf

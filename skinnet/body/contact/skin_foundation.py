@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.broad_phase import ActiveCells
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
 from skinnet.body.contact.point_kinematics import Motion, motion_views
@@ -86,6 +87,7 @@ class Foundation:
             self.applied_wrench,
             Workspace(
                 near=np.zeros(solids, dtype=np.int64),
+                active=ActiveCells.of(self.surface),
                 close=np.zeros(solids, dtype=np.int64),
                 hit=np.zeros(n_samples, dtype=np.int64),
                 nearest_m=np.zeros(n_samples),
@@ -104,7 +106,9 @@ class Foundation:
         mj, foam = model.mj, deployment.body.foam
         return cls(
             surface=surface,
-            scene=build_contact_scene(mj, surface, _compliant_layers(mj, deployment)),
+            scene=build_contact_scene(
+                mj, surface, _compliant_layers(mj, deployment), always_felt=(model.finger_body_id,)
+            ),
             foam=Foam(foam.thickness_m, foam.stiffness_pa_per_m, foam.damping_pa_s_per_m, foam.friction),
             motion=motion_views(mj, data),
             temperature_c=model.temperature_c,

@@ -18,12 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.broad_phase import ActiveCells, collect_active_cells, keep_active
 from skinnet.body.contact.contact_scene import (
     ContactScene,
     may_intersect_sphere,
     solids_near_patch,
     world_to_solid,
 )
+from skinnet.body.contact.convex_hull import hull_entry
 from skinnet.body.contact.point_kinematics import (
     Motion,
     cell_axis,
@@ -31,7 +33,7 @@ from skinnet.body.contact.point_kinematics import (
     point_velocity,
     rotate_inverse,
 )
-from skinnet.body.contact.ray_casting import entry_distance_m
+from skinnet.body.contact.ray_casting import MESH, entry_distance_m
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
@@ -87,9 +89,13 @@ class ContactState(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch arrays of one call: solids near a patch, close to a cell, first hit and distance per point."""
+    """Scratch arrays of one call: solids near a patch, close to a cell, first hit and distance per point.
+
+    The active cells are those of one patch; between calls they are the cells in contact.
+    """
 
     near: Indices
+    active: ActiveCells
     close: Indices
     hit: Indices
     nearest_m: Floats
@@ -136,11 +142,14 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
     for s in range(len(surface.sample_m)):
         corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
     ball_m = math.hypot(corner_m, half_m)
+    reach_m = abs(half_m - below_m) + ball_m
     touching = 0
     for p in range(len(surface.patch_body_id)):
-        n_near = solids_near_patch(surface, scene, motion, p, foam.thickness_m + ball_m, workspace.near)
-        for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
-            n_close = 0
+        near, active = workspace.near, workspace.active
+        n_near = solids_near_patch(surface, scene, motion, p, reach_m, near)
+        n_active = collect_active_cells(surface, scene, motion, p, reach_m, near, n_near, active)
+        for row in range(n_active):
+            i, n_close = active.row[row], 0
             if n_near > 0:
                 x, y, z = point_above_cell(surface, motion, i, half_m - below_m)
                 for j in range(n_near):
@@ -150,7 +159,9 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
             if n_close == 0 and not contact.in_contact[i]:
                 continue
             _compute_cell_contact(problem, step_s, p, i, n_close)
-            touching += contact.in_contact[i]
+            if contact.in_contact[i]:
+                touching += 1
+                keep_active(active, p, i)
     return touching
 
 
@@ -191,13 +202,14 @@ def _cast_rays(
         scene.size_m[k, 1],
         scene.size_m[k, 2],
     )
-    first, last, triangles_m = scene.first_triangle[k], scene.end_triangle[k], scene.triangles_m
+    triangle = -1  # where the last ray ended
     for s in range(len(surface.sample_m)):
         a, b = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + b * yx, oy + a * xy + b * yy, oz + a * xz + b * yz
-        distance_m = entry_distance_m(
-            kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz
-        )
+        if kind == MESH:
+            distance_m, triangle = hull_entry(scene.hulls, scene.hull[k], x, y, z, nx, ny, nz, triangle)
+        else:
+            distance_m = entry_distance_m(kind, size_a, size_b, size_c, x, y, z, nx, ny, nz)
         if distance_m - give_m < nearest_m[s]:
             hit[s], nearest_m[s] = k, distance_m - give_m
 
