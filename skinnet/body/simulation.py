@@ -135,8 +135,8 @@ class BodySimulation:
         if spec is None:
             return None, None
         payload = Payload(self.data, spec)
-        contact, period_ns = self.sheet_foundation.contact, deployment.body.joint_state_period_ns
-        truth = PayloadGroundTruth(self.model, payload, contact, spec.drop_threshold_m, period_ns)
+        period_ns = deployment.body.joint_state_period_ns
+        truth = PayloadGroundTruth(self.data, payload, self.sheet_foundation, spec, period_ns)
         joints, step_s = deployment.body.joints, self.dynamics.step_s
         close_grip(self.dynamics, GripController(self.model, joints, spec, step_s), payload)
         payload.update(0)
