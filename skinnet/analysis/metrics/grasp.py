@@ -31,7 +31,9 @@ def grasp_metrics(deployment: Deployment, controller: ProcessResult, body: Proce
     metrics |= _state_metrics(grasp)
     metrics |= _force_metrics(deployment.cells.force, grasp, controller, body)
     thing = body.facts.get("object")
-    carried = thing is not None and deployment.stand is not None and _was_carried(thing, deployment.stand, body)
+    carried = (
+        thing is not None and deployment.stand is not None and _was_carried(thing, deployment.stand, body)
+    )
     metrics["grasp.success"] = bool(
         carried and _had_three_contacts(grasp) and grasp[-1].event == "pose reached"
     )

@@ -74,7 +74,7 @@ def contact_label(contact: str, contacts: list[str]) -> str:
 
 
 def _object_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
-    """Ground truth of the object: drop, displacement in the arms, slip, rotation, distance from its target."""
+    """Ground truth of the object: drop, displacement in the arms, slip, rotation, distance from target."""
     assert deployment.nursing is not None
     truth = body.facts["payload"]
     metrics: dict[str, Any] = {

@@ -235,7 +235,7 @@ class GraspGroundTruth:
         return standing_n
 
     def _upward_n(self, index: int, *, on_second: bool) -> float:
-        """Vertical component of the force of contact `index` [N], normal and friction, on one of its geoms."""
+        """Upward force of contact `index` [N], normal and friction, on one of its geoms."""
         # MuJoCo's contact frame: rows are its axes in the world; its force acts on the second geom
         upward_n = float(self._wrench[:3] @ self._data.contact[index].frame.reshape(3, 3)[:, 2])
         return upward_n if on_second else -upward_n

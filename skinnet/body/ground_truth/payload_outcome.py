@@ -21,8 +21,8 @@ class PayloadGroundTruth:
     """Ground-truth recorder of the payload.
 
     It is dropped when it has left the arms: its centre has moved relative to them by more than
-    `drop_threshold_m`, nothing of the robot has touched it for `drop_unsupported_s`, or it lies on the ground.
-    Its height alone says nothing: the arms may have moved down with it.
+    `drop_threshold_m`, nothing of the robot has touched it for `drop_unsupported_s`, or it lies on the
+    ground. Its height alone says nothing: the arms may have moved down with it.
 
     Attributes:
         dropped_ns: Time at which it had been dropped [ns], or None.

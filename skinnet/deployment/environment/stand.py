@@ -44,7 +44,7 @@ class StandSpec(Table, frozen=True, kw_only=True):
     lowered_s: NonNegative = 6.0
     """Longest duration of the lower position."""
     max_descent_m: Positive = 0.05
-    """Greatest descent of the object while the stand is away: if it sinks farther, the grasp is no success."""
+    """Greatest descent of the object while the stand is away for a grasp that counts as a success."""
     bare_weight_fraction: Fraction = 0.1
     """Greatest fraction of the object's weight that links without skin may bear while it counts as carried by
     skin."""
