@@ -236,6 +236,23 @@ def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
     )
 
 
+def test_an_elastic_object_shares_the_shear_as_well() -> None:
+    """Friction acts on foam and sheet in a row: as soft as the foam, half the force for the same motion."""
+    upward_n = []
+    for stiffness_pa_per_m in (1.5e6, 1e15):
+        body = riba(f"payload.sheet_stiffness_pa_per_m={stiffness_pa_per_m}")
+        if not upward_n:
+            qpos = body.data.qpos.copy()
+        body.data.qpos[:], body.data.qvel[:] = qpos, 0.0
+        body.data.joint("payload").qvel[2] = -1e-3  # far below the limit of sliding
+        body.sheet_foundation.contact.shear_m[:] = 0.0
+        body.dynamics.compute_contact()
+        upward_n.append(body.data.xfrc_applied[body.model.mj.body("payload").id, 2])
+    soft_n, hard_n = upward_n
+    assert hard_n > 0.01
+    assert 2.0 * soft_n == pytest.approx(hard_n, rel=1e-6)
+
+
 def test_chunks_and_readings_change_nothing() -> None:
     def history(chunk_ms: int, read: bool) -> bytes:
         body = riba()
