@@ -235,9 +235,10 @@ class Laboratory:
     def baseline(self, mapping: Mapping) -> tuple[tuple[str, ...], float]:
         """Tests that fail without any fault, and the time of the sound ones [s]."""
         if mapping not in self._baselines:
-            code, said, _ = self._pytest(mapping, (), 3600.0, stop_at_first=False)
+            code, said, took_s = self._pytest(mapping, (), 3600.0, stop_at_first=False)
             failing = tuple(re.findall(r"^(?:FAILED|ERROR) (\S+::.+?)(?: - .*)?$", said, re.MULTILINE))
-            code, said, took_s = self._pytest(mapping, failing, 3600.0)
+            if failing:
+                code, said, took_s = self._pytest(mapping, failing, 3600.0)
             if code != 0:
                 raise SystemExit(f"the tests of {mapping.modules} fail without a fault:\n{said}")
             self._baselines[mapping] = failing, took_s
