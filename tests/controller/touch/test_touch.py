@@ -13,6 +13,7 @@ from controller.touch.posture import PoseReached, PoseTarget, PostureControl
 from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_reaction import TactileReaction
 from controller.touch.tactile_state import COLUMNS, TactileState
+from skinnet.deployment.controller.controller import SafetySpec
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import FOREVER_NS, READING_NAMES, EventKind, Modality
 
@@ -481,3 +482,12 @@ def test_a_clamp_refuses_limits_that_are_none() -> None:
         SafetyClamp(SafetyLimits(position_rad=(np.ones(D), np.ones(D))), D, PERIOD_NS)
     with pytest.raises(ValueError, match="due"):
         SafetyClamp(SafetyLimits(), D, PERIOD_NS).clamp(0, np.zeros(2), np.zeros(D), 0, 0)
+
+
+def test_limits_of_a_deployment_are_converted_to_nanoseconds() -> None:
+    limits = SafetyLimits.from_spec(
+        SafetySpec(max_joint_speed_rad_s=0.8, input_timeout_ms=30.0, ramp_ms=70.0)
+    )
+    assert limits.speed_rad_s == 0.8
+    assert limits.joints_max_age_ns == limits.skin_max_age_ns == 30_000_000
+    assert limits.ramp_ns == 70_000_000
