@@ -470,6 +470,22 @@ def test_a_joint_slows_down_before_its_limit_and_may_come_back() -> None:
     assert clamp.clamp(t_ns, np.array([-0.8, 0.0]), position, t_ns, t_ns)[0] == -0.8
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_near_either_limit_the_speed_falls_linearly(side: float) -> None:
+    """Limits at 1.5 and -0.5 rad, a zone of 0.1 rad: half of the speed in its middle."""
+    limits = SafetyLimits(speed_rad_s=1.0, position_rad=(np.array([-0.5]), np.array([1.5])))
+    limit_rad = 1.5 if side > 0.0 else -0.5
+    for distance_rad, speed_rad_s in ((0.2, 0.8), (0.05, 0.5), (0.01, 0.1), (0.0, 0.0), (-0.1, 0.0)):
+        clamp = SafetyClamp(limits, 1, PERIOD_NS)
+        position = np.array([limit_rad - side * distance_rad])
+        out = clamp.clamp(0, np.array([0.8 * side]), position, 0, 0)
+        assert out[0] == pytest.approx(side * speed_rad_s, abs=1e-12)
+        assert (
+            SafetyClamp(limits, 1, PERIOD_NS).clamp(0, np.array([-0.8 * side]), position, 0, 0)[0]
+            == -0.8 * side
+        )
+
+
 def test_a_clamp_refuses_limits_that_are_none() -> None:
     for limits in (
         SafetyLimits(speed_rad_s=0.0),
