@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run memory test long values check pictures clean help
+.PHONY: run memory test long values mutants check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -36,6 +36,9 @@ long: $(STAMP) ## the tests that take too long for `test`: whole grasps, teachin
 
 values: $(STAMP) ## runs every shipped deployment and compares values and metrics with the frozen ones
 	$(BIN)/python tests/support/frozen_values.py
+
+mutants: $(STAMP) ## puts 300 small faults into the code, one at a time, and says which ones no test notices (hours)
+	$(BIN)/python tests/support/mutants.py --count 300 --out mutants.csv
 
 pictures: $(STAMP) ## makes every picture of README.md and docs/ anew (docs/images/pictures.toml)
 	$(BIN)/python docs/pictures.py

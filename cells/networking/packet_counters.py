@@ -16,6 +16,8 @@ _LATENCY_BINS = 100_001
 class PacketCounters:
     """Counters of packets by kind: offered to the network, and ended, by outcome.
 
+    Packets in flight are not the difference of these: the network says which it still holds.
+
     Args:
         kinds: Kinds of packets, numbered from 0.
     """
@@ -37,12 +39,17 @@ class PacketCounters:
         """Count `n` packets of one kind that were all delivered."""
         self._ended[kind, Outcome.DELIVERED] += n
 
-    def as_dict(self) -> dict[str, dict[str, int]]:
-        """Counts by kind: offered, in flight, delivered, dropped by cause."""
+    def as_dict(self, pending_kind: NDArray[np.integer]) -> dict[str, dict[str, int]]:
+        """Counts by kind: offered, in flight, delivered, dropped by cause.
+
+        Args:
+            pending_kind: Kinds of the packets that the network holds now, (n,).
+        """
+        in_flight = np.bincount(pending_kind, minlength=len(self._kinds))
         result = {}
         for kind in self._kinds:
-            offered, ended = int(self._offered[kind]), self._ended[kind]
-            entry = {"offered": offered, "in_flight": offered - int(ended.sum())}
+            ended = self._ended[kind]
+            entry = {"offered": int(self._offered[kind]), "in_flight": int(in_flight[kind])}
             result[kind.name.lower()] = entry | {o.name.lower(): int(ended[o]) for o in Outcome}
         return result
 

@@ -176,11 +176,8 @@ class SkinNetwork:
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Count packets by kind: offered, delivered, dropped by cause, in flight."""
-        counts = self._counters.as_dict()
-        formation, sent = counts["formation"], self.formation_driver.sent
-        return counts | {
-            "formation": formation | {"offered": sent, "in_flight": sent + formation["in_flight"]}
-        }
+        counts = self._counters.as_dict(self._pool.rows["kind"][self.kernel.pending_packet_id])
+        return counts | {"formation": counts["formation"] | {"offered": self.formation_driver.sent}}
 
     def _next_change_ns(self) -> int:
         change_ns = self._topology_changes[0].t_ns if self._topology_changes else FOREVER_NS

@@ -131,7 +131,7 @@ class Boards:
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Count messages by kind: offered, delivered, dropped by cause, in flight."""
-        return self._counters.as_dict()
+        return self._counters.as_dict(self._messages["kind"][self.network.kernel.pending_packet_id])
 
     def _send_regions(self, begin_ns: int, frame: int) -> None:
         boards = np.arange(len(self._n_elements))

@@ -70,6 +70,7 @@ class BodyProcess(WiredProcess):
         self._digest = hashlib.sha256()
         self._trace_t_ns: list[int] = []
         self._trace_rad: list[NDArray[np.float64]] = []
+        self._commands_ns: list[tuple[int, int]] = []
 
     def _rows(self, patch: str) -> NDArray[np.int64]:
         cells = self._plant.cells[patch]
@@ -137,6 +138,7 @@ class BodyProcess(WiredProcess):
         while self._pending and self._pending[0].effect_ns <= t_ns:
             command = self._pending.popleft()
             self._plant.set_command(np.array(command.velocity_rad_s))
+            self._commands_ns.append((command.t_ns, t_ns))
             if command.stage != self._stage:
                 self._stage = command.stage
                 self._plant.begin_stage(command.stage)
@@ -204,6 +206,8 @@ class BodyProcess(WiredProcess):
         arrays: dict[str, NDArray[Any]] = {
             "joint_t_ns": np.array(self._trace_t_ns, dtype=np.int64),
             "joint_rad": np.array(self._trace_rad, dtype=np.float32).reshape(-1, self._plant.n_dofs),
+            # time of the control tick and time at which the body put its command into effect, (n, 2)
+            "command_ns": np.array(self._commands_ns, dtype=np.int64).reshape(-1, 2),
             **truth.arrays,
         }
         return ProcessResult(self.name, self.role, facts, arrays)

@@ -138,8 +138,8 @@ class BodySimulation:
         if spec is None:
             return None, None
         payload = Payload(self.data, spec)
-        contact, period_ns = self.sheet_foundation.contact, deployment.body.joint_state_period_ns
-        truth = PayloadGroundTruth(self.model, payload, contact, spec.drop_threshold_m, period_ns)
+        period_ns = deployment.body.joint_state_period_ns
+        truth = PayloadGroundTruth(self.data, payload, self.sheet_foundation, spec, period_ns)
         joints, step_s = deployment.body.joints, self.dynamics.step_s
         close_grip(self.dynamics, GripController(self.model, joints, spec, step_s), payload)
         payload.update(0)
@@ -168,7 +168,9 @@ class BodySimulation:
 
     def set_command(self, velocity_rad_s: Sequence[float] | NDArray[np.float64]) -> bool:
         """Set the velocity command (D,) [rad/s] from now on; return False if it is refused."""
-        return self.actuation.command(velocity_rad_s)
+        accepted = self.actuation.command(velocity_rad_s)
+        self.recorder.motion.begin_command(self.t_ns, self.actuation.velocity_rad_s, self._joint_velocity())
+        return accepted
 
     def begin_stage(self, name: str) -> None:
         """Begin stage `name` of the controller's program."""
@@ -223,6 +225,10 @@ class BodySimulation:
         self._record()
         return self.recorder.ground_truth(self.actuation.refused_commands)
 
+    def _joint_velocity(self) -> NDArray[np.float64]:
+        velocity_rad_s: NDArray[np.float64] = self.data.qvel[self.model.dof_address]
+        return velocity_rad_s
+
     def _evaluate(self) -> None:
         """Evaluate poses, contact forces and accelerations at the present time, at most once per step."""
         if self._evaluated:
@@ -246,6 +252,10 @@ class BodySimulation:
         self.teacher.step(self.t_ns, self._step_ns)
         self.dynamics.integrate()
         self.t_ns += self._step_ns
+        if self.recorder.motion.is_pending and self.recorder.motion.observe(
+            self.t_ns, self._joint_velocity()
+        ):
+            self.teacher.record_motion_onset()
         self._sway.advance(self.t_ns)
         if self.payload is not None and self.recorder.payload is not None:
             self.payload.update(self.t_ns)

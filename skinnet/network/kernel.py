@@ -26,7 +26,7 @@ from skinnet.network.records import (
 from skinnet.network.routes import NO_LINK
 from skinnet.random_streams import hash64, uniform
 
-__all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "enqueue", "fail_link"]
+__all__ = ["BUCKETS", "MAX_SIZE_BYTES", "advance", "enqueue", "fail_link", "pending_packets"]
 
 BUCKETS = 256
 MAX_SIZE_BYTES = 2**26
@@ -119,6 +119,24 @@ def fail_link(rank: int, t_ns: int, state: KernelState, scratch: KernelScratch) 
     link.committed_ns -= max(0, link.busy_ns - t_ns)
     link.busy_ns = min(link.busy_ns, t_ns)
     link.last_arrival_ns = min(link.last_arrival_ns, t_ns)
+
+
+@compiled
+def pending_packets(state: KernelState, packet_id: NDArray[np.int64]) -> int:
+    """Write the ids of all packets that queue at a link or are on it; return their number.
+
+    Counted by walking the chains, without any counter of the kernel, so that a lost packet is missed here and
+    a packet in two places is found twice. `packet_id` has room for (n_packets,); the walk ends when it is
+    full.
+    """
+    n = 0
+    for rank in range(state.links.size):
+        p = state.links[rank].head
+        while p != NULL and n < packet_id.size:
+            packet_id[n] = state.packets[p].packet_id
+            n += 1
+            p = state.packets[p].next
+    return n
 
 
 @compiled

@@ -80,11 +80,17 @@ class PacketNetwork:
 
     @property
     def counters(self) -> PacketCounters:
-        """Packet counters up to now."""
+        """Packet counters up to now; those in flight are counted where they are, in the queues."""
         state = self._state
         ended = {outcome: int(state.arrays.outcome_counts[outcome]) for outcome in Outcome}
         delivered = ended.pop(Outcome.DELIVERED)
-        return PacketCounters(state.offered, delivered, ended, int(state.arrays.pool[IN_FLIGHT]))
+        return PacketCounters(state.offered, delivered, ended, self.pending_packet_id.size)
+
+    @property
+    def pending_packet_id(self) -> NDArray[np.int64]:
+        """Ids of the packets that are queued or on a link now, by walking the queues; (n,)."""
+        packet_id = np.empty(self._state.arrays.packets.size, dtype=np.int64)
+        return packet_id[: kernel.pending_packets(self._state.arrays, packet_id)]
 
     @property
     def link_counters(self) -> LinkCounters:

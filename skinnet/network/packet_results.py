@@ -35,13 +35,20 @@ class EndedPackets(NamedTuple):
 class PacketCounters:
     """Packet counters; offered = delivered + sum of dropped + in_flight at all times.
 
-    A packet counts as offered and in flight from the call that offers it.
+    Each is counted on its own: offered by the caller, ended where the kernel ends a packet, in flight by a
+    walk through the queues. So the equation fails if the kernel loses or repeats a packet. A packet counts as
+    offered and in flight from the call that offers it.
     """
 
     offered: int
     delivered: int
     dropped: dict[Outcome, int]
     in_flight: int
+
+    @property
+    def are_conserved(self) -> bool:
+        """True if every offered packet is delivered, dropped or in flight, and none is twice."""
+        return self.offered == self.delivered + sum(self.dropped.values()) + self.in_flight
 
 
 class LinkCounters(NamedTuple):

@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from skinnet.analysis.metrics.object_pose import rotation_deg
 from skinnet.analysis.metrics.teach_and_grasp import StateInterval, state_intervals
 from skinnet.deployment import Deployment
+from skinnet.deployment.environment.stand import StandSpec
 from skinnet.deployment.skin.cells import ForceSpec
 from skinnet.protocol.states import GRASP_STATES
 from skinnet.runtime.process_result import ProcessResult
@@ -16,7 +18,6 @@ __all__ = ["grasp_metrics", "object_metrics"]
 _MIN_HOLD_S = 5.0
 _SUPPORTED_WEIGHT_FRACTION = 0.5
 """Fraction of its weight that the stand carries at the end if the object is back."""
-_G_M_S2 = 9.81
 
 
 def grasp_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
@@ -30,7 +31,9 @@ def grasp_metrics(deployment: Deployment, controller: ProcessResult, body: Proce
     metrics |= _state_metrics(grasp)
     metrics |= _force_metrics(deployment.cells.force, grasp, controller, body)
     thing = body.facts.get("object")
-    carried = thing is not None and _was_carried(thing, body)
+    carried = (
+        thing is not None and deployment.stand is not None and _was_carried(thing, deployment.stand, body)
+    )
     metrics["grasp.success"] = bool(
         carried and _had_three_contacts(grasp) and grasp[-1].event == "pose reached"
     )
@@ -45,12 +48,17 @@ def _had_three_contacts(grasp: list[StateInterval]) -> bool:
     return bool(pulled) and held and all(cells > 0 for cells in pulled[-1].contacts)
 
 
-def _was_carried(object_facts: dict[str, Any], body: ProcessResult) -> bool:
-    """Test of the object: held for five seconds without the stand, and back on it at the end."""
+def _was_carried(thing: dict[str, Any], stand: StandSpec, body: ProcessResult) -> bool:
+    """Test of the object: skin held it for five seconds without the stand, and it is back at the end.
+
+    An object that sinks through the arms, or lies on a bare link, is not held.
+    """
     stands_n = float(body.arrays["object_stand_force_n"][-1])
-    back = stands_n > _SUPPORTED_WEIGHT_FRACTION * object_facts["mass_kg"] * _G_M_S2
     return (
-        object_facts["dropped_ns"] is None and object_facts["carried_without_stand_s"] >= _MIN_HOLD_S and back
+        thing["dropped_ns"] is None
+        and thing["carried_on_skin_s"] >= _MIN_HOLD_S
+        and thing["max_descent_m"] <= stand.max_descent_m
+        and stands_n > _SUPPORTED_WEIGHT_FRACTION * thing["weight_n"]
     )
 
 
@@ -98,15 +106,19 @@ def object_metrics(body: ProcessResult) -> dict[str, Any]:
     if thing is None:
         return {}
     moved_m = body.arrays["object_pose"][-1, :3] - np.array(thing["initial_position_m"])
+    turned_deg = rotation_deg(body.arrays["object_pose"])
     metrics: dict[str, Any] = {
         "object.name": thing["name"],
         "object.initial_position_m": list(thing["initial_position_m"]),
         "object.yaw_deg": float(np.degrees(thing["yaw_rad"])),
         "object.carried_s": thing["carried_without_stand_s"],
+        "object.carried_on_skin_s": thing["carried_on_skin_s"],
         "object.dropped": thing["dropped_ns"] is not None,
         "object.max_descent_mm": 1e3 * thing["max_descent_m"],
         "object.peak_speed_m_s": thing["peak_speed_m_s"],
         "object.displacement_m": [float(m) for m in moved_m],
+        "object.rotation_deg.peak": float(turned_deg.max()),
+        "object.rotation_deg.end": float(turned_deg[-1]),
     }
     for name, met in sorted(thing["rigid_contacts"].items()):
         metrics[f"object.bare_link.{name}.peak_force_n"] = met["peak_force_n"]

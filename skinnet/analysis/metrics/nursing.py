@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from skinnet.analysis.metrics.object_pose import rotation_deg
 from skinnet.analysis.metrics.packet_traffic import percentile_us
 from skinnet.deployment import Deployment
 from skinnet.runtime.process_result import ProcessResult
@@ -73,13 +74,17 @@ def contact_label(contact: str, contacts: list[str]) -> str:
 
 
 def _object_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
-    """Ground truth of the object: dropped, slip, and distance from its target position."""
+    """Ground truth of the object: drop, displacement in the arms, slip, rotation, distance from target."""
     assert deployment.nursing is not None
     truth = body.facts["payload"]
     metrics: dict[str, Any] = {
         "dropped": truth["dropped_ns"] is not None,
+        "dropped_by": truth["dropped_by"] or "nothing",
+        "slid_mm": 1e3 * truth["slid_m"],
         "slip_mm": 1e3 * truth["sliding_distance_m"],
     }
+    turned_deg = rotation_deg(body.arrays["object_pose"])
+    metrics |= {"rotation_deg.peak": float(turned_deg.max()), "rotation_deg.end": float(turned_deg[-1])}
     begin_ns = next((t_ns for state, t_ns in controller.facts["states"] if state == "move"), None)
     if begin_ns is not None:
         t_ns, pose = body.arrays["object_t_ns"], body.arrays["object_pose"]

@@ -10,6 +10,7 @@ from skinnet.runtime.process_result import ProcessResult
 __all__ = ["network_metrics", "percentile_us"]
 
 _DATA = ("event", "reading")
+_NOT_DROPPED = ("offered", "delivered", "in_flight")
 
 
 def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
@@ -24,8 +25,8 @@ def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
                 total[name] = total.get(name, 0) + value
             if kind in _DATA:
                 data += counts["offered"]
-                data_dropped += counts["offered"] - counts["delivered"] - counts["in_flight"]
-    offered, delivered, in_flight = (total.pop(name) for name in ("offered", "delivered", "in_flight"))
+                data_dropped += sum(n for name, n in counts.items() if name not in _NOT_DROPPED)
+    offered, delivered, in_flight = (total.pop(name) for name in _NOT_DROPPED)
     histogram = np.sum([host.arrays["latency_us"] for host in cell_processes], axis=0)
     metrics: dict[str, Any] = {
         "network.offered": offered,

@@ -10,10 +10,21 @@ from skinnet.deployment import Deployment
 from skinnet.deployment.controller.stages import StageSpec
 from skinnet.runtime.process_result import ProcessResult
 
-__all__ = ["Reaction", "reactions", "touch_metrics"]
+__all__ = [
+    "Reaction",
+    "actuation_metrics",
+    "guidance_metrics",
+    "proximity_metrics",
+    "reaction_metrics",
+    "reactions",
+    "rows_by_cell_name",
+    "touch_metrics",
+]
 
 _HELD_READING = 0.14
-_HELD_TOLERANCE = 0.005
+"""Reading of a noise-free force cell under the held force [M14, VI.B]."""
+_HELD_TOLERANCE_N = 0.05
+"""Tolerance of the true force that counts as held [N]; the finger's control keeps 2 % (assumed)."""
 _PROXIMITY_CHANNEL = 3
 _MAX_REACTION_NS = 100_000_000
 """Longest time from a crossing to a sample that counts as its reaction [ns]."""
@@ -34,10 +45,11 @@ class Reaction(NamedTuple):
 def touch_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
     """Metrics of reaction latencies and their components, peak forces, and guidance."""
     metrics: dict[str, Any] = {}
-    metrics |= _latency_metrics(*reactions(deployment, controller, body))
+    metrics |= reaction_metrics(*reactions(deployment, controller, body))
+    metrics |= actuation_metrics(deployment, controller, body)
     metrics |= _force_metrics(body)
-    metrics |= _guidance_metrics(deployment, controller, body)
-    metrics |= _proximity_metrics(deployment, controller, body)
+    metrics |= guidance_metrics(deployment, controller, body)
+    metrics |= proximity_metrics(deployment, controller, body)
     return metrics
 
 
@@ -47,12 +59,13 @@ def reactions(
     """Reactions to true threshold crossings: the first sample after each crossing that drove the robot.
 
     Samples before the crossing do not count, though noise lets some of them react early. Return also the
-    number of crossings without a reaction, because the touch ended before a sample exceeded the threshold.
+    number of crossings without a reaction, because the touch ended before a sample exceeded the threshold, or
+    the run before the command came into effect. The body says when that was.
     """
     stages = [deployment.controller.stages[name] for name, _ in controller.facts["stages"]]
     spans = stage_intervals(deployment, controller, "guide")
     drives = controller.arrays["reaction_log"]
-    delay_ns = controller.facts["command_delay_ns"]
+    effect_of_tick = dict(body.arrays["command_ns"].tolist())
     found = []
     unanswered = 0
     for t_ns, cell, channel, reading in body.facts["threshold_crossings"]:
@@ -61,13 +74,14 @@ def reactions(
         mine = drives[(drives["cell"] == cell) & (drives["channel"] == channel)]
         after = mine[(mine["t_sampled_ns"] >= t_ns) & (mine["t_sampled_ns"] < t_ns + _MAX_REACTION_NS)]
         after = [d for d in after if _has_threshold(stages[d["stage"]], channel, reading)]
-        if not after:
+        first = min(after, key=lambda drive: int(drive["t_sampled_ns"]), default=None)
+        if first is None or int(first["tick_ns"]) not in effect_of_tick:
             unanswered += 1
             continue
-        first = min(after, key=lambda drive: int(drive["t_sampled_ns"]))
         sampled_ns, delivered_ns = int(first["t_sampled_ns"]), int(first["t_delivered_ns"])
         tick_ns = int(first["tick_ns"])
-        found.append(Reaction(cell, channel, t_ns, sampled_ns, delivered_ns, tick_ns, tick_ns + delay_ns))
+        effect_ns = effect_of_tick[tick_ns]
+        found.append(Reaction(cell, channel, t_ns, sampled_ns, delivered_ns, tick_ns, effect_ns))
     return found, unanswered
 
 
@@ -78,23 +92,51 @@ def _has_threshold(spec: StageSpec, channel: int, reading: float) -> bool:
     return spec.force_gain > 0.0 and spec.force_threshold == reading
 
 
-def _latency_metrics(found: list[Reaction], unanswered: int) -> dict[str, Any]:
+def reaction_metrics(found: list[Reaction], unanswered: int) -> dict[str, Any]:
+    """Latency of reactions from the true crossing until the command is in effect, and its parts.
+
+    What is left of `latency_ms` beside its parts is `controller.command_delay_ms`, a setting.
+    """
     if not found:
         return {"reaction.count": 0, "reaction.unanswered": unanswered}
     t_ms = np.array([reaction[2:] for reaction in found], dtype=np.float64) * 1e-6
     parts = np.diff(t_ms, axis=1)
     total = t_ms[:, -1] - t_ms[:, 0]
-    metrics: dict[str, Any] = {"reaction.count": len(found), "reaction.unanswered": unanswered}
+    metrics: dict[str, Any] = {
+        "reaction.count": len(found),
+        "reaction.unanswered": unanswered,
+    }
     for name, values in (
         ("latency_ms", total),
         ("sampling_ms", parts[:, 0]),
         ("network_ms", parts[:, 1]),
         ("control_ms", parts[:, 2]),
-        ("actuation_ms", parts[:, 3]),
     ):
         metrics[f"reaction.{name}.p50"] = float(np.percentile(values, 50))
         metrics[f"reaction.{name}.p99"] = float(np.percentile(values, 99))
     return metrics
+
+
+def actuation_metrics(
+    deployment: Deployment, controller: ProcessResult, body: ProcessResult
+) -> dict[str, Any]:
+    """Time from a command's effect to the first true motion, for commands that found the robot at rest.
+
+    Of all that begin in guide stages, since the first command of a reaction is often one to noise.
+    """
+    spans = stage_intervals(deployment, controller, "guide")
+    moved_ms = [
+        1e-6 * (moved_ns - effect_ns)
+        for effect_ns, moved_ns in body.facts.get("motion_onsets", ())
+        if moved_ns is not None and any(span.start_ns <= effect_ns < span.end_ns for span in spans)
+    ]
+    if not moved_ms:
+        return {}
+    return {
+        "reaction.motions_from_rest": len(moved_ms),
+        "reaction.actuation_ms.p50": float(np.percentile(moved_ms, 50)),
+        "reaction.actuation_ms.p99": float(np.percentile(moved_ms, 99)),
+    }
 
 
 def _force_metrics(body: ProcessResult) -> dict[str, Any]:
@@ -103,38 +145,67 @@ def _force_metrics(body: ProcessResult) -> dict[str, Any]:
     return {"contact.peak_force_n": max(pushed)} if pushed else {}
 
 
-def _guidance_metrics(
+def guidance_metrics(
     deployment: Deployment, controller: ProcessResult, body: ProcessResult
 ) -> dict[str, Any]:
-    """Commanded and measured joint velocity while a single force cell holds a reading of 0.14 [M14, VI.B]."""
-    t_ns, touch = (
-        controller.arrays["tactile_input_t_ns"],
-        controller.arrays["tactile_input"].astype(np.float64),
-    )
-    if not len(t_ns):
+    """Reading, commanded and measured joint velocity while a single force cell is held [M14, VI.B].
+
+    The ticks are chosen by the true force that gives a reading of 0.14 without noise, never by the reading.
+    """
+    held_ns, reading = _held_readings(deployment, controller, body)
+    if not len(held_ns):
         return {}
-    ticks = np.searchsorted(controller.arrays["t_ns"], t_ns)
+    ticks = np.searchsorted(controller.arrays["t_ns"], held_ns)
     velocity = controller.arrays["velocity_rad_s"][ticks].astype(np.float64)
-    held = np.zeros(len(t_ns), dtype=np.bool_)
-    for span in stage_intervals(deployment, controller, "guide"):
-        stage = span.spec
-        if stage.force_gain == 0.0 or stage.proximity_gain != 0.0:
-            continue
-        within = (t_ns >= span.start_ns) & (t_ns < span.end_ns)
-        force = touch[:, :, :_PROXIMITY_CHANNEL].reshape(len(t_ns), -1)
-        alone = (force > stage.force_threshold).sum(axis=1) == 1
-        held |= within & alone & (np.abs(force.max(axis=1, initial=0.0) - _HELD_READING) < _HELD_TOLERANCE)
-    if not held.any():
-        return {}
-    force = touch[held, :, :_PROXIMITY_CHANNEL].reshape(int(held.sum()), -1)
-    measured = _measured_velocity(body, t_ns[held])
+    measured = _measured_velocity(body, held_ns)
     return {
-        "guidance.reading": float(np.mean(force.max(axis=1))),
-        "guidance.velocity_rad_s": float(np.median(np.linalg.norm(velocity[held], axis=1))),
-        "guidance.largest_dof_rad_s": float(np.median(np.abs(velocity[held]).max(axis=1))),
+        "guidance.reading": float(np.mean(reading)),
+        "guidance.velocity_rad_s": float(np.median(np.linalg.norm(velocity, axis=1))),
+        "guidance.largest_dof_rad_s": float(np.median(np.abs(velocity).max(axis=1))),
         "guidance.measured_rad_s": float(np.median(np.linalg.norm(measured, axis=1))),
-        "guidance.ticks": int(held.sum()),
+        "guidance.ticks": len(held_ns),
     }
+
+
+def _held_readings(
+    deployment: Deployment, controller: ProcessResult, body: ProcessResult
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Ticks (n,) [ns] at which a force cell truly bears the held force, and its readings there (n,)."""
+    t_ns = controller.arrays["tactile_input_t_ns"]
+    calibration = deployment.cells.force
+    held_n = np.interp(_HELD_READING, calibration.calibration_reading, calibration.calibration_n)
+    trace_ns, trace_n = body.arrays["peak_force_t_ns"], body.arrays["peak_force_n"]
+    if not len(trace_ns):
+        return np.empty(0, dtype=np.int64), np.empty(0)
+    # the trace gives the largest force of the period that ends at each of its times
+    index = np.minimum(np.searchsorted(trace_ns, t_ns), len(trace_ns) - 1)
+    is_held = np.abs(trace_n[index] - held_n) <= _HELD_TOLERANCE_N
+    spans = [
+        span
+        for span in stage_intervals(deployment, controller, "guide")
+        if span.spec.force_gain > 0.0 and span.spec.proximity_gain == 0.0
+    ]
+    rows = rows_by_cell_name(deployment)
+    found_ns, readings = [np.empty(0, dtype=np.int64)], [np.empty(0)]
+    for touch in body.facts["touches"]:
+        force_cell = deployment.teacher.touches[touch["touch"]].force_cell
+        if touch["depth_controlled"] or force_cell is None or touch["hold_ns"] is None:
+            continue
+        begin_ns, end_ns = touch["hold_ns"], touch["end_ns"] or int(trace_ns[-1]) + 1
+        within = np.zeros(len(t_ns), dtype=np.bool_)
+        for span in spans:
+            within |= (t_ns >= max(begin_ns, span.start_ns)) & (t_ns < min(end_ns, span.end_ns))
+        chosen = np.flatnonzero(within & is_held)
+        found_ns.append(t_ns[chosen])
+        told = controller.arrays["tactile_input"][chosen, rows[touch["cell"]], force_cell]
+        readings.append(told.astype(np.float64))
+    return np.concatenate(found_ns), np.concatenate(readings)
+
+
+def rows_by_cell_name(deployment: Deployment) -> dict[str, int]:
+    """Row of each cell in the stimulus, by its name `patch/number`."""
+    names = [f"{patch.name}/{cell}" for patch in deployment.patches for cell in range(patch.n_cells)]
+    return {name: row for row, name in enumerate(names)}
 
 
 def _measured_velocity(body: ProcessResult, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -149,10 +220,10 @@ def _measured_velocity(body: ProcessResult, t_ns: NDArray[np.int64]) -> NDArray[
     return velocity
 
 
-def _proximity_metrics(
+def proximity_metrics(
     deployment: Deployment, controller: ProcessResult, body: ProcessResult
 ) -> dict[str, Any]:
-    """Proximity guidance: joint motion before contact, contacts, and peak force of the finger."""
+    """Proximity guidance: true gap when the robot begins to move, motion before contact, contacts."""
     spans = stage_intervals(deployment, controller, "guide")
     stages = {span.name for span in spans if span.spec.proximity_gain > 0.0}
     touches = [touch for touch in body.facts["touches"] if touch["stage"] in stages]
@@ -165,9 +236,15 @@ def _proximity_metrics(
         a, b = np.searchsorted(trace_ns, [touch["begin_ns"], until_ns])
         window = trace_rad[a : b + 1]
         moved.append(float(np.abs(window - window[:1]).max()) if len(window) else 0.0)
-    return {
+    gaps_mm = [1e3 * touch["onset_gap_m"] for touch in touches if touch["onset_gap_m"] is not None]
+    metrics: dict[str, Any] = {
         "proximity.touches": len(touches),
+        "proximity.unanswered": len(touches) - len(gaps_mm),
         "proximity.moved_before_contact_rad.min": min(moved),
         "proximity.contacts": sum(touch["contact_ns"] is not None for touch in touches),
         "proximity.peak_force_n": max(touch["peak_force_n"] for touch in touches),
     }
+    if gaps_mm:
+        metrics["proximity.onset_distance_mm.min"] = min(gaps_mm)
+        metrics["proximity.onset_distance_mm.max"] = max(gaps_mm)
+    return metrics

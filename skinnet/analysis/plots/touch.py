@@ -134,7 +134,12 @@ def plot_reactions(deployment: Deployment, results: dict[str, ProcessResult]) ->
     axes = figure.add_subplot()
     left = np.minimum(spent[:, 0], 0.0)
     for column, (name, colour) in enumerate(
-        (("sampling", "#8fb8de"), ("network", "#f2b134"), ("control", "#4f9d69"), ("actuation", "#b0b7bf"))
+        (
+            ("sampling", "#8fb8de"),
+            ("network", "#f2b134"),
+            ("control", "#4f9d69"),
+            ("command delay", "#b0b7bf"),
+        )
     ):
         axes.barh(np.arange(len(spent)), spent[:, column], left=left, label=name, color=colour)
         left = left + spent[:, column]

@@ -2,7 +2,7 @@
 
 An expectation is a rule with a verdict, written down before the run. A claim has none where the published
 value depends on conditions that the paper does not give; then published and measured values stand side by
-side.
+side. A claim about a setting of the deployment has no verdict either: no run can make it wrong.
 """
 
 from collections import Counter
@@ -17,7 +17,6 @@ __all__ = [
     "Between",
     "Claim",
     "ClaimComparison",
-    "ElementwiseInequality",
     "Equals",
     "Expectation",
     "LessThanMetrics",
@@ -30,6 +29,8 @@ __all__ = [
 
 Metrics = dict[str, Any]
 _NO_BREAK = "\u00a0"
+_SETTINGS = "size."
+"""Prefix of metrics that are settings of the deployment (`deployment_metrics`), not results of the run."""
 
 
 class Verdict(Enum):
@@ -39,6 +40,8 @@ class Verdict(Enum):
     OUTSIDE = "outside"
     NO_EXPECTATION = "no expectation"
     UNMEASURED = "not measured"
+    SETTING = "setting"
+    """Setting of the deployment, which the run did not measure."""
 
 
 class Expectation(Protocol):
@@ -103,25 +106,6 @@ class LessThanMetrics:
     def text(self, unit: str, scale: float) -> str:
         """Rule in words; see `Expectation.text`."""
         return f"less than {self.reference_name}"
-
-
-@dataclass(frozen=True)
-class ElementwiseInequality:
-    """Order against values: every metric is more (or less) than in `values`, named `reference_name`."""
-
-    values: tuple[float, ...]
-    greater: bool
-    reference_name: str
-
-    def holds(self, names: tuple[str, ...], metrics: Metrics) -> bool | None:
-        """Test the rule; see `Expectation.holds`."""
-        pairs = zip((metrics[name] for name in names), self.values, strict=True)
-        return all((here > value) if self.greater else (here < value) for here, value in pairs)
-
-    def text(self, unit: str, scale: float) -> str:
-        """Rule in words; see `Expectation.text`."""
-        values = ", ".join(format_value(value, scale) for value in self.values)
-        return f"{'more' if self.greater else 'less'} than {self.reference_name}: {_with_unit(values, unit)}"
 
 
 @dataclass(frozen=True)
@@ -199,6 +183,8 @@ def evaluate_claim(claim: Claim, metrics: Metrics, deployment: dict[str, Any]) -
     values = tuple(metrics.get(name) for name in claim.metrics)
     if any(value is None for value in values):
         return ClaimComparison(claim, values, expected, Verdict.UNMEASURED)
+    if all(name.startswith(_SETTINGS) for name in claim.metrics):
+        return ClaimComparison(claim, values, expected, Verdict.SETTING)
     if claim.expected is None:
         return ClaimComparison(claim, values, expected, Verdict.NO_EXPECTATION)
     try:

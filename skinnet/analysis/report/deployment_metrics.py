@@ -1,4 +1,7 @@
-"""Metrics of the deployment itself: size of the skin, number of joints, rates."""
+"""Settings of the deployment under metric names: size of the skin, number of joints, rates, delay.
+
+All names begin with `size.`: the report shows them as settings, without a verdict.
+"""
 
 from typing import Any
 
@@ -27,7 +30,8 @@ def deployment_metrics(deployment: Deployment | None) -> dict[str, Any]:
     metrics["size.skin_rate_hz"] = 1e3 / period_ms
     metrics["size.joints"] = len(deployment.body.joints)
     metrics["size.control_rate_hz"] = 1e3 / deployment.controller.period_ms
+    metrics["size.command_delay_ms"] = 1e-6 * deployment.controller.command_delay_ns
     stages = (deployment.controller.stages.get(name) for name in deployment.controller.program)
     if any(stage is not None and stage.kind == "structure" for stage in stages):
-        metrics["structure.steps"] = _EXPLORATION_PASSES * len(deployment.body.joints)
+        metrics["size.exploration_steps"] = _EXPLORATION_PASSES * len(deployment.body.joints)
     return metrics

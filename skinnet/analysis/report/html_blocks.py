@@ -31,6 +31,7 @@ _BADGES = {
     Verdict.OUTSIDE: ("bad", "✗ outside"),
     Verdict.NO_EXPECTATION: ("plain", "no expectation"),
     Verdict.UNMEASURED: ("plain", "not measured"),
+    Verdict.SETTING: ("plain", "setting"),
 }
 _SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=[\d%]|[A-Za-z]{1,2}\b|rad/s)")
 _COLUMNS = {"": "value", "p50": "median", "p99": "99 %", "p999": "99.9 %"}
@@ -85,14 +86,19 @@ def comparison_table(comparisons: Iterable[tuple[ClaimComparison, str, Html]]) -
                 "tr",
                 tag("th", claim.subject, note, scope="row"),
                 tag("td", _join_units(claim.published), data_label="the paper"),
-                tag("td", here, class_="here", data_label="this run"),
+                tag(
+                    "td",
+                    here,
+                    class_="here",
+                    data_label="setting" if compared.verdict is Verdict.SETTING else "this run",
+                ),
                 tag("td", compared.expected, data_label="expected"),
                 tag("td", verdict, data_label="verdict"),
                 tag("td", place, class_="place", data_label="where"),
             )
         )
         used.append(claim.source)
-    heads = ("quantity", "published", "this run", "expected", "", "source")
+    heads = ("quantity", "published", "this run (or its setting)", "expected", "", "source")
     table = tag("table", _head(heads), tag("tbody", *body), class_="papers stack")
     sources = [tag("li", tag("b", f"[{key}]"), " ", name) for key, name in SOURCES.items() if key in used]
     return join(tag("div", table, class_="card block"), tag("ul", *sources, class_="sources"))

@@ -37,11 +37,6 @@ class Payload:
         pose: Floats = self._data.qpos[self._qpos].copy()
         return pose
 
-    @property
-    def fall_m(self) -> float:
-        """Present height below the pose in which it was held [m]."""
-        return float(self._held_pose[2] - self._data.qpos[self._qpos][2])
-
     def is_free(self, t_ns: int) -> bool:
         """Return True if the payload is free at `t_ns` [ns], after its release."""
         return self.released_ns is not None and t_ns > self.released_ns

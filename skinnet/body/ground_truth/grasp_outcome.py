@@ -63,9 +63,12 @@ class GraspGroundTruth:
         object_contacts: Rigid contacts of the object, except with skin and stand, by geom name.
         stand_contacts: Rigid contacts of the stand, except with the object, by geom name.
         lift_off_ns: Time at which the object first lost contact with the stand [ns], or None.
-        dropped_ns: Time at which its centre first was below the stand's top [ns], or None.
+        dropped_ns: Time at which it first lay on the lowered stand, or its centre was below the stand's top
+            [ns], or None.
         carried_s: Time off the stand before it was dropped [s].
         carried_without_stand_s: Part of `carried_s` while the stand was away [s].
+        carried_on_skin_s: Part of that in which bare links and everything else that has no skin bore at most
+            the stand's `bare_weight_fraction` of the weight [s].
         descent_m: Largest descent while the stand was lowering, away or returning [m].
         peak_speed_m_s: Largest speed off the stand [m/s].
     """
@@ -91,18 +94,23 @@ class GraspGroundTruth:
         self.stand_contacts: dict[str, RigidContact] = {}
         self.lift_off_ns: int | None = None
         self.dropped_ns: int | None = None
-        self.carried_s = self.carried_without_stand_s = self.descent_m = self.peak_speed_m_s = 0.0
+        self.carried_s = self.carried_without_stand_s = self.carried_on_skin_s = 0.0
+        self.descent_m = self.peak_speed_m_s = 0.0
         self._data, self._placed_object, self._stand, self._contact = data, placed_object, stand, contact
         self._period_ns, self._stage = period_ns, ""
         mj = data.model
         there = placed_object.object_model is not None
         self._body = int(mj.body(OBJECT).id) if there else -1
         self._dof = int(mj.joint(OBJECT).dofadr[0]) if there and not placed_object.stand.fix_object else -1
+        gravity_m_s2 = float(np.linalg.norm(mj.opt.gravity))
+        self._weight_n = gravity_m_s2 * float(mj.body_mass[self._body]) if there else 0.0
+        self._max_bare_lift_n = placed_object.stand.bare_weight_fraction * self._weight_n
         self._geom_body = mj.geom_bodyid.tolist()
         stand_body = int(mj.body(STAND).id)
         self._watched_bodies = [stand_body, self._body] if there else [stand_body]
         self._names = [mj.geom(i).name or f"{mj.body(b).name}[{i}]" for i, b in enumerate(self._geom_body)]
         self._wrench = np.zeros(6)
+        self._bare_lift_n = 0.0
         self._supported_height_m: float | None = None
         self._t_ns: list[int] = []
         self._top_m: list[float] = []
@@ -136,6 +144,7 @@ class GraspGroundTruth:
     def record(self, t_ns: int, step_s: float) -> None:
         """Record contacts and poses at `t_ns` [ns]; they count for `step_s` [s]."""
         record = t_ns % self._period_ns == 0
+        self._bare_lift_n = 0.0
         standing_n = self._record_contacts(t_ns, step_s, record) if self._data.ncon else 0.0
         if record:
             self._t_ns.append(t_ns)
@@ -156,6 +165,7 @@ class GraspGroundTruth:
             "name": presented.name,
             "size_m": presented.object_model.size_m,
             "mass_kg": presented.object_model.mass_kg,
+            "weight_n": self._weight_n,
             "stiffness_pa_per_m": presented.object_model.stiffness_pa_per_m,
             "initial_position_m": presented.position_m,
             "yaw_rad": presented.yaw_rad,
@@ -164,6 +174,7 @@ class GraspGroundTruth:
             "dropped_ns": self.dropped_ns,
             "carried_s": self.carried_s,
             "carried_without_stand_s": self.carried_without_stand_s,
+            "carried_on_skin_s": self.carried_on_skin_s,
             "max_descent_m": self.descent_m,
             "peak_speed_m_s": self.peak_speed_m_s,
             "rigid_contacts": {name: vars(met) for name, met in self.object_contacts.items()},
@@ -213,6 +224,8 @@ class GraspGroundTruth:
                 standing_n += force_n
             else:
                 forces[pair] = forces.get(pair, 0.0) + force_n
+                if pair.body_id == self._body:
+                    self._bare_lift_n += self._upward_n(index, on_second=geoms[0] == pair.geom_id)
         for pair, force_n in forces.items():
             if force_n < _MIN_CONTACT_N:
                 continue
@@ -220,6 +233,15 @@ class GraspGroundTruth:
             name = self._names[pair.geom_id]
             met.setdefault(name, RigidContact(t_ns)).record(t_ns, step_s, force_n, self._stage)
         return standing_n
+
+    def _upward_n(self, index: int, *, on_second: bool) -> float:
+        """Upward force of contact `index` [N], normal and friction, on one of its geoms."""
+        # MuJoCo's contact frame: rows are its axes in the world; its force acts on the second geom
+        upward_n = float(self._wrench[:3] @ self._data.contact[index].frame.reshape(3, 3)[:, 2])
+        return upward_n if on_second else -upward_n
+
+    def _is_dropped(self, height_m: float, stand_force_n: float) -> bool:
+        return height_m < self._top_m[-1] or (stand_force_n > 0.0 and self._stand.phase is StandPhase.LOWERED)
 
     def _record_object(self, t_ns: int, stand_force_n: float) -> None:
         data, body, phase = self._data, self._body, self._stand.phase
@@ -230,7 +252,7 @@ class GraspGroundTruth:
         self._patch_n.append(self._contact.patch_body_force_n[:, body].copy())
         self._speeds_m_s.append(speed_m_s)
         self._stand_force_n.append(stand_force_n)
-        if self.dropped_ns is None and height_m < self._top_m[-1]:
+        if free and self.dropped_ns is None and self._is_dropped(height_m, stand_force_n):
             self.dropped_ns = t_ns
         if free and t_ns > 0 and stand_force_n == 0.0:
             period_s = self._period_ns / NS_PER_S
@@ -238,7 +260,9 @@ class GraspGroundTruth:
             self.peak_speed_m_s = max(self.peak_speed_m_s, speed_m_s)
             if self.dropped_ns is None:
                 self.carried_s += period_s
-                self.carried_without_stand_s += period_s if phase is StandPhase.LOWERED else 0.0
+                if phase is StandPhase.LOWERED:
+                    self.carried_without_stand_s += period_s
+                    self.carried_on_skin_s += period_s if self._bare_lift_n <= self._max_bare_lift_n else 0.0
         if phase not in _UNSUPPORTED_PHASES:
             self._supported_height_m = height_m
         elif self._supported_height_m is not None:

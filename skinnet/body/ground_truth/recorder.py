@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.ground_truth.contact_onsets import PeakForceTrace, reaction_crossing_detector
 from skinnet.body.ground_truth.grasp_outcome import GraspGroundTruth
+from skinnet.body.ground_truth.motion_onset import MotionOnsets
 from skinnet.body.ground_truth.payload_outcome import PayloadGroundTruth
 from skinnet.body.ground_truth.teaching_outcome import TeachingOutcome
 from skinnet.body.plant import GroundTruth
@@ -23,6 +24,7 @@ class GroundTruthRecorder:
     Attributes:
         crossings: Crossings of the reaction thresholds of the program's stages.
         force_trace: Largest forces on force cells.
+        motion: Onsets of commanded motion.
         teaching: Tasks of the teacher, which fills them in.
         grasp: Motion and contacts of object and stand, if there is a stand.
         payload: Motion of the payload, if there is one.
@@ -40,6 +42,7 @@ class GroundTruthRecorder:
         """Initialise empty records; peak forces have the period `force_period_ns` [ns]."""
         self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
         self.force_trace = PeakForceTrace(force_period_ns)
+        self.motion = MotionOnsets()
         self.teaching = TeachingOutcome() if teaching is None else teaching
         self.grasp, self.payload = grasp, payload
 
@@ -60,6 +63,7 @@ class GroundTruthRecorder:
         facts: dict[str, Any] = {
             **self.teaching.facts(),
             "threshold_crossings": self.crossings.facts(),
+            "motion_onsets": self.motion.facts(),
             "refused_commands": refused_commands,
             "peak_force_by_stage_n": self.force_trace.by_stage_n,
         }

@@ -46,6 +46,8 @@ class TouchGroundTruth:
         mean_hold_force_n: Mean force on the target in the hold phase [N]; NaN without one.
         impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
         depth_controlled: True for depth control, False for force control.
+        onset_gap_m: Gap between finger and face of the target when a command first set the robot in motion
+            [m], negative within the foam; None if it did not move.
     """
 
     touch: int
@@ -60,6 +62,7 @@ class TouchGroundTruth:
     mean_hold_force_n: float = math.nan
     impulse_n_s: float = 0.0
     depth_controlled: bool = False
+    onset_gap_m: float | None = None
     _held_steps: int = 0
 
     def facts(self) -> dict[str, Any]:

@@ -163,6 +163,11 @@ class Teacher:
             if self._task.finished:
                 self._task = None
 
+    def record_motion_onset(self) -> None:
+        """Record that the robot begins to move, if a touch is under way."""
+        if isinstance(self._task, Touch):
+            self._task.record_motion_onset()
+
     def _touch(self, index: int, t_ns: int) -> FingerTask:
         spec = self._spec.touches[index]
         truth = TouchGroundTruth(

@@ -59,6 +59,12 @@ class Touch(FingerTask):
             self._line = finger.approach_line(self._target)
         finger.move(self._line, self._height_m, step_s)
 
+    def record_motion_onset(self) -> None:
+        """Record the gap to the target, where it is now, at the first motion of the robot in this touch."""
+        if self.ground_truth.onset_gap_m is None:
+            line = self._finger.approach_line(self._target)
+            self.ground_truth.onset_gap_m = self._finger.height_m(line)
+
     def _advance(self, target_force_n: float, t_ns: int, step_s: float) -> None:
         """Advance approach or hold by one step of `step_s` [s]."""
         spec = self._spec

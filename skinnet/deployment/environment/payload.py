@@ -43,8 +43,11 @@ class PayloadSpec(Table, frozen=True, kw_only=True):
     """Delay from the start of `release_stage` to the release."""
     release_ramp_s: NonNegative = 0.4
     """Duration of the release ramp, which avoids an impact on the foam *(assumed)*."""
-    drop_threshold_m: Positive = 0.15
-    """Fall of the centre below the point of release that counts as a drop *(assumed)*."""
+    drop_threshold_m: Positive = 0.10
+    """Displacement of the centre relative to the arms that counts as a drop: a third of its length
+    *(assumed)*."""
+    drop_unsupported_s: Positive = 0.1
+    """Time without any contact with the robot that counts as a drop: a free fall of 49 mm *(assumed)*."""
 
     @property
     def outer_radius_m(self) -> float:

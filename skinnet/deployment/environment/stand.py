@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from skinnet.deployment.types import NonNegative, Positive, StageName, Table, ns_of_s
+from skinnet.deployment.types import Fraction, NonNegative, Positive, StageName, Table, ns_of_s
 
 __all__ = ["StandSpec"]
 
@@ -43,6 +43,11 @@ class StandSpec(Table, frozen=True, kw_only=True):
     """Distance by which the plate lowers."""
     lowered_s: NonNegative = 6.0
     """Longest duration of the lower position."""
+    max_descent_m: Positive = 0.05
+    """Greatest descent of the object while the stand is away for a grasp that counts as a success."""
+    bare_weight_fraction: Fraction = 0.1
+    """Greatest fraction of the object's weight that links without skin may bear while it counts as carried by
+    skin."""
     speed_m_s: Positive = 0.10
     """Speed limit of the plate."""
     acceleration_m_s2: Positive = 0.5

@@ -145,7 +145,6 @@ class _CsvSimulation:
         """Return all metrics by flat name."""
         counters, links = self._network.counters, self._network.link_counters
         dropped = sum(counters.dropped.values())
-        left = counters.delivered + dropped + counters.in_flight
         return {
             "nodes": self._csv_topology.topology.n_nodes,
             "links": self._csv_topology.topology.n_links,
@@ -155,7 +154,7 @@ class _CsvSimulation:
             "packets.dropped": dropped,
             **{f"packets.dropped.{c.name.lower()}": n for c, n in counters.dropped.items()},
             "packets.in_flight": counters.in_flight,
-            "packets.conserved": counters.offered == left,
+            "packets.conserved": counters.are_conserved,
             "packets.not_before_until": self._n_not_offered,
             "packet_hops": int(links.packets.sum()),
             **self._latencies.metrics(),

@@ -17,7 +17,8 @@ from cells.networking.skin_network import SkinNetwork
 from cells.networking.wiring import wire_cells
 from cells.sensing.encoding import EncoderOutput
 from skinnet.deployment import Deployment
-from skinnet.network.records import Outcome
+from skinnet.network import kernel
+from skinnet.network.records import NULL, KernelScratch, KernelState, Outcome
 from skinnet.protocol.messages import Config, Topology
 from skinnet.skin.placement import place_patch
 
@@ -290,3 +291,24 @@ def test_contents_go_with_their_rows() -> None:
     assert (pool.rows["kind"][rows] == PacketKind.CONFIG).all()
     pool.free(np.array(rows))
     assert not pool.objects
+
+
+def test_a_lost_packet_shows_in_the_counters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel forgets a queued packet: offered no longer equals what ended and what is in the queues."""
+    network, _ = formed()
+    send(network, network.kernel.now_ns + 1, range(10))
+    network.advance(network.kernel.now_ns + 300_000)
+    assert_conserved(network)
+    assert network.counters()["event"]["in_flight"] > 0
+    real_advance = kernel.advance
+
+    def forgetful_advance(until_ns: int, hop_limit: int, state: KernelState, scratch: KernelScratch) -> int:
+        busy = np.flatnonzero(state.links["head"] != NULL)
+        if busy.size:
+            state.links["head"][busy[0]] = state.packets["next"][state.links["head"][busy[0]]]
+        return real_advance(until_ns, hop_limit, state, scratch)
+
+    monkeypatch.setattr(kernel, "advance", forgetful_advance)
+    network.advance(network.kernel.now_ns + PERIOD_NS)
+    with pytest.raises(AssertionError):
+        assert_conserved(network)

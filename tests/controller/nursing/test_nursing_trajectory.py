@@ -343,6 +343,24 @@ def test_weights_of_zero_or_below_are_refused(field: str, value: float) -> None:
         )
 
 
+def test_the_evaluation_is_equation_6_with_squared_velocities() -> None:
+    """E = ½ Σ w_x d² + ½ Σ w_R θ² + ½ Σ w_q q̇², with weights so different that each term shows."""
+    robot = kinematics()
+    contacts = contacts_of(robot, POSE)
+    weights = Weights(np.arange(1.0, 5.0), np.arange(2.0, 6.0), np.linspace(1e-4, 4e-4, len(robot)))
+    generator = TrajectoryGenerator(robot, contacts.points, weights, free(robot), POSE, PERIOD_S)
+    shift_m = np.array([0.01, -0.02, 0.03])
+    step = generator.step(generator.poses.position_m + shift_m, generator.poses.R_world_surface)
+    parts = (
+        weights.position * step.deviations.position_m**2,
+        weights.rotation * step.deviations.rotation_rad**2,
+        weights.joint * step.velocity**2,
+    )
+    assert step.evaluation == pytest.approx(0.5 * sum(float(part.sum()) for part in parts), rel=1e-12)
+    assert all(part.sum() > 1e-9 for part in parts)
+    assert np.allclose(generator.q - POSE, step.velocity * PERIOD_S)
+
+
 def test_mobility_is_the_closed_form_for_one_lever_and_vanishes_when_arms_are_straight() -> None:
     lever = np.diag([0.5, 0.2, 0.1])[None]
     assert mobility(lever, np.ones(1), 0.1) == pytest.approx(0.5)

@@ -13,6 +13,7 @@ from controller.touch.posture import PoseReached, PoseTarget, PostureControl
 from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_reaction import TactileReaction
 from controller.touch.tactile_state import COLUMNS, TactileState
+from skinnet.deployment.controller.controller import SafetySpec
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import FOREVER_NS, READING_NAMES, EventKind, Modality
 
@@ -469,6 +470,22 @@ def test_a_joint_slows_down_before_its_limit_and_may_come_back() -> None:
     assert clamp.clamp(t_ns, np.array([-0.8, 0.0]), position, t_ns, t_ns)[0] == -0.8
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_near_either_limit_the_speed_falls_linearly(side: float) -> None:
+    """Limits at 1.5 and -0.5 rad, a zone of 0.1 rad: half of the speed in its middle."""
+    limits = SafetyLimits(speed_rad_s=1.0, position_rad=(np.array([-0.5]), np.array([1.5])))
+    limit_rad = 1.5 if side > 0.0 else -0.5
+    for distance_rad, speed_rad_s in ((0.2, 0.8), (0.05, 0.5), (0.01, 0.1), (0.0, 0.0), (-0.1, 0.0)):
+        clamp = SafetyClamp(limits, 1, PERIOD_NS)
+        position = np.array([limit_rad - side * distance_rad])
+        out = clamp.clamp(0, np.array([0.8 * side]), position, 0, 0)
+        assert out[0] == pytest.approx(side * speed_rad_s, abs=1e-12)
+        assert (
+            SafetyClamp(limits, 1, PERIOD_NS).clamp(0, np.array([-0.8 * side]), position, 0, 0)[0]
+            == -0.8 * side
+        )
+
+
 def test_a_clamp_refuses_limits_that_are_none() -> None:
     for limits in (
         SafetyLimits(speed_rad_s=0.0),
@@ -481,3 +498,12 @@ def test_a_clamp_refuses_limits_that_are_none() -> None:
         SafetyClamp(SafetyLimits(position_rad=(np.ones(D), np.ones(D))), D, PERIOD_NS)
     with pytest.raises(ValueError, match="expected"):
         SafetyClamp(SafetyLimits(), D, PERIOD_NS).clamp(0, np.zeros(2), np.zeros(D), 0, 0)
+
+
+def test_limits_of_a_deployment_are_converted_to_nanoseconds() -> None:
+    limits = SafetyLimits.from_spec(
+        SafetySpec(max_joint_speed_rad_s=0.8, input_timeout_ms=30.0, ramp_ms=70.0)
+    )
+    assert limits.speed_rad_s == 0.8
+    assert limits.joints_max_age_ns == limits.skin_max_age_ns == 30_000_000
+    assert limits.ramp_ns == 70_000_000

@@ -15,24 +15,26 @@ from reported import ARM, SHORT, Page, browser, png, small_run
 from skinnet.analysis.report.claims import (
     Between,
     Claim,
-    ElementwiseInequality,
     Equals,
     LessThanMetrics,
     RelativeTolerance,
     Verdict,
     evaluate_claim,
 )
+from skinnet.analysis.report.deployment_metrics import deployment_metrics
 from skinnet.analysis.report.html import render_html
 from skinnet.analysis.report.markup import Html, join, tag
 from skinnet.analysis.report.metric_groups import group_metrics, group_over_seeds
 from skinnet.analysis.report.papers import CLAIMS, SOURCES
 from skinnet.analysis.report.pictures import read_pictures
 from skinnet.analysis.report.run_folder import RunResults, SeedResults, StressResults, read_run_folder
+from skinnet.analysis.report.summary_section import kept_count
 from skinnet.analysis.report.toml_listing import sections
 from skinnet.analysis.report.units import format_number, format_value, parse_quantity
 from skinnet.deployment import load
 from skinnet.deployment.load import from_document
 from skinnet.errors import RunFolderError, SkinnetError
+from skinnet.migration.summaries import current_metric
 
 
 @pytest.fixture(scope="module")
@@ -407,13 +409,6 @@ def claim(*figures: str, expected: Any = None, when: Any = ()) -> Claim:
         (RelativeTolerance(("x.b",), 0.3, "b"), {"a": 7.0, "b": 10.0}, "within 30 % of b", Verdict.WITHIN),
         (RelativeTolerance(("x.b",), 0.3, "b"), {"a": 6.9, "b": 10.0}, "within 30 % of b", Verdict.OUTSIDE),
         (RelativeTolerance(("x.b",), 0.3, "b"), {"a": 6.9}, "within 30 % of b", Verdict.UNMEASURED),
-        (ElementwiseInequality((3.0,), True, "before"), {"a": 3.1}, "more than before: 3 N", Verdict.WITHIN),
-        (
-            ElementwiseInequality((3.0,), False, "before"),
-            {"a": 3.1},
-            "less than before: 3 N",
-            Verdict.OUTSIDE,
-        ),
         (Between(1.0, 2.0), {}, "1 to 2 N", Verdict.UNMEASURED),
         (Between(1.0, 2.0), {"a": "lost"}, "1 to 2 N", Verdict.UNMEASURED),
         (None, {"a": 3.0}, "–", Verdict.NO_EXPECTATION),
@@ -436,6 +431,32 @@ def test_a_claim_says_nothing_of_another_experiment() -> None:
     compared = evaluate_claim(blind, {"x.a_n": 1.0}, {"nursing": {"feedback": "none"}})
     assert compared is not None
     assert compared.measured_text == "1\u00a0N"
+
+
+@pytest.mark.parametrize("value", [74, 75])
+def test_a_setting_is_no_result_and_has_no_verdict(value: int) -> None:
+    compared = evaluate_claim(claim("size.cells", expected=Equals(74)), {"size.cells": value}, {})
+    assert compared is not None
+    assert compared.verdict is Verdict.SETTING
+    assert kept_count([compared]) is None, "nor does it count as an expectation that was kept"
+
+
+def test_every_metric_of_the_deployment_itself_is_a_setting() -> None:
+    for path in SHIPPED_DEPLOYMENTS:
+        for name in deployment_metrics(load(path)):
+            compared = evaluate_claim(claim(name, expected=Equals(0)), {name: 1}, {})
+            assert compared is not None
+            assert compared.verdict is Verdict.SETTING
+
+
+@pytest.mark.parametrize("name", sorted(set(CLAIMS) - {"ur5_260", "h1_1260"}))
+def test_claims_are_about_metrics_that_a_run_computes(name: str) -> None:
+    """A claim on a name that nothing computes is never judged, and nobody sees it."""
+    frozen = json.loads((ROOT / "tests/support/frozen_values.json").read_text())["runs"]
+    computed = {current_metric(key) for run in frozen.values() for key in run["metrics"]}
+    computed |= set(deployment_metrics(load(ROOT / "deployments" / f"{name}.toml")))
+    computed |= {f"proximity.onset_distance_mm.{end}" for end in ("min", "max")}
+    assert {metric for one in CLAIMS[name] for metric in one.metrics} <= computed
 
 
 def test_claims_are_well_formed() -> None:

@@ -154,10 +154,60 @@ def test_on_slippery_foam_it_falls_and_the_body_says_when() -> None:
     truth = body.ground_truth()
     payload = truth.facts["payload"]
     t_ns, pose = truth.arrays["object_t_ns"], truth.arrays["object_pose"]
-    assert payload["dropped_ns"] is not None
+    assert payload["dropped_by"] == "slid"
     assert payload["sliding_distance_m"] > 0.05
-    drop_threshold_m = pose[0, 2] - np.interp(payload["dropped_ns"], t_ns, pose[:, 2])
-    assert drop_threshold_m == pytest.approx(load(CYLINDER).payload.drop_threshold_m, abs=0.01)
+    fallen_m = pose[0, 2] - np.interp(payload["dropped_ns"], t_ns, pose[:, 2])
+    assert fallen_m == pytest.approx(load(CYLINDER).payload.drop_threshold_m, abs=0.01)
+    assert payload["slid_m"] > 0.15, "it goes on falling"
+
+
+def place(body: BodySimulation, shift_m: tuple[float, float, float]) -> None:
+    """Put the payload elsewhere, at rest."""
+    joint = body.data.joint("payload")
+    joint.qpos[:3] += shift_m
+    joint.qvel[:] = 0.0
+
+
+def test_an_object_that_slid_by_111_mm_in_the_arms_is_dropped() -> None:
+    """It never was 0.15 m below its start, the former criterion."""
+    body = held()
+    assert body.recorder.payload.slid_m < 0.004
+    place(body, (0.0, 0.0, -0.111))
+    body.advance(S + 20 * MS)
+    truth = body.ground_truth().facts["payload"]
+    assert truth["slid_m"] == pytest.approx(0.111, abs=0.004)
+    assert truth["dropped_by"] == "slid"
+    assert truth["dropped_ns"] == S + 10 * MS
+
+
+def test_an_object_that_is_carried_down_is_not_dropped() -> None:
+    """Object and arms are 0.2 m lower than before: nothing moved in the arms."""
+    body = held()
+    mj = body.model.mj
+    mj.body_pos[mj.body_parentid == 0, 2] -= 0.2
+    mj.geom_pos[mj.geom("floor").id, 2] -= 0.2
+    place(body, (0.0, 0.0, -0.2))
+    body.advance(2 * S)
+    truth = body.ground_truth().facts["payload"]
+    assert truth["dropped_ns"] is None
+    assert truth["slid_m"] < 0.005
+    assert body.data.body("payload").xpos[2] < load(CYLINDER).payload.position_m[2] - 0.19
+
+
+def test_an_object_that_nothing_touches_is_dropped() -> None:
+    body = held("payload.drop_threshold_m=10")
+    place(body, (2.0, 0.0, 0.0))
+    body.advance(2 * S)
+    truth = body.ground_truth().facts["payload"]
+    assert truth["dropped_by"] == "unsupported"
+    assert truth["dropped_ns"] == pytest.approx(S + 100 * MS, abs=2 * MS)
+
+
+def test_an_object_on_the_ground_is_dropped() -> None:
+    body = held("payload.drop_threshold_m=10", "payload.drop_unsupported_s=10")
+    place(body, (2.0, 0.0, 0.0))
+    body.advance(3 * S)
+    assert body.ground_truth().facts["payload"]["dropped_by"] == "ground"
 
 
 def test_the_way_of_the_object_is_recorded_with_the_joints() -> None:
@@ -184,6 +234,23 @@ def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
         rtol=1e-6,
         atol=1e-9,
     )
+
+
+def test_an_elastic_object_shares_the_shear_as_well() -> None:
+    """Friction acts on foam and sheet in a row: as soft as the foam, half the force for the same motion."""
+    upward_n = []
+    for stiffness_pa_per_m in (1.5e6, 1e15):
+        body = riba(f"payload.sheet_stiffness_pa_per_m={stiffness_pa_per_m}")
+        if not upward_n:
+            qpos = body.data.qpos.copy()
+        body.data.qpos[:], body.data.qvel[:] = qpos, 0.0
+        body.data.joint("payload").qvel[2] = -1e-3  # far below the limit of sliding
+        body.sheet_foundation.contact.shear_m[:] = 0.0
+        body.dynamics.compute_contact()
+        upward_n.append(body.data.xfrc_applied[body.model.mj.body("payload").id, 2])
+    soft_n, hard_n = upward_n
+    assert hard_n > 0.01
+    assert 2.0 * soft_n == pytest.approx(hard_n, rel=1e-6)
 
 
 def test_chunks_and_readings_change_nothing() -> None:

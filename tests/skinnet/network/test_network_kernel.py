@@ -9,8 +9,9 @@ import simpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skinnet.network import kernel
 from skinnet.network.packet_network import EndedPackets, PacketNetwork
-from skinnet.network.records import Outcome
+from skinnet.network.records import NULL, KernelScratch, KernelState, Outcome
 from skinnet.network.routes import NO_LINK, Routes, min_hop_routes
 from skinnet.network.topology import Topology
 from skinnet.tools.bench.reference_network import simulate
@@ -404,7 +405,7 @@ def test_another_component_cannot_be_reached() -> None:
     network.set_routes(0, min_hop_routes(topology, range(4)))
     offer(network, [(0, 0, 3, 1, 7, NO_LINK)])
     assert network.advance(END_NS).outcome.tolist() == [Outcome.NO_ROUTE]
-    with pytest.raises(ValueError, match="another component"):
+    with pytest.raises(ValueError, match="another connected component"):
         network.set_routes(END_NS, Routes(np.array([0]), np.array([3]), np.array([0])))
 
 
@@ -578,10 +579,10 @@ def test_fewest_hops_are_those_of_scipy_and_prefer_the_lowest_port() -> None:
 @pytest.mark.parametrize(
     ("column", "value", "message"),
     [
-        ("t_ns", 4, "t_ns of offered packets"),
-        ("node", 2, "node of offered packets"),
-        ("dest", -1, "dest of offered packets"),
-        ("size_bytes", 0, "size_bytes of offered packets"),
+        ("t_ns", 4, "t_ns of packets"),
+        ("node", 2, "node of packets"),
+        ("dest", -1, "dest of packets"),
+        ("size_bytes", 0, "size_bytes of packets"),
         ("link", 1, "does not leave its node"),
     ],
 )
@@ -603,3 +604,42 @@ def test_a_port_has_one_link_in_each_direction() -> None:
         Topology(3, src=[0, 1], src_port=0, dst=2, dst_port=1, **BYTE_PER_NS)
     with pytest.raises(ValueError, match="delay_ns of link 1 is -1"):
         Topology(3, src=[0, 1], src_port=0, dst=2, dst_port=[0, 1], delay_ns=[0, -1], **BYTE_PER_NS)
+
+
+def lose_first_pending(until_ns: int, hop_limit: int, state: KernelState, scratch: KernelScratch) -> int:
+    """Kernel step of a broken kernel: forgets the first packet of the first queue that has any."""
+    for link in state.links:
+        if link["head"] != NULL:
+            link["head"] = state.packets[link["head"]]["next"]
+            break
+    return real_advance(until_ns, hop_limit, state, scratch)
+
+
+def deliver_twice(until_ns: int, hop_limit: int, state: KernelState, scratch: KernelScratch) -> int:
+    """Kernel step of a broken kernel: reports the last ended packet once more."""
+    next_ns = real_advance(until_ns, hop_limit, state, scratch)
+    n = int(scratch.n_ended[0])
+    if n:
+        scratch.ended[n] = scratch.ended[n - 1]
+        state.outcome_counts[scratch.ended[n - 1]["outcome"]] += 1
+        scratch.n_ended[0] = n + 1
+    return next_ns
+
+
+real_advance = kernel.advance
+
+
+@pytest.mark.parametrize("broken_advance", [lose_first_pending, deliver_twice])
+def test_counters_show_a_kernel_that_loses_or_repeats_a_packet(
+    broken_advance: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = PacketNetwork(line(4))
+    network.set_routes(0, min_hop_routes(network.topology, range(4)))
+    offer(network, [(0, 0, 3, 5, i, NO_LINK) for i in range(6)])
+    network.advance(22)
+    assert network.counters.are_conserved
+    assert 0 < network.counters.in_flight < 6
+    assert sorted(network.pending_packet_id) == list(range(6 - network.counters.in_flight, 6))
+    monkeypatch.setattr(kernel, "advance", broken_advance)
+    network.advance(40)
+    assert not network.counters.are_conserved

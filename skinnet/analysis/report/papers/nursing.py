@@ -1,13 +1,6 @@
 """Published trajectory generation and tactile feedback with a cylinder: Mukai et al. 2011 [R11]."""
 
-from skinnet.analysis.report.claims import (
-    Between,
-    Claim,
-    ElementwiseInequality,
-    Equals,
-    LessThanMetrics,
-    RelativeTolerance,
-)
+from skinnet.analysis.report.claims import Between, Claim, Equals, LessThanMetrics, RelativeTolerance
 
 __all__ = ["CLAIMS"]
 
@@ -71,8 +64,9 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 10",
         _POSITION,
-        ElementwiseInequality((64.2, 60.9, 24.7, 25.0), False, "with the first weights"),
-        conditions=_TENFOLD,
+        None,
+        "needs a second run; a test compares the two",
+        _TENFOLD,
     ),
     Claim(
         "rotation with ten-fold weights, all four contacts",
@@ -80,8 +74,9 @@ _TRAJECTORY = (
         "R11",
         "VI.A, Fig. 10",
         _ROTATION,
-        ElementwiseInequality((12.4, 12.4, 1.1, 1.1), True, "with the first weights"),
-        conditions=_TENFOLD,
+        None,
+        "needs a second run; a test compares the two",
+        _TENFOLD,
     ),
 )
 _SIDES = ("left", "right")

@@ -331,3 +331,29 @@ def test_a_rigid_touch_is_told_with_place_time_and_stage(tmp_path):
     assert math.fsum(left["duration_by_stage_s"].values()) == pytest.approx(left["duration_s"])
     assert left["first_ns"] <= left["peak_ns"] < body.t_ns
     assert left["peak_force_n"] > 0.0
+
+
+def test_what_a_bare_link_carries_is_not_carried_by_skin(tmp_path):
+    """A bare block beside the foam takes its share of the friction; the skin alone is not said to hold."""
+    on_skin, on_block = (
+        squeezed(tmp_path, 1.6, lower_m=0.012, speed_m_s=0.005, bare_m=bare_m) for bare_m in (0.01, -0.024)
+    )
+    for body in (on_skin, on_block):
+        body.advance(body.t_ns + 5 * S)
+    skin, block = (body.ground_truth().facts["object"] for body in (on_skin, on_block))
+    assert skin["carried_on_skin_s"] == skin["carried_without_stand_s"] > 2.0
+    assert block["carried_without_stand_s"] > 2.0
+    assert block["carried_on_skin_s"] < 0.1
+    assert skin["weight_n"] == pytest.approx(1.1 * G, rel=1e-6)
+
+
+def test_an_object_that_falls_onto_the_lowered_stand_is_dropped(tmp_path):
+    """It lies on the plate, its centre above it, all the time; the former criterion saw no drop."""
+    body = rig(tmp_path, lower_delay_s=0.1, lower_m=0.2, speed_m_s=5.0, acceleration_m_s2=40.0)
+    body.begin_stage("hold")
+    body.advance(S)
+    assert body.stand.phase is StandPhase.LOWERED
+    arrays = body.ground_truth().arrays
+    assert (arrays["object_pose"][:, 2] > arrays["stand_top_m"]).all()
+    lowered_ns = next(t_ns for t_ns, phase in body.stand.history if phase is StandPhase.LOWERED)
+    assert body.ground_truth().facts["object"]["dropped_ns"] >= lowered_ns
