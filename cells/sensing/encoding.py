@@ -186,7 +186,7 @@ class Encoder:
             state.encoding[cell] = ENCODINGS.index(config.encoding)
 
     def cancel_repeats(self, cells: NDArray[np.bool_]) -> None:
-        """Cancel the repeats of `cells` (n,), which are outside the network and at level 0 to its receivers."""
+        """Cancel the repeats of `cells` (n,) outside the network, where receivers assume level 0."""
         self._state.repeat_in[cells] = 0
 
     def reset(self, cells: NDArray[np.int64]) -> None:

@@ -86,8 +86,8 @@ class EncodingSpec(Table, frozen=True, kw_only=True):
     kind: Encoding = "level_crossing"
     """Encoding with which the cells start; the controller may change it."""
     repeat_ms: Annotated[float, Meta(ge=0.0, le=60_000.0)] = 100.0
-    """Time after which a cell repeats a level that no request for its stream answered *(assumed)*; then 2, 4, 8
-    and 16 times as long between repeats; 0 for never."""
+    """Time after which a cell repeats a level that no request for its stream answered *(assumed)*; then 2, 4,
+    8 and 16 times as long between repeats; 0 for never."""
 
 
 class CellSpec(Table, frozen=True, kw_only=True):
