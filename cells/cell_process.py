@@ -214,6 +214,7 @@ class CellProcess(WiredProcess):
         emission = self._encoder.encode(self._readings)
         if not everyone:
             emission = _from_members(emission, heard)
+            self._encoder.cancel_repeats(~heard)
         if len(emission.cell) or len(emission.full_cell):
             self.network.send_samples(times_ns, emission, self._readings)
         babble = self._sensor_faults.spurious_events(start_ns, start_ns + self._period_ns)
@@ -259,6 +260,7 @@ class CellProcess(WiredProcess):
         """Return the counters of the network and of this process up to `t_ns`."""
         packets = self.network.counters()
         counts = {f"{kind}.{what}": n for kind, entry in packets.items() for what, n in entry.items()}
+        counts["level_repeats"] = self._encoder.level_repeats
         return Counters(process=self.name, t_ns=t_ns, counts=counts | dict(self.counters))
 
     def best_effort_messages(self) -> list[tuple[str, bytes]]:
@@ -291,6 +293,7 @@ class CellProcess(WiredProcess):
             ],
             "unpowered_cells": int((~self.network.formation_driver.powered).sum()),
             "recoveries": self._recovery_facts(),
+            "level_repeats": self._encoder.level_repeats,
             "latency_max_ns": self.network.demultiplexer.latency_max_ns,
         }
         return ProcessResult(

@@ -18,7 +18,7 @@ from controller.self_model import SelfModel
 from controller.stages.stages import Stage, make_stage
 from controller.telemetry import ReactionLog
 from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
-from controller.touch.tactile_state import TactileState
+from controller.touch.tactile_state import LevelThresholds, TactileState
 from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.protocol.messages import FOREVER_NS
 from skinnet.protocol.states import FORMING
@@ -47,14 +47,21 @@ class Controller:
         spec: Program, stages and limits.
         cell_input: Input of the events and streams of all patches.
         n_cells: S, over all patches.
+        level_thresholds: Thresholds with which the cells start; None if full readings are not to tell levels.
     """
 
-    def __init__(self, spec: ControllerSpec, cell_input: CellInput, n_cells: int) -> None:
+    def __init__(
+        self,
+        spec: ControllerSpec,
+        cell_input: CellInput,
+        n_cells: int,
+        level_thresholds: LevelThresholds | None = None,
+    ) -> None:
         self.cell_input = cell_input
         self.self_model = SelfModel(min_row_norm=spec.map.min_row_norm)
         self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""
-        self.tactile_state = TactileState(n_cells)
+        self.tactile_state = TactileState(n_cells, level_thresholds=level_thresholds)
         self.teach_and_grasp_stages: list[TeachAndGrasp] = []
         self.stage_log: list[tuple[str, int]] = []
         self.reaction_log = ReactionLog()

@@ -10,11 +10,10 @@ import math
 
 import numpy as np
 
+from skinnet import pinned_math
 from skinnet.compilation import compiled
 
 __all__ = ["StreamName", "generator", "hash64", "standard_normal", "stream_key", "uniform"]
-
-_TWO_PI = 2.0 * math.pi
 
 
 class StreamName:
@@ -73,5 +72,5 @@ def uniform(key: np.uint64, counter: np.uint64) -> float:
 def standard_normal(key: np.uint64, counter: np.uint64) -> float:
     """Draw a standard normal value (Box and Muller, 1958) from counters 2 × counter and the next."""
     even = counter * np.uint64(2)
-    radius = math.sqrt(-2.0 * math.log(uniform(key, even)))
-    return radius * math.cos(_TWO_PI * uniform(key, even + np.uint64(1)))
+    radius = math.sqrt(-2.0 * pinned_math.log(uniform(key, even)))
+    return radius * pinned_math.cos_of_turns(uniform(key, even + np.uint64(1)))

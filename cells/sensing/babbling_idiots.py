@@ -1,6 +1,5 @@
 """Spurious events of cells that fail as babbling idiots (Kopetz)."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from cells.sensing.encoding import CHANNEL_OF, MODALITY_OF
 from cells.sensing.fault_intervals import FaultIntervals
 from cells.sensing.transducers import ChannelScales
+from skinnet import pinned_math
 from skinnet.compilation import compiled
 from skinnet.deployment.experiment.faults import BabblingIdiot
 from skinnet.network.faults.fault_schedule import FaultSpan
@@ -115,7 +115,7 @@ def _generate(
     for i in active:
         while True:
             draw = np.uint64(3 * n_sent[i])
-            wait_ns = int(-math.log(uniform(keys[i], draw)) * sources.mean_interval_ns[i] + 0.5)
+            wait_ns = int(-pinned_math.log(uniform(keys[i], draw)) * sources.mean_interval_ns[i] + 0.5)
             t_ns = last_sent_ns[i] + max(wait_ns, 1)
             if t_ns >= min(end_ns, sources.end_ns[i]):
                 break

@@ -7,19 +7,17 @@ import math
 from collections.abc import Iterable
 from itertools import pairwise
 
+from skinnet.protocol.level_crossing import MAX_LEVELS
 from skinnet.protocol.messages import Modality
 
 __all__ = [
     "DELTA_MODALITIES",
     "LEVEL_MODALITIES",
-    "MAX_LEVELS",
     "validated_deltas",
     "validated_hysteresis",
     "validated_levels",
 ]
 
-MAX_LEVELS = 4
-"""Maximum number of thresholds of a channel, as in Table I [M14]."""
 DELTA_MODALITIES = tuple(modality.name.lower() for modality in Modality)
 """Modalities that have a delta, in the order of `Modality`."""
 LEVEL_MODALITIES = DELTA_MODALITIES[:2]

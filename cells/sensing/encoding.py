@@ -3,6 +3,11 @@
 Each cell has its own encoding. `levels` sends force and proximity when they cross a level of Table I;
 `delta` sends every channel that has changed by more than its delta since it was last sent; `clock` sends the
 full reading each period, as does a cell of any encoding with `stream` set.
+
+A network may lose an event, and nobody acknowledges one. What confirms a level is the stream that a
+controller asks for: its readings tell the level as well (`skinnet.protocol.level_crossing`). A cell whose
+level nobody answered repeats it after `repeat_ms`, then at twice the interval each time, up to 16 times: for
+as long as the level is not 0, and five times after it returned to 0.
 """
 
 from typing import Any, NamedTuple
@@ -13,14 +18,14 @@ from numpy.typing import NDArray
 from cells.sensing.encoder_settings import (
     DELTA_MODALITIES,
     LEVEL_MODALITIES,
-    MAX_LEVELS,
     validated_deltas,
     validated_hysteresis,
     validated_levels,
 )
-from skinnet.compilation import compiled
+from skinnet.compilation import compiled, compiled_inline
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import DeploymentError, ProtocolError
+from skinnet.protocol.level_crossing import next_level
 from skinnet.protocol.messages import N_FORCE_CHANNELS, READING_NAMES, Config, EventKind, Modality
 
 __all__ = ["CHANNEL_OF", "ENCODINGS", "MODALITY_OF", "Encoder", "EncoderOutput"]
@@ -34,6 +39,8 @@ MODALITY_OF = tuple(int(modality) for modality in Modality for _ in range(_CHANN
 CHANNEL_OF = tuple(channel for width in _CHANNELS_PER_MODALITY for channel in range(width))
 """Channel index within its modality of each column of a reading, (8,)."""
 _LEVEL_CHANNELS = N_FORCE_CHANNELS + 1
+_MAX_DOUBLINGS = 4
+"""Doublings of the interval between repeats of a level, and repeats of level 0 less one; an assumption."""
 _LEVEL_EVENT, _DELTA_EVENT = int(EventKind.LEVEL_CROSSING), int(EventKind.SEND_ON_DELTA)
 
 
@@ -54,7 +61,11 @@ class EncoderOutput(NamedTuple):
 
 
 class _EncoderState(NamedTuple):
-    """Encoder settings and last sent levels and values, one entry per cell in each array."""
+    """Encoder settings and last sent levels and values, one entry per cell in each array.
+
+    `repeat_in` (n, 4): periods until a level is repeated, 0 for never; `n_repeats` (n, 4): its repeats so
+    far, counted up to one more than `_MAX_DOUBLINGS`.
+    """
 
     encoding: NDArray[np.uint8]
     stream: NDArray[np.bool_]
@@ -63,6 +74,8 @@ class _EncoderState(NamedTuple):
     deltas: NDArray[np.float64]
     last_level: NDArray[np.uint8]
     last_sent: NDArray[np.float64]
+    repeat_in: NDArray[np.int32]
+    n_repeats: NDArray[np.uint8]
 
 
 class Encoder:
@@ -101,7 +114,12 @@ class Encoder:
             deltas=steps[None],
             last_level=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
             last_sent=np.full((1, _N), np.nan),
+            repeat_in=np.zeros((1, _LEVEL_CHANNELS), dtype=np.int32),
+            n_repeats=np.zeros((1, _LEVEL_CHANNELS), dtype=np.uint8),
         )
+        self._repeat_periods = spec.repeat_periods
+        self.level_repeats = 0
+        """Number of levels that were repeated because nobody answered."""
         self._state = _EncoderState._make(
             np.repeat(column, n_cells, axis=0) for column in self._initial_state
         )
@@ -126,7 +144,8 @@ class Encoder:
     def encode(self, readings: NDArray[np.float32]) -> EncoderOutput:
         """Encode `readings` (n, 8), the next sample of every cell."""
         assert readings.shape == self._state.last_sent.shape
-        events, full = _encode(readings, self._state, self._columns)
+        events, full, repeats = _encode(readings, self._state, self._repeat_periods, self._columns)
+        self.level_repeats += repeats
         columns: tuple[NDArray[Any], ...] = self._columns
         return EncoderOutput._make(
             [*(column[:events] for column in columns[:-1]), self._columns.full_cell[:full]]
@@ -166,6 +185,10 @@ class Encoder:
                 state.last_sent[cell] = np.nan
             state.encoding[cell] = ENCODINGS.index(config.encoding)
 
+    def cancel_repeats(self, cells: NDArray[np.bool_]) -> None:
+        """Cancel the repeats of `cells` (n,) outside the network, where receivers assume level 0."""
+        self._state.repeat_in[cells] = 0
+
     def reset(self, cells: NDArray[np.int64]) -> None:
         """Reset `cells` after a power cycle: settings of the deployment, nothing sent yet."""
         columns: tuple[NDArray[Any], ...] = self._state
@@ -174,24 +197,18 @@ class Encoder:
 
 
 @compiled
-def _next_level(reading: float, level: int, levels: NDArray[np.float32], hysteresis: float) -> int:
-    """Return the next level with hysteresis: up at a threshold, down below threshold − hysteresis.
+def _encode(
+    readings: NDArray[np.float32], state: _EncoderState, repeat_periods: int, output: EncoderOutput
+) -> tuple[int, int, int]:
+    """Write the events and the cells that send a full reading into `output`.
 
-    A threshold of inf means none.
+    Returns:
+        The number of events, of full readings, and of the events that repeat a level.
     """
-    while level < MAX_LEVELS and reading >= levels[level]:
-        level += 1
-    while level > 0 and reading < levels[level - 1] - hysteresis:
-        level -= 1
-    return level
-
-
-@compiled
-def _encode(readings: NDArray[np.float32], state: _EncoderState, output: EncoderOutput) -> tuple[int, int]:
-    """Write the events and the cells that send a full reading into `output`; return the number of each."""
     encoding, last_level, last_sent = state.encoding, state.last_level, state.last_sent
     events = 0
     full = 0
+    repeats = 0
     for cell in range(readings.shape[0]):
         if state.stream[cell] or encoding[cell] == _PERIODIC:
             output.full_cell[full] = cell
@@ -208,12 +225,24 @@ def _encode(readings: NDArray[np.float32], state: _EncoderState, output: Encoder
             if encoding[cell] == _LEVEL_CROSSING:
                 kind = _LEVEL_EVENT
                 old = int(last_level[cell, channel])
-                level = _next_level(
+                level = next_level(
                     reading, old, state.levels[cell, modality], state.hysteresis[cell, modality]
                 )
-                if level == old:
-                    continue
+                changed = level != old
                 last_level[cell, channel] = level
+                repeated = _is_repeat_due(
+                    state.repeat_in[cell],
+                    state.n_repeats[cell],
+                    channel,
+                    level,
+                    changed,
+                    state.stream[cell],
+                    repeat_periods,
+                )
+                if repeated:
+                    repeats += 1
+                elif not changed:
+                    continue
             else:
                 kind = _DELTA_EVENT
                 if abs(reading - last_sent[cell, channel]) <= state.deltas[cell, modality]:
@@ -226,4 +255,36 @@ def _encode(readings: NDArray[np.float32], state: _EncoderState, output: Encoder
             output.level[events] = level
             output.value[events] = readings[cell, channel]
             events += 1
-    return events, full
+    return events, full, repeats
+
+
+@compiled_inline
+def _is_repeat_due(
+    repeat_in: NDArray[np.int32],
+    n_repeats: NDArray[np.uint8],
+    channel: int,
+    level: int,
+    changed: bool,
+    streaming: bool,
+    repeat_periods: int,
+) -> bool:
+    """Advance the timer of a channel by one period; return True if its level is repeated now.
+
+    A stream confirms the level; after it a level above 0 is repeated at the longest interval.
+    """
+    due = False
+    if streaming:
+        n_repeats[channel] = _MAX_DOUBLINGS
+    elif changed:
+        n_repeats[channel] = 0
+    elif repeat_in[channel] == 0:
+        return False
+    elif repeat_in[channel] > 1:
+        repeat_in[channel] -= 1
+        return False
+    else:
+        due = True
+        n_repeats[channel] = min(n_repeats[channel] + 1, _MAX_DOUBLINGS + 1)
+    ended = level == 0 and (streaming or n_repeats[channel] > _MAX_DOUBLINGS)
+    repeat_in[channel] = 0 if ended else repeat_periods << min(n_repeats[channel], _MAX_DOUBLINGS)
+    return due

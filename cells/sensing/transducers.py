@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.compilation import compiled
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import DeploymentError
@@ -141,7 +142,7 @@ class Transducers:
         # copies, so that any dtype and read-only arrays use one compiled signature
         np.copyto(self._before, before)
         np.copyto(self._after, after)
-        warming = -math.expm1(-self._lag_rate * (period_index - self._period_index))
+        warming = -pinned_math.expm1(-self._lag_rate * (period_index - self._period_index))
         self._period_index = period_index
         _sample(self._before, self._after, period_index, warming, self._sensors, out)
 

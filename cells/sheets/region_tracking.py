@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cells.sheets.region_quantisation import MAX_REGIONS
+from skinnet import pinned_math
 from skinnet.compilation import compiled
 
 __all__ = ["TrackedRegions", "match_regions"]
@@ -116,7 +117,7 @@ def _match_best_pair(
                     continue
             elif overlap[old, :n].any() or overlap[:n_previous, new].any():
                 continue  # one of the two merged or split
-            distance_m = math.hypot(
+            distance_m = pinned_math.hypot(
                 tracked.xi_m[board, old, 0] - row[new].xi1_m, tracked.xi_m[board, old, 1] - row[new].xi2_m
             )
             if distance_m > max_distance_m:

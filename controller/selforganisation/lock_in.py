@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
+
 __all__ = ["LockIn"]
 
 
@@ -25,7 +27,7 @@ class LockIn:
     def add(self, rows: NDArray[np.int64], t_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
         """Add samples: rows (n,), times (n,) [s], values (n, channels)."""
         phase = 2.0 * math.pi * self._frequency_hz * t_s
-        basis = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+        basis = np.stack([np.ones_like(phase), pinned_math.cos_of(phase), pinned_math.sin_of(phase)], axis=1)
         self._gram += self._per_row(rows, basis[:, :, None] * basis[:, None, :])
         self._moment += self._per_row(rows, basis[:, :, None] * values[:, None, :])
 

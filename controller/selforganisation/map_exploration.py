@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from controller.selforganisation.exploration import PositionControl
 from controller.selforganisation.kinematic_structure import format_numbers
 from controller.selforganisation.lock_in import LockIn
+from skinnet import pinned_math
 
 __all__ = ["Deflections", "MapExploration", "MapExplorationConfig"]
 
@@ -161,8 +162,12 @@ class MapExploration:
         """Return the velocity [rad/s] at `t_s` after the start of the sine."""
         to_end_s = min(t_s, self._sine_ns * 1e-9 - t_s)
         ramp_s = self._ramp_ns * 1e-9
-        fade = 0.5 - 0.5 * math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
-        return self._config.amplitude_rad_s * fade * math.sin(2.0 * math.pi * self._config.frequency_hz * t_s)
+        fade = 0.5 - 0.5 * pinned_math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
+        return (
+            self._config.amplitude_rad_s
+            * fade
+            * pinned_math.sin(2.0 * math.pi * self._config.frequency_hz * t_s)
+        )
 
     def _reset_lock_ins(self) -> None:
         self._cells = LockIn(self._n_cells, 3, self._config.frequency_hz)

@@ -16,8 +16,10 @@ from controller.grasping.long_term_memory import LongTermMemory
 from controller.grasping.stage_facts import teach_and_grasp_facts
 from controller.request_queue import Reply
 from controller.telemetry import PatchTrace, RunTrace, describe_program
+from controller.touch.tactile_state import LevelThresholds
 from skinnet.deployment import Deployment
 from skinnet.deployment.controller.controller import ControllerSpec
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import STREAM_ROW, Events, PeriodEnd, Stream, Topology, decode
 from skinnet.protocol.telemetry_messages import StateMachineDescription
@@ -34,14 +36,18 @@ class StageCore:
     Args:
         spec: Program, stages and limits.
         cell_counts: Number of cells of each patch, by name, in order.
+        cells: Specification of the cells, for the thresholds of their levels; None if it is not known.
     """
 
     result_role = "controller"
 
-    def __init__(self, spec: ControllerSpec, cell_counts: dict[str, int]) -> None:
+    def __init__(
+        self, spec: ControllerSpec, cell_counts: dict[str, int], cells: CellSpec | None = None
+    ) -> None:
         self._spec = spec
         self._cells = [(patch, cell) for patch, n_cells in cell_counts.items() for cell in range(n_cells)]
-        self.controller = Controller(spec, CellInput(cell_counts), len(self._cells))
+        level_thresholds = None if cells is None else LevelThresholds.from_spec(cells)
+        self.controller = Controller(spec, CellInput(cell_counts), len(self._cells), level_thresholds)
         self._cell_input = self.controller.cell_input
         self._topologies: dict[str, deque[Topology]] = {patch: deque() for patch in cell_counts}
         self._unformed_patches = set(cell_counts)
@@ -166,6 +172,7 @@ class StageCore:
             "stages": controller.stage_log,
             "rejected": controller.tactile_state.rejected,
             "repeated_stream_requests": controller.repeated_stream_requests,
+            "missed_level_events": controller.tactile_state.missed_level_events,
             "received_packets": self._cell_input.received,
             "missing_packets": self._cell_input.missing,
             "cells": self._cells,
@@ -192,7 +199,8 @@ def build_stage_core(deployment: Deployment, base: Path, out: Path | None) -> St
         MemoryFileError: the file that the deployment names is invalid or of another robot.
     """
     _warm_up(deployment)
-    core = StageCore(deployment.controller, {patch.name: patch.n_cells for patch in deployment.patches})
+    cell_counts = {patch.name: patch.n_cells for patch in deployment.patches}
+    core = StageCore(deployment.controller, cell_counts, deployment.cells)
     core.controller.memory = LongTermMemory.open(deployment, base, out, core.controller.self_model)
     return core
 

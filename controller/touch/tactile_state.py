@@ -2,16 +2,24 @@
 
 Rows are the controller's cells, columns are `READING_NAMES`. The network may deliver out of order: the
 sampling time decides which reading is the newest, and the order of delivery between equal times.
+
+A full reading confirms the levels: with the thresholds of the cells it tells the level that each channel has
+after it. Without losses that is the level known already, since a cell sends the event of a sample before its
+full reading; otherwise an event was lost.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.compilation import compiled
+from skinnet.deployment.skin.cells import CellSpec
 from skinnet.errors import ProtocolError
+from skinnet.protocol.level_crossing import MAX_LEVELS, next_level, pad_thresholds
 from skinnet.protocol.messages import FOREVER_NS, N_FORCE_CHANNELS, READING_NAMES, EventKind, Modality
 
-__all__ = ["COLUMNS", "REACTION_COLUMNS", "TactileState"]
+__all__ = ["COLUMNS", "REACTION_COLUMNS", "LevelThresholds", "TactileState"]
 
 COLUMNS = {
     Modality.FORCE: slice(0, N_FORCE_CHANNELS),
@@ -27,6 +35,22 @@ _BOUNDS = np.array([(COLUMNS[modality].start, COLUMNS[modality].stop) for modali
 _LEVEL, _DELTA = int(EventKind.LEVEL_CROSSING), int(EventKind.SEND_ON_DELTA)
 
 
+class LevelThresholds(NamedTuple):
+    """Thresholds (4, 4) float32 and hysteresis (4,) of the levels of `REACTION_COLUMNS`."""
+
+    thresholds: NDArray[np.float32]
+    hysteresis: NDArray[np.float64]
+
+    @classmethod
+    def from_spec(cls, spec: CellSpec) -> "LevelThresholds":
+        """Return the thresholds with which the cells of `spec` start."""
+        sensors = [spec.force] * N_FORCE_CHANNELS + [spec.proximity]
+        return cls(
+            np.stack([pad_thresholds(sensor.levels) for sensor in sensors]),
+            np.array([float(sensor.hysteresis) for sensor in sensors]),
+        )
+
+
 class TactileState:
     """Tactile state of S cells: newest readings, sampling times, event levels and cells to stream.
 
@@ -34,18 +58,26 @@ class TactileState:
     Readings of an absent cell are zero, and none are accepted until it is present again.
     """
 
-    def __init__(self, n_cells: int, hold_ns: int = 500_000_000) -> None:
+    def __init__(
+        self, n_cells: int, hold_ns: int = 500_000_000, level_thresholds: LevelThresholds | None = None
+    ) -> None:
         """Start with zero readings of infinite age.
 
         Args:
             n_cells: S.
             hold_ns: Time for which a cell streams on after its last contact; an assumption.
+            level_thresholds: Thresholds of the cells' levels; None if full readings are not to tell levels.
         """
         self._n_cells, self._hold_ns = n_cells, hold_ns
         self._values = np.zeros((n_cells, _N_COLUMNS))
         self._t_value_ns = np.full((n_cells, _N_COLUMNS), -FOREVER_NS)
         self._levels = np.zeros((n_cells, _N_COLUMNS), dtype=np.int64)
         self._t_level_ns = np.full((n_cells, _N_COLUMNS), -FOREVER_NS)
+        no_levels = LevelThresholds(np.empty((0, 0), dtype=np.float32), np.empty(0))
+        self._level_thresholds = level_thresholds or no_levels
+        self._other_thresholds = np.zeros(n_cells, dtype=bool)
+        self.missed_level_events = 0
+        """Number of levels that full readings told otherwise than the newest event: lost events."""
         self._present = np.ones(n_cells, dtype=bool)
         self._last_contact_ns = np.full(n_cells, -FOREVER_NS)
         self.rejected = 0
@@ -101,6 +133,8 @@ class TactileState:
             self._levels,
             self._t_level_ns,
             _BOUNDS,
+            self._level_thresholds,
+            self._other_thresholds,
         )
 
     def apply_stream(
@@ -117,13 +151,19 @@ class TactileState:
         _check_lengths(cells, t_sampled_ns, values)
         if values.shape[1:] != (_N_COLUMNS,):
             raise ProtocolError(f"stream values have shape {values.shape}; expected (n, {_N_COLUMNS})")
-        self.rejected += _fuse_rows(
+        rejected, missed = _fuse_rows(
             np.stack([np.asarray(column, dtype=np.int64) for column in (cells, t_sampled_ns)]),
             np.array(values, dtype=np.float64),
             self._present,
             self._values,
             self._t_value_ns,
+            self._levels,
+            self._t_level_ns,
+            self._level_thresholds,
+            self._other_thresholds,
         )
+        self.rejected += rejected
+        self.missed_level_events += missed
 
     def set_present(self, cells: NDArray[np.int64], present: bool) -> None:
         """Mark cells (n,) as present, or as absent, which clears their readings and levels."""
@@ -163,8 +203,15 @@ def _fuse_events(
     levels: NDArray[np.int64],
     t_level_ns: NDArray[np.int64],
     bounds: NDArray[np.int64],
+    level_thresholds: LevelThresholds,
+    other_thresholds: NDArray[np.bool_],
 ) -> int:
-    """Update value and level of each channel in place; return the number of refused events."""
+    """Update value and level of each channel in place; return the number of refused events.
+
+    A cell whose event has a level that the known thresholds do not give was configured by another client:
+    its full readings no longer tell its levels.
+    """
+    thresholds, hysteresis = level_thresholds
     rejected = 0
     for i in range(len(value)):
         cell, t_ns, modality, channel, kind, level = integers[:, i]
@@ -184,6 +231,9 @@ def _fuse_events(
         if level_is_new and t_ns >= t_level_ns[cell, column]:
             levels[cell, column] = level
             t_level_ns[cell, column] = t_ns
+        if level_is_new and column < len(thresholds):
+            stays = next_level(value[i], min(level, MAX_LEVELS), thresholds[column], hysteresis[column])
+            other_thresholds[cell] |= stays != level
     return rejected
 
 
@@ -194,9 +244,14 @@ def _fuse_rows(
     present: NDArray[np.bool_],
     values: NDArray[np.float64],
     t_value_ns: NDArray[np.int64],
-) -> int:
-    """Update the value of each channel in place; return the number of refused rows."""
-    rejected = 0
+    levels: NDArray[np.int64],
+    t_level_ns: NDArray[np.int64],
+    level_thresholds: LevelThresholds,
+    other_thresholds: NDArray[np.bool_],
+) -> tuple[int, int]:
+    """Update value and level of each channel in place; return the numbers of refused rows, missed events."""
+    thresholds, hysteresis = level_thresholds
+    rejected = missed = 0
     for i in range(len(rows)):
         cell, t_ns = integers[:, i]
         if not (0 <= cell < len(present) and np.all(np.isfinite(rows[i]))):
@@ -208,4 +263,13 @@ def _fuse_rows(
             if t_ns >= t_value_ns[cell, column]:
                 values[cell, column] = rows[i, column]
                 t_value_ns[cell, column] = t_ns
-    return rejected
+        if other_thresholds[cell]:
+            continue
+        for column in range(len(thresholds)):
+            if t_ns >= t_level_ns[cell, column]:
+                known = levels[cell, column]
+                level = next_level(rows[i, column], known, thresholds[column], hysteresis[column])
+                missed += level != known
+                levels[cell, column] = level
+                t_level_ns[cell, column] = t_ns
+    return rejected, missed

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.model import BodyModel, equilibrium_targets_rad
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.robot import SwaySpec
@@ -34,7 +35,7 @@ class Sway:
     def offsets_rad(self, t_ns: int) -> Floats:
         """Sway offsets (W,) of the sway joints at `t_ns` [rad]."""
         angle_rad = 2.0 * math.pi * self.spec.frequency_hz * t_ns / NS_PER_S
-        offsets: Floats = self.spec.amplitude_rad * np.sin(angle_rad + self._phase_rad)
+        offsets: Floats = self.spec.amplitude_rad * pinned_math.sin_of(angle_rad + self._phase_rad)
         return offsets
 
 

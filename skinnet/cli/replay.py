@@ -120,6 +120,8 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
             f"after {verdict.ticks - 1} equal commands: {difference.field} was {difference.recorded}, "
             f"is {difference.replayed}"
         )
+        if reason := _other_arithmetic(path):
+            typer.echo(f"{path}: {reason}")
     elif verdict.ticks:
         note = f"; {verdict.note}" if verdict.note else ""
         typer.echo(f"no difference in {verdict.ticks} commands up to {verdict.t_ns * 1e-9:.3f} s{note}")
@@ -127,6 +129,19 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
         typer.echo(f"nothing to compare: {verdict.note or 'the recording has no commands'}")
     write_report({**verdict._asdict(), "difference": difference and difference._asdict()}, json)
     raise typer.Exit(0 if difference is None else 1)
+
+
+def _other_arithmetic(path: Path) -> str:
+    """Return why the commands of a recording cannot be compared bit for bit, by the summary beside it."""
+    import json
+
+    from skinnet.run.arithmetic import arithmetic, compare_arithmetic
+
+    try:
+        summary = json.loads((path.parent / "summary.json").read_bytes())
+    except (OSError, ValueError):
+        return ""
+    return compare_arithmetic({"arithmetic": arithmetic()}, summary) if isinstance(summary, dict) else ""
 
 
 def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) -> "Deployment":

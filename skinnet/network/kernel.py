@@ -7,11 +7,10 @@ known when it is opened; sorted by (time, rank of the link) they are handled in 
 advanced over the whole interval before the next component, which keeps its records in the cache.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.compilation import compiled, compiled_inline
 from skinnet.network.records import (
     FREE,
@@ -255,7 +254,7 @@ def _arrive(p: int, packet: Records, link: Records, node: Records) -> int:
     rate = link.bit_error_rate
     if rate > 0.0:
         share = uniform(link.key ^ np.uint64(_BIT_ERROR_SALT), packet.key + np.uint64(packet.hops))
-        if share <= -math.expm1(8 * packet.size * math.log1p(-rate)):
+        if share <= -pinned_math.expm1(8 * packet.size * pinned_math.log1p(-rate)):
             link.dropped += 1
             return _CORRUPTED
     return _DELIVERED if packet.dest < 0 or packet.dest == link.dst else _IN_FLIGHT

@@ -7,6 +7,7 @@ from typing import Any
 
 from skinnet import __version__
 from skinnet.migration.summaries import FORMAT
+from skinnet.run.arithmetic import arithmetic
 from skinnet.run.environment import environment
 from skinnet.run.launch import EndedRun
 from skinnet.run.prepare import PreparedRun
@@ -53,6 +54,7 @@ def summarise(
         },
         "metrics": metrics,
         "environment": environment(),
+        "arithmetic": arithmetic(),
         "settings": list(prepared.options.settings),
     }
 

@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from skinnet import pinned_math
 from skinnet.deployment.cell_names import parse_port
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
@@ -149,9 +150,9 @@ def _lattice_poses(
             f"patches.{name}.lattice.columns = {lattice.columns}: exceeds the circumference at a radius of "
             f"{lattice.radius_m} m; use fewer columns"
         )
-    outward = np.cos(angle) * normal + np.sin(angle) * x
+    outward = pinned_math.cos_of(angle) * normal + pinned_math.sin_of(angle) * x
     position_m = origin - lattice.radius_m * normal + lattice.radius_m * outward + plane[:, 1:] * y
-    sideways = np.cos(angle) * x - np.sin(angle) * normal
+    sideways = pinned_math.cos_of(angle) * x - pinned_math.sin_of(angle) * normal
     rotation = np.stack([sideways, np.broadcast_to(y, sideways.shape), outward], axis=2)
     return position_m, rotation
 
@@ -185,7 +186,7 @@ def _require_no_overlap(name: str, position_m: NDArray[np.float64], pitch: float
 
 def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float) -> NDArray[np.int64]:
     """Return wires (m, 4) between ports that face each other across a shared edge."""
-    ports = np.array([[math.cos(a), math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
+    ports = np.array([[pinned_math.cos(a), pinned_math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
     wires = []
     for a, b in sorted(cKDTree(position_m).query_pairs(_WIRE_FRACTION * pitch)):
         towards = position_m[b] - position_m[a]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from skinnet import pinned_math
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
 from skinnet.suggestions import known_names
@@ -63,7 +64,7 @@ class Surface:
         xi1, xi2 = np.moveaxis(np.asarray(xi_m, dtype=np.float64), -1, 0)
         across = np.clip(xi1, -self.flat_half_width_m, self.flat_half_width_m)
         angle = (xi1 - across) / self.radius_m
-        sin, cos, zero = np.sin(angle), np.cos(angle), np.zeros_like(xi1)
+        sin, cos, zero = pinned_math.sin_of(angle), pinned_math.cos_of(angle), np.zeros_like(xi1)
         bent = self.radius_m if math.isfinite(self.radius_m) else 0.0
         local = np.stack([across + bent * sin, xi2, -bent * (1.0 - cos)], axis=-1)
         normal = np.stack([sin, zero, cos], axis=-1)

@@ -5,25 +5,20 @@ some.
 `--freeze` writes what the present code gives to `frozen_values.json` instead.
 """
 
-import hashlib
 import json
-import math
 import os
-import platform
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import launching
-import mujoco
-import numba
-import numpy as np
 from value_hash import channel_hashes, value_hash
 
 from skinnet.migration.summaries import current_metric
+from skinnet.run.arithmetic import arithmetic
 
-__all__ = ["FROZEN", "NAMES", "arithmetic", "compared", "measured"]
+__all__ = ["FROZEN", "NAMES", "compared", "measured"]
 
 FROZEN = Path(__file__).with_suffix(".json")
 NAMES = (
@@ -38,20 +33,6 @@ NAMES = (
 )
 _BY_COMPRESSION = "recording.bytes"
 """Metrics whose names begin so depend on the compressor, not on the run."""
-
-
-def arithmetic() -> str:
-    """Fingerprint of this computer's arithmetic: libm, BLAS and MuJoCo may differ, and then values do."""
-    x = np.linspace(-20.0, 20.0, 4001)
-    square = np.random.default_rng(1).standard_normal((40, 40))
-    parts = [
-        *(function(x).tobytes() for function in (np.sin, np.cos, np.exp, np.arctan)),
-        np.log(np.abs(x) + 1e-9).tobytes(),
-        np.linalg.solve(square, square @ square.T).tobytes(),
-        repr([(math.sin(v), math.cos(v), math.log(abs(v) + 1.0)) for v in x[::10]]).encode(),
-        repr((platform.machine(), mujoco.__version__, np.__version__, numba.__version__)).encode(),
-    ]
-    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def measured(name: str, out: Path) -> dict[str, Any]:
@@ -86,7 +67,7 @@ def compared(name: str, now: dict[str, Any]) -> list[str]:
 
 def _main(names: list[str], *, freeze: bool) -> int:
     frozen = json.loads(FROZEN.read_text()) if FROZEN.exists() else {"arithmetic": "", "runs": {}}
-    if not freeze and frozen["arithmetic"] != arithmetic():
+    if not freeze and frozen["arithmetic"] != arithmetic()["all"]:
         sys.stdout.write("this computer's arithmetic is another one: values differ, nothing to compare\n")
         return 0
     differences: list[str] = []
@@ -99,7 +80,9 @@ def _main(names: list[str], *, freeze: bool) -> int:
             differences += found
     sys.stdout.writelines(f"  {line}\n" for line in differences)
     if freeze:
-        text = json.dumps({"arithmetic": arithmetic(), "runs": frozen["runs"]}, indent=1, sort_keys=True)
+        text = json.dumps(
+            {"arithmetic": arithmetic()["all"], "runs": frozen["runs"]}, indent=1, sort_keys=True
+        )
         FROZEN.write_text(text + os.linesep)
     return bool(differences)
 

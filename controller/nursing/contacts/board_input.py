@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.nursing.contacts.contact_frames import Region, Sheet, TactileInput
+from skinnet import pinned_math
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import unpack
 from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
@@ -119,7 +120,7 @@ def _merge_regions(regions: list[Region], merge_distance_m: float) -> list[Regio
     while left:
         group, left = [left[0]], left[1:]
         for region in tuple(left):
-            if np.hypot(*np.subtract(region.xi_m, group[0].xi_m)) <= merge_distance_m:
+            if pinned_math.hypot(*np.subtract(region.xi_m, group[0].xi_m)) <= merge_distance_m:
                 group.append(region)
                 left.remove(region)
         weight = np.array([max(region.force_n, 1e-9) for region in group])

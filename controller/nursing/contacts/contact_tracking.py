@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.nursing.contacts.contact_frames import Region
+from skinnet import pinned_math
 
 __all__ = ["ContactTracker"]
 
@@ -78,4 +79,4 @@ class ContactTracker:
 
 
 def _distance_m(a: Region, b: Region) -> float:
-    return float(np.hypot(b.xi_m[0] - a.xi_m[0], b.xi_m[1] - a.xi_m[1]))
+    return float(pinned_math.hypot(b.xi_m[0] - a.xi_m[0], b.xi_m[1] - a.xi_m[1]))

@@ -40,4 +40,6 @@ def compute_metrics(deployment: Deployment, base: Path, results: dict[str, Proce
     if BOARD_PROCESS in results:
         metrics |= board_metrics(results[BOARD_PROCESS])
     metrics |= network_metrics([part for part in results.values() if part.role == "cells"])
+    if controller is not None and "missed_level_events" in controller.facts:
+        metrics["network.missed_level_events"] = controller.facts["missed_level_events"]
     return metrics

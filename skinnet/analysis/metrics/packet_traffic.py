@@ -36,6 +36,7 @@ def network_metrics(cell_processes: list[ProcessResult]) -> dict[str, Any]:
         "network.conserved": offered == delivered + sum(total.values()) + in_flight,
         "network.data_packets": data,
         "network.data_dropped": data_dropped,
+        "network.level_repeats": sum(host.facts["level_repeats"] for host in cell_processes),
     }
     metrics |= {f"network.dropped.{cause}": count for cause, count in sorted(total.items()) if count}
     if histogram.sum():

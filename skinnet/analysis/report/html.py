@@ -112,7 +112,8 @@ def _seeds(seeds: SeedResults) -> list[tuple[str, str, Html]]:
             ("different logs", str(len({run.summary.log_sha256 for run in runs}))),
         ]
     )
-    sections = [("summary", "Summary", join(tiles, overview.runs_table(seeds)))]
+    note = overview.arithmetic_note([run.summary for run in runs])
+    sections = [("summary", "Summary", join(tiles, note, overview.runs_table(seeds)))]
     if any(run.comparisons for run in runs):
         sections.append(("papers", "Comparison with the papers", comparison_table(_claims_over_seeds(runs))))
     metrics = metric_cards(group_over_seeds([run.metrics for run in runs], _group_titles(one.files)))

@@ -55,6 +55,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     counters: dict[str, dict[str, Any]]
     metrics: dict[str, Any]
     environment: dict[str, Any] = {}
+    arithmetic: dict[str, str] = {}
     settings: tuple[str, ...] = ()
     format: int = FORMAT
 

@@ -6,11 +6,12 @@ from typing import Any
 from skinnet.analysis.report.claims import ClaimComparison, Verdict
 from skinnet.analysis.report.html_blocks import flatten, pairs_table, picture_block
 from skinnet.analysis.report.markup import Child, Html, join, tag
-from skinnet.analysis.report.run_folder import RunFiles, RunResults, SeedResults
+from skinnet.analysis.report.run_folder import RunFiles, RunResults, SeedResults, Summary
 from skinnet.analysis.report.units import format_number, format_value
 from skinnet.runtime.outcome import ProcessFailure, ProcessReport
 
 __all__ = [
+    "arithmetic_note",
     "environment_table",
     "kept_count",
     "lead_picture_name",
@@ -175,6 +176,18 @@ def runs_table(seeds: SeedResults) -> Html:
     cells = (tag("th", name, scope="col", class_=kind) for name, kind in zip(heads, kinds, strict=True))
     table = tag("table", tag("thead", tag("tr", *cells)), tag("tbody", *rows), class_="wide")
     return tag("div", tag("div", table, class_="scroll tall", tabindex=0), class_="card block")
+
+
+def arithmetic_note(summaries: Sequence[Summary]) -> Html:
+    """Note that runs were computed with several arithmetics; empty if with one, or if it is not known."""
+    known = {summary.arithmetic["all"] for summary in summaries if "all" in summary.arithmetic}
+    if len(known) < 2:
+        return Html("")
+    return tag(
+        "p",
+        f"The runs were computed with {len(known)} different arithmetics ({', '.join(sorted(known))}): their "
+        "values may differ in the last bits, and their logs cannot be compared.",
+    )
 
 
 def environment_table(known: dict[str, Any], version: str) -> Html:

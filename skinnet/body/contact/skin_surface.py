@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.model import require_body_id
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.skin.placement import PlacedPatch
@@ -149,4 +150,4 @@ def force_cell_centre_m(force_cell: int, radius_m: float) -> Floats:
 
 def _directions(angles_deg: list[float]) -> Floats:
     angles = np.radians(angles_deg)
-    return np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.column_stack([pinned_math.cos_of(angles), pinned_math.sin_of(angles)])

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.contact.broad_phase import ActiveCells, collect_active_cells, keep_active
 from skinnet.body.contact.contact_scene import (
     ContactScene,
@@ -140,8 +141,8 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
     half_m = 0.5 * (foam.thickness_m + below_m)
     corner_m = 0.0  # largest distance of a sample point from the centre of the cell
     for s in range(len(surface.sample_m)):
-        corner_m = max(corner_m, math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
-    ball_m = math.hypot(corner_m, half_m)
+        corner_m = max(corner_m, pinned_math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
+    ball_m = pinned_math.hypot(corner_m, half_m)
     reach_m = abs(half_m - below_m) + ball_m
     touching = 0
     for p in range(len(surface.patch_body_id)):
@@ -296,11 +297,11 @@ def _friction_force(
     fx, fy = -stiffness * shear_x - damping * slip_x, -stiffness * shear_y - damping * slip_y
     limit_n, slid_m = foam.friction * normal_n, 0.0
     # the first test is cheap and mostly decides
-    if abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n:
-        force_n = math.hypot(fx, fy)
+    if abs(fx) + abs(fy) > limit_n and pinned_math.hypot(fx, fy) > limit_n:
+        force_n = pinned_math.hypot(fx, fy)
         fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
         held = foam.friction * normal_n / stiffness
-        stretch = math.hypot(shear_x, shear_y)
+        stretch = pinned_math.hypot(shear_x, shear_y)
         if stretch > held:
             slid_m = stretch - held
             shear_x, shear_y = shear_x * held / stretch, shear_y * held / stretch

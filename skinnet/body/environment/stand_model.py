@@ -6,6 +6,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from skinnet import pinned_math
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import NO_OBJECT, OBJECTS, ObjectModel, PrimitiveSolid, Shape
 from skinnet.deployment.environment.stand import StandSpec
@@ -164,7 +165,12 @@ def _add_object(
     top_m: float,
 ) -> None:
     half_m, (x_m, y_m, _) = 0.5 * object_model.size_m[2], placed_object.position_m
-    turned = [math.cos(0.5 * placed_object.yaw_rad), 0.0, 0.0, math.sin(0.5 * placed_object.yaw_rad)]
+    turned = [
+        pinned_math.cos(0.5 * placed_object.yaw_rad),
+        0.0,
+        0.0,
+        pinned_math.sin(0.5 * placed_object.yaw_rad),
+    ]
     if placed_object.stand.fix_object:
         body = stand.add_body(name=OBJECT, pos=[0.0, 0.0, half_m], quat=turned)
     else:
@@ -186,7 +192,7 @@ def _add_solid(
         type=_GEOM_TYPES[solid.shape],
         size=[radius_m, height_m, 0.0] if solid.shape is Shape.CYLINDER else solid.half_extents_m,
         pos=solid.position_m,
-        quat=[math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)],
+        quat=[pinned_math.cos(half_rad), 0.0, 0.0, pinned_math.sin(half_rad)],
         mass=mass_kg,
         condim=3,
         friction=[object_model.friction, 0.005, 0.0001],

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.clock import NS_PER_S
 from skinnet.compilation import compiled
 from skinnet.deployment.environment.scripted_stimuli import ForceProfile, ScriptedStimuliSpec
@@ -157,10 +158,10 @@ def _envelope(presses: PressSchedule, i: int, since_ns: int) -> float:
     """Force envelope in 0…1, `since_ns` [ns] after contact onset: raised-cosine rise and fall."""
     rise_ns, hold_ns, release_ns = presses.rise_ns[i], presses.hold_ns[i], presses.release_ns[i]
     if since_ns < rise_ns:
-        return 0.5 - 0.5 * math.cos(math.pi * since_ns / rise_ns)
+        return 0.5 - 0.5 * pinned_math.cos(math.pi * since_ns / rise_ns)
     left_ns = rise_ns + hold_ns + release_ns - since_ns
     if left_ns < release_ns:
-        return 0.5 - 0.5 * math.cos(math.pi * max(left_ns, 0) / release_ns)
+        return 0.5 - 0.5 * pinned_math.cos(math.pi * max(left_ns, 0) / release_ns)
     return 1.0
 
 
@@ -202,7 +203,7 @@ def write_press_stimulus(
         stimulus[cell, _DISTANCE] = 0.0
         stimulus[cell, _TEMPERATURE] = presses.temperature_c[i]
         angle_rad = presses.modulation_rad_s[i] * since_ns / NS_PER_S
-        swing = math.sin(angle_rad + 2.0 * math.pi * _draw(presses, i, number, 1))
+        swing = pinned_math.sin(angle_rad + 2.0 * math.pi * _draw(presses, i, number, 1))
         force_n = _held_n(presses, i, number) * _envelope(presses, i, since_ns)
         force_n *= 1.0 + presses.modulation_depth[i] * swing
         # one random force cell per press bears the full force

@@ -3,7 +3,9 @@
 Values marked *assumed* have no published source; all others cite theirs.
 """
 
-from msgspec import field
+from typing import Annotated
+
+from msgspec import Meta, field
 
 from skinnet.deployment.types import Encoding, LevelThresholds, NonNegative, Positive, Table, ns_of_ms
 
@@ -83,6 +85,9 @@ class EncodingSpec(Table, frozen=True, kw_only=True):
 
     kind: Encoding = "level_crossing"
     """Encoding with which the cells start; the controller may change it."""
+    repeat_ms: Annotated[float, Meta(ge=0.0, le=60_000.0)] = 100.0
+    """Time after which a cell repeats a level that no request for its stream answered *(assumed)*; then 2, 4,
+    8 and 16 times as long between repeats; 0 for never."""
 
 
 class CellSpec(Table, frozen=True, kw_only=True):
@@ -111,3 +116,8 @@ class CellSpec(Table, frozen=True, kw_only=True):
     def period_ns(self) -> int:
         """Sampling period [ns]."""
         return ns_of_ms(self.period_ms)
+
+    @property
+    def repeat_periods(self) -> int:
+        """Sampling periods until an unanswered level is repeated, rounded up; 0 for never."""
+        return -(-ns_of_ms(self.encoding.repeat_ms) // self.period_ns)

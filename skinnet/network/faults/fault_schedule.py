@@ -4,12 +4,12 @@ The schedule depends only on the deployment and its seed. Every draw belongs to 
 that neither the distribution over cell processes nor other rules shift it.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from skinnet import pinned_math
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.experiment.faults import BurstLoss, FaultRule
 from skinnet.deployment.types import ns_of_s
@@ -129,4 +129,4 @@ def _draw(key: np.uint64, number: int) -> float:
 
 def _exponential_ns(mean_s: float, draw: float) -> int:
     """Return an exponentially distributed time [ns], at least 1, from a uniform draw."""
-    return max(round(-math.log(draw) * mean_s * 1e9), 1)
+    return max(round(-pinned_math.log(draw) * mean_s * 1e9), 1)

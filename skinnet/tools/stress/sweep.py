@@ -14,6 +14,7 @@ from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import SkinnetError
 from skinnet.files import write_json
+from skinnet.run.arithmetic import arithmetic
 from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import PreparedRun, RunOptions
 from skinnet.run.process_list import process_list
@@ -78,8 +79,9 @@ def run_sweep(
 
 
 def _fingerprint(deployment: Deployment, file: Path) -> str:
-    """Fingerprint of a result's inputs: deployment, folder of its paths, and program version."""
-    what = resolved_json(deployment) + f"{file.resolve().parent} {__version__}".encode()
+    """Fingerprint of a result's inputs: deployment, folder of its paths, program version, arithmetic."""
+    where = f"{file.resolve().parent} {__version__} {arithmetic()['all']}"
+    what = resolved_json(deployment) + where.encode()
     return hashlib.sha256(what).hexdigest()
 
 

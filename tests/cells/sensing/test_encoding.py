@@ -26,8 +26,8 @@ PROXIMITY = (0.01, 0.02, 0.10, 0.80)
 Event = tuple[int, int, int, int, int, float]
 
 
-def spec(kind: str = "level_crossing") -> CellSpec:
-    return CellSpec(encoding=EncodingSpec(kind=kind))  # type: ignore[arg-type]
+def spec(kind: str = "level_crossing", repeat_ms: float = 0.0) -> CellSpec:
+    return CellSpec(encoding=EncodingSpec(kind=kind, repeat_ms=repeat_ms))  # type: ignore[arg-type]
 
 
 def config(**settings: object) -> Config:
@@ -90,6 +90,52 @@ def test_levels_are_what_thresholds_and_hysteresis_allow(seed: int, margin: floa
                 level[cell, channel] = new
         assert events(encoder.encode(readings)) == expected
         assert np.array_equal(encoder.last_levels, level)
+
+
+def frames_of(encoder: Encoder, readings: NDArray[np.float32], n_frames: int) -> dict[int, list[Event]]:
+    """Events by frame, of frames that have some, while the readings stay as they are."""
+    heard = {frame: events(encoder.encode(readings)) for frame in range(n_frames)}
+    return {frame: found for frame, found in heard.items() if found}
+
+
+def test_a_level_that_nobody_answers_is_repeated_at_intervals_that_double_up_to_sixteen() -> None:
+    encoder = Encoder(spec(repeat_ms=40.0), 2)
+    touched = rows(2, force1=0.2)
+    touched[0] = 0.0
+    rising = frames_of(encoder, touched, 800)
+    assert list(rising) == [0, 10, 30, 70, 150, 310, 470, 630, 790]
+    assert {tuple(found) for found in rising.values()} == {((1, 0, 1, 0, 2, float(np.float32(0.2))),)}
+    assert encoder.level_repeats == len(rising) - 1
+    falling = frames_of(encoder, rows(2), 3000)
+    assert list(falling) == [0, 10, 30, 70, 150, 310]  # the return to level 0 five times, and no more
+    assert {tuple(found) for found in falling.values()} == {((1, 0, 1, 0, 0, 0.0),)}
+    again = frames_of(encoder, touched, 15)
+    assert list(again) == [0, 10]  # from the shortest interval after each change
+
+
+def test_a_stream_confirms_a_level_and_what_lasts_after_it_is_repeated_seldom() -> None:
+    encoder = Encoder(spec(repeat_ms=40.0), 1)
+    touched = rows(1, force1=0.2)
+    assert list(frames_of(encoder, touched, 5)) == [0]
+    encoder.configure(0, config(stream=True))
+    assert not frames_of(encoder, touched, 500)
+    assert list(frames_of(encoder, rows(1), 500)) == [0]  # the change itself; the stream confirms it
+    assert list(frames_of(encoder, touched, 500)) == [0]
+    encoder.configure(0, config(stream=False))
+    assert list(frames_of(encoder, touched, 500)) == [159, 319, 479]
+    encoder.configure(0, config(stream=True))
+    encoder.encode(rows(1))
+    encoder.configure(0, config(stream=False))
+    assert not frames_of(encoder, rows(1), 500)
+
+
+def test_cells_outside_the_network_forget_what_they_would_repeat() -> None:
+    encoder = Encoder(spec(repeat_ms=40.0), 2)
+    touched = rows(2, force1=0.2)
+    encoder.encode(touched)
+    encoder.cancel_repeats(np.array([True, False]))
+    assert {event[0] for found in frames_of(encoder, touched, 100).values() for event in found} == {1}
+    assert encoder.level_repeats == 3
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -243,7 +289,8 @@ def test_noise_crosses_a_hysteresis_as_often_as_two_states_of_a_markov_chain_cha
 ) -> None:
     sigma, threshold, n, frames = 0.004, 0.10, 300, 400
     hysteresis = margin_in_sigmas * sigma
-    cell = CellSpec(force=ForceSpec(noise=sigma, lsb=1e-7, levels=(threshold,), hysteresis=hysteresis))
+    force = ForceSpec(noise=sigma, lsb=1e-7, levels=(threshold,), hysteresis=hysteresis)
+    cell = replace(spec(), force=force)
     transducers, stimulus = sampled(cell, n, reading=threshold - hysteresis / 2)
     encoder, out = Encoder(cell, n), np.empty((n, 8), dtype=np.float32)
     changes = 0
