@@ -8,15 +8,14 @@ the pipe closes, and they end by themselves.
 import asyncio
 import contextlib
 import os
-import shutil
 import tempfile
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 from skinnet.errors import SkinnetError
 from skinnet.protocol.channels import EXTERNAL
-from skinnet.run.child_process import LOG_FOLDER, ChildProcess, assign_cores, start_process, stop_processes
-from skinnet.run.collect import RESULT_FOLDER, EndedProcesses
+from skinnet.run.child_process import ChildProcess, assign_cores, start_process, stop_processes
+from skinnet.run.collect import EndedProcesses
 from skinnet.run.context import RunContext
 from skinnet.run.observers.process_monitor import monitor_processes
 from skinnet.run.progress import ProgressDisplay
@@ -36,8 +35,6 @@ async def run_processes(context: RunContext) -> EndedProcesses:
     Raises:
         ProcessFailedError: a required process failed; names it, with its last log lines.
     """
-    for folder in (RESULT_FOLDER, LOG_FOLDER):
-        shutil.rmtree(context.out / folder, ignore_errors=True)  # of an earlier run in this folder
     children: list[ChildProcess] = []
     with _hub_endpoint() as hub:
         try:

@@ -23,6 +23,7 @@ import msgspec
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
 from skinnet.errors import SkinnetError
+from skinnet.output_folder import RunIdentity, sha256_of
 from skinnet.protocol.channels import Keys
 from skinnet.runtime.loop import Closeable, LogicalProcess, run_loop
 from skinnet.runtime.process_result import ProcessResult
@@ -70,6 +71,7 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the process result, inside the run folder"
     )
+    parser.add_argument("--run", required=True, help="id of the run, which its results carry")
     parser.add_argument("--recorded", action="store_true", help="a recorder takes part in the run")
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint to listen on as the hub")
@@ -127,7 +129,8 @@ def _install_stop_handlers() -> None:
 
 
 async def _run(module: str, args: argparse.Namespace) -> None:
-    deployment = from_document(msgspec.json.decode(args.deployment.read_bytes()), str(args.deployment))
+    document = args.deployment.read_bytes()
+    deployment = from_document(msgspec.json.decode(document), str(args.deployment))
     keys = Keys(deployment.robot)
     if args.listen:
         transport = listen_for_loop(keys, args.name, args.listen)
@@ -154,7 +157,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             node.counters["malformed_batches"] += statistics.malformed_batches
         part = result_of(node)
         part.arrays |= {"usage": usage.rows, "transit_us": statistics.transit_histogram}
-        part.save(args.parts)
+        part.save(args.parts, RunIdentity(args.run, sha256_of(document)))
         if args.listen:
             await _wait_for_clients(transport, present - {node.name})
     finally:
