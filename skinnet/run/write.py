@@ -27,6 +27,7 @@ _FILES = (
     *(f"{name}.png" for name in _PICTURES),
 )
 """Files of a run folder, apart from logs and results of processes."""
+_RESULT_SUFFIXES = ".json", ".npz", ".lost.json"
 
 
 def check_run_folder(out: Path) -> None:
@@ -55,7 +56,7 @@ def own_seeds_folder(out: Path, deployment: Deployment) -> contextlib.AbstractCo
 
 def _process_files(deployment: Deployment) -> list[str]:
     names = [process.name for process in process_list(deployment, record=True)]
-    results = (f"{RESULT_FOLDER}/{name}{suffix}" for name in names for suffix in (".json", ".npz"))
+    results = (f"{RESULT_FOLDER}/{name}{suffix}" for name in names for suffix in _RESULT_SUFFIXES)
     return [*(f"{LOG_FOLDER}/{name}.log" for name in names), *results]
 
 
