@@ -139,6 +139,7 @@ def test_what_external_clients_say_is_in_the_recording(tmp_path: Path) -> None:
 def test_a_recorded_run_outlives_what_external_clients_say(tmp_path: Path) -> None:
     """Correct and undecodable messages on every key, over Zenoh, while a recorder takes part."""
     sets = ('controller.program=["structure"]', "run.max_s=6", "controller.external_velocity=true")
+    velocity = encode(ExternalVelocity(velocity_rad_s=[0.0] * len(load(ARM).body.joints)))
     with launched(ARM, tmp_path, "--record", settings=sets) as process:
         endpoint = endpoint_of(wait_for(process, "connect to"))
         wait_for(process, "structure")
@@ -146,14 +147,14 @@ def test_a_recorded_run_outlives_what_external_clients_say(tmp_path: Path) -> No
             keys = Keys("arm")
             for row in CHANNELS:
                 session.put(keys.of(row.name, *fields_of(row)), b"nonsense")
-            session.put(keys.of("velocity"), encode(ExternalVelocity(velocity_rad_s=[0.0, 0.0])))
+            session.put(keys.of("velocity"), velocity)
             session.put(keys.of("config", "base", 0), encode(Config(patch="base", cell=0, t_ns=-7)))
             _, errors = process.communicate(timeout=150)
         assert process.returncode == 0, errors
     recording = Recording(tmp_path / "run.mcap")
     assert recording.complete
     velocities = [m.payload for m in recording.messages() if m.channel == "velocity"]
-    assert velocities == [encode(ExternalVelocity(velocity_rad_s=[0.0, 0.0]))]
+    assert velocities == [velocity]
     counters = json.loads((tmp_path / "summary.json").read_text())["counters"]
     assert counters["controller"]["external_velocities"] == 1
     assert counters["controller"]["malformed_messages"] >= 1
