@@ -91,7 +91,16 @@ class NameTakenError(SkinnetError):
 
 
 class UpstreamLostError(SkinnetError):
-    """Required upstream process that is gone or silent."""
+    """Required upstream process that is gone or silent.
+
+    Attributes:
+        process: Name of the upstream process.
+        silent: True if it is there, but sent no period end in time; False if it is gone.
+    """
+
+    def __init__(self, text: str, process: str = "", *, silent: bool = False) -> None:
+        super().__init__(text)
+        self.process, self.silent = process, silent
 
 
 class ProcessFailedError(SkinnetError):

@@ -1,6 +1,7 @@
 """Program `skinnet`: commands, error messages and exit codes."""
 
 import contextlib
+import io
 import signal
 import sys
 from typing import Annotated
@@ -106,6 +107,9 @@ def main() -> None:
     """Run the program: one line on standard error for any user error, and an exit code by its kind."""
     code: object = 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM as Ctrl-C
+    for stream in (sys.stdout, sys.stderr):  # a locale without umlauts or box lines is no reason to fail
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app(prog_name="skinnet")
     except _BAD_INPUT_ERRORS as error:

@@ -59,9 +59,10 @@ def plan(
     The budget has link loads, latencies, cell voltages, and the fewest sufficient gateways.
     """
     from skinnet.cli.plan_table import print_plan
-    from skinnet.deployment import load
+    from skinnet.deployment import load, resolved_json
     from skinnet.deployment.checks import check
     from skinnet.files import write_json
+    from skinnet.output_folder import new_folder, own_folder
     from skinnet.tools.plan.json_report import plan_report
     from skinnet.tools.plan.plan import make_plan
 
@@ -86,14 +87,14 @@ def plan(
     result = plan_report(made)
     terminal = console(stderr=json == "-")
     write_report(result, json)
-    folder = None
-    if plots or out is not None:
-        folder = out or Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}"
-        write_json(folder / "plan.json", result)
-    if plots and folder is not None:
-        from skinnet.tools.plan.plan_plot import draw_plan  # matplotlib takes a second to import
-
-        draw_plan(made).savefig(folder / "plan.png", dpi=_DPI)
     print_plan(terminal, result)
-    if folder is not None:
-        terminal.print(f"results in {folder}", highlight=False, soft_wrap=True)
+    if not plots and out is None:
+        return
+    folder = out or new_folder(Path("runs") / f"{file.stem}-plan-{time.strftime('%Y%m%d-%H%M%S')}")
+    with own_folder(folder, "skinnet plan", resolved_json(deployment), ("plan.json", "plan.png")):
+        write_json(folder / "plan.json", result)
+        if plots:
+            from skinnet.tools.plan.plan_plot import draw_plan  # matplotlib takes a second to import
+
+            draw_plan(made).savefig(folder / "plan.png", dpi=_DPI)
+    terminal.print(f"results in {folder}", highlight=False, soft_wrap=True)

@@ -37,10 +37,13 @@ def report(
     from skinnet.analysis.report.html import render_html
     from skinnet.analysis.report.run_folder import read_run_folder
     from skinnet.files import write_bytes
+    from skinnet.output_folder import add_output_file
 
     page = render_html(read_run_folder(run))
     target = out or run / "report.html"
     if target.is_dir():
         raise UsageError(f"--out {target}: is a folder; give a file")
+    if out is None:
+        add_output_file(run, target.name)
     write_bytes(target, page.encode("utf-8", "replace"))
     line_printer(console())(f"report: {target}")

@@ -4,7 +4,7 @@ import contextlib
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,6 +21,9 @@ from skinnet.cli.console import (
     write_report,
 )
 from skinnet.errors import UsageError
+
+if TYPE_CHECKING:
+    from skinnet.run.prepare import PreparedRun
 
 __all__ = ["register"]
 
@@ -89,34 +92,42 @@ def run(
     if record:
         require_extra("record", "mcap", "zstandard", "foxglove")
     from skinnet.cli.summary_table import print_summary
+    from skinnet.output_folder import new_folder
     from skinnet.run.observers.page_process import PageProcess
     from skinnet.run.pipeline import run_once
     from skinnet.run.prepare import RunOptions, prepare_run
     from skinnet.run.progress import ProgressDisplay
     from skinnet.run.summary import summarise_seeds
-    from skinnet.run.write import write_summary
+    from skinnet.run.write import check_run_folder, own_seeds_folder, write_summary
 
     overrides = (*(settings or ()), *((f"run.pace={pace}",) if pace is not None else ()))
     options = RunOptions(file, overrides, in_process, listen, plots, record)
     terminal = console(stderr=json == "-")
-    folder = out or Path("runs") / f"{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    if out is not None:
+        check_run_folder(out)
+    first = prepare_run(options, seed if numbers is None else numbers[0])
+    folder = out or new_folder(Path("runs") / f"{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}")
     with contextlib.ExitStack() as pages:
 
-        def run_seed(number: int | None, single: Path) -> dict[str, Any]:
-            prepared, progress = prepare_run(options, number), ProgressDisplay(terminal)
+        def run_prepared(prepared: "PreparedRun", single: Path) -> dict[str, Any]:
+            progress = ProgressDisplay(terminal)
             if view:
                 page = pages.enter_context(PageProcess(progress.print_line, keep=keep, control=control))
                 prepared = replace(prepared, options=replace(options, on_observer_endpoint=page.start))
             return run_once(prepared, single, progress)
 
         if numbers is None:
-            report = run_seed(seed, folder)
+            report = run_prepared(first, folder)
             print_summary(terminal, report, folder)
         else:
-            folders = {number: folder / f"seed-{number}" for number in numbers}
-            summaries = {number: run_seed(number, single) for number, single in folders.items()}
-            for number, summary in summaries.items():
-                print_summary(terminal, summary, folders[number])
-            report = summarise_seeds(list(summaries.values()))
-            write_summary(report, folder)
+            with own_seeds_folder(folder, first.deployment) as seeds_folder:
+                folders = {number: folder / f"seed-{number}" for number in numbers}
+                summaries = {
+                    number: run_prepared(first if number == numbers[0] else prepare_run(options, number), one)
+                    for number, one in folders.items()
+                }
+                for number, summary in summaries.items():
+                    print_summary(terminal, summary, folders[number])
+                report = summarise_seeds(list(summaries.values()))
+                write_summary(report, seeds_folder)
         write_report(report, json)

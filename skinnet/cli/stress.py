@@ -88,9 +88,10 @@ def stress(
     from skinnet.deployment import resolved_json
     from skinnet.files import write_bytes, write_json
     from skinnet.migration.summaries import FORMAT
+    from skinnet.output_folder import new_folder, own_folder
     from skinnet.run.environment import environment
     from skinnet.run.prepare import RunOptions, prepare_run
-    from skinnet.tools.stress.sweep import run_sweep
+    from skinnet.tools.stress.sweep import SWEEP_FILES, run_sweep
     from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 
     deployment = prepare_run(RunOptions(file, tuple(settings or ()))).deployment
@@ -109,24 +110,30 @@ def stress(
     if duration_s is not None:
         given["duration_s"] = duration_s
     spec = _stress_spec(deployment, given)
-    folder = out or Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    stem = Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    resolved = resolved_json(deployment)
     terminal = console(stderr=json == "-")
     print_line = line_printer(terminal)
-    results = run_sweep(file, deployment, spec, folder, resume=resume, progress=print_line)
-    report = {
-        "format": FORMAT,
-        "deployment": deployment.name,
-        "stress": to_builtins(spec),
-        "points": [result.point.name for result in results],
-        "failed": {result.point.name: result.failure for result in results if result.failure is not None},
-        "metrics": sweep_metrics(deployment, spec, results),
-        "environment": environment(),
-        "settings": list(settings or ()),
-    }
-    write_bytes(folder / "deployment.json", resolved_json(deployment))
-    write_json(folder / "stress.json", report)
-    if plots:
-        _draw(spec, deployment, results, folder)
+    folder = new_folder(stem) if out is None else out
+    with own_folder(folder, "skinnet stress", resolved, SWEEP_FILES) as owned:
+        write_bytes(folder / "deployment.json", resolved)
+        results = run_sweep(file, deployment, spec, folder, resume=resume, progress=print_line)
+        report = {
+            "format": FORMAT,
+            "deployment": deployment.name,
+            "run_id": owned.identity.run_id,
+            "deployment_sha256": owned.identity.deployment_sha256,
+            "stress": to_builtins(spec),
+            "points": [result.point.name for result in results],
+            "failed": {result.point.name: result.failure for result in results if result.failure is not None},
+            "metrics": sweep_metrics(deployment, spec, results),
+            "environment": environment(),
+            "settings": list(settings or ()),
+        }
+        owned.require_ownership()
+        write_json(folder / "stress.json", report)
+        if plots:
+            _draw(spec, deployment, results, folder)
     print_table(terminal, deployment, spec, results)
     print_line(f"results in {folder}")
     write_report(report, json)

@@ -199,6 +199,10 @@ class Keys:
         """Build the token key by which `process` claims the name `name`; "*" stands for any process."""
         return f"{self.prefix}claim/{name}/{process}"
 
+    def silent(self, process: str) -> str:
+        """Build the key on which a process reports the tolerated silence of `process`; "*" stands for any."""
+        return f"{self.prefix}silent/{process}"
+
     @property
     def deployment(self) -> str:
         """Key under which the observer endpoint serves the deployment."""

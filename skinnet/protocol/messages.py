@@ -19,6 +19,7 @@ from skinnet.errors import ProtocolError
 
 __all__ = [
     "FOREVER_NS",
+    "INVALID_CONTENT",
     "N_FORCE_CHANNELS",
     "READING_NAMES",
     "SCHEMA",
@@ -40,6 +41,7 @@ __all__ = [
     "Topology",
     "decode",
     "encode",
+    "header",
     "pack",
     "unpack",
 ]
@@ -274,6 +276,24 @@ def decode(payload: bytes, kind: type[M]) -> M:
             f"{kind.__name__} of schema version {message.schema}; this program reads version {SCHEMA}"
         )
     return message
+
+
+INVALID_CONTENT = (ProtocolError, LookupError, ValueError, TypeError, ArithmeticError)
+"""Errors by which a decoded message shows that its content does not fit: names, lengths, ranges."""
+
+
+def header(kind: type[Message], *fields: str) -> type[Message]:
+    """Return a message type of the same tag as `kind` with only `fields`; decoding skips the others."""
+    own = {field.name: field for field in msgspec.structs.fields(kind)}
+    columns: list[Any] = []
+    for name in fields:
+        if name in own:
+            field = own[name]
+            columns.append((name, field.type) if field.required else (name, field.type, field.default))
+    tag = kind.__struct_config__.tag
+    return msgspec.defstruct(  # type: ignore[return-value]
+        kind.__name__, columns, bases=(Message,), frozen=True, kw_only=True, tag=tag
+    )
 
 
 def pack(array: NDArray[Any], dtype: str) -> bytes:

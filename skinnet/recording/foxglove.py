@@ -13,7 +13,15 @@ from skinnet.body.link_kinematics import WORLD_FRAME, LinkKinematics
 from skinnet.body.visual_shapes import VisualModel
 from skinnet.clock import NS_PER_MS, NS_PER_S
 from skinnet.deployment import Deployment
-from skinnet.protocol.messages import Answer, ControllerState, Joints, Topology, decode
+from skinnet.errors import ProtocolError
+from skinnet.protocol.messages import (
+    INVALID_CONTENT,
+    Answer,
+    ControllerState,
+    Joints,
+    Topology,
+    decode,
+)
 from skinnet.protocol.recorded_messages import FaultEvent, FreeBodyPoses
 from skinnet.recording.body_scene import body_scene
 from skinnet.recording.skin_scene import SkinScene
@@ -30,6 +38,7 @@ MESSAGE_TYPES = {
 }
 """Message type of each Foxglove topic."""
 _PERIOD_NS = 40 * NS_PER_MS
+_POSE_LENGTH = 7
 
 
 class FoxgloveConverter:
@@ -50,8 +59,10 @@ class FoxgloveConverter:
         self._body_scene = body_scene(figure.shapes, {link: name for name, link in figure.free_links.items()})
         self._stage = ""
         self._next_ns = 0
-        self._joints_payload: bytes | None = None
-        self._free_bodies_payload: bytes | None = None
+        self._n_dofs = len(deployment.body.joints)
+        self._position_rad: list[float] | None = None
+        self._free_body_poses: dict[str, list[float]] = {}
+        self._n_unreadable = 0
 
     def declare_topics(self) -> None:
         """Declare the Foxglove topics in the recording."""
@@ -59,14 +70,34 @@ class FoxgloveConverter:
             self._channel_ids[topic] = self._writer.add_channel(topic, "protobuf", _schema(kind))
 
     def convert(self, channel: str, key: str, t_ns: int, payload: bytes) -> None:
-        """Convert one recorded message; messages come in the order of the recording."""
+        """Convert one recorded message; messages come in the order of the recording.
+
+        One whose content does not fit the robot is counted and left out.
+        """
         if t_ns >= self._next_ns:
             self.write_until(t_ns)
+        try:
+            self._convert(channel, key, t_ns, payload)
+        except INVALID_CONTENT:
+            self._n_unreadable += 1
+
+    @property
+    def n_unreadable(self) -> int:
+        """Number of recorded messages whose content did not fit the robot."""
+        return self._n_unreadable + self._skin_scene.n_unreadable
+
+    def _convert(self, channel: str, key: str, t_ns: int, payload: bytes) -> None:
         match channel:
             case "joints":
-                self._joints_payload = payload
+                position_rad = decode(payload, Joints).position_rad
+                if len(position_rad) != self._n_dofs:
+                    raise ProtocolError(f"{len(position_rad)} joint positions; expected {self._n_dofs}")
+                self._position_rad = position_rad
             case "free_bodies":
-                self._free_bodies_payload = payload
+                poses = decode(payload, FreeBodyPoses).poses
+                if any(len(pose) != _POSE_LENGTH for pose in poses.values()):
+                    raise ProtocolError(f"poses of free bodies have {_POSE_LENGTH} numbers")
+                self._free_body_poses = poses
             case "events" | "bundle" | "stream" | "regions":
                 self._skin_scene.add(channel, key, payload)
             case "state" | "answer" | "fault" | "topology":
@@ -74,17 +105,17 @@ class FoxgloveConverter:
 
     def write_until(self, t_ns: int) -> None:
         """Write transforms and scenes that are due before `t_ns`."""
-        while self._next_ns < t_ns and self._joints_payload is not None:
-            self._write_scene(self._next_ns, self._joints_payload)
+        while self._next_ns < t_ns and self._position_rad is not None:
+            self._write_scene(self._next_ns, self._position_rad)
             self._next_ns += _PERIOD_NS
 
-    def _write_scene(self, t_ns: int, joints: bytes) -> None:
+    def _write_scene(self, t_ns: int, position_rad: list[float]) -> None:
         """Write frame transforms and the skin scene at `t_ns`."""
         stamp = fox.Timestamp(sec=t_ns // NS_PER_S, nsec=t_ns % NS_PER_S)
         if t_ns == 0:
             self._write(BODY_TOPIC, t_ns, self._body_scene)
         frames = []
-        poses = self._links.poses(decode(joints, Joints).position_rad)
+        poses = self._links.poses(position_rad)
         offsets, turns = poses.offset_m.tolist(), poses.quaternion.tolist()
         for i, name in enumerate(self._links.names):
             parent = self._links.parent_index[i]
@@ -97,9 +128,8 @@ class FoxgloveConverter:
                     turns[i],
                 )
             )
-        if self._free_bodies_payload is not None:
-            for name, pose in decode(self._free_bodies_payload, FreeBodyPoses).poses.items():
-                frames.append(_transform(stamp, WORLD_FRAME, name, pose[:3], pose[3:]))
+        for name, pose in self._free_body_poses.items():
+            frames.append(_transform(stamp, WORLD_FRAME, name, pose[:3], pose[3:]))
         self._write(TRANSFORMS_TOPIC, t_ns, fox.FrameTransforms(transforms=frames).encode())
         painted = self._skin_scene.encode_if_changed()
         if painted is not None:

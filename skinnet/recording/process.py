@@ -12,14 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.errors import ProtocolError
 from skinnet.network.faults.fault_schedule import fault_schedule
-from skinnet.protocol.channels import BODY, CONTROLLER, EXTERNAL, Keys
-from skinnet.protocol.messages import FOREVER_NS, encode
+from skinnet.protocol.channels import BODY, CONTROLLER, EXTERNAL, Keys, Role
+from skinnet.protocol.channels import channel as channel_of
+from skinnet.protocol.messages import FOREVER_NS, decode, encode, header
 from skinnet.protocol.recorded_messages import FaultEvent
 from skinnet.recording.format import FILE_NAME, recorded_channels
 from skinnet.recording.foxglove import FoxgloveConverter
@@ -41,23 +40,18 @@ _OTHER_CHANNELS = [
 _CHANNEL_ORDER = ("topology", *_OTHER_CHANNELS, *_PERIOD_END_CHANNELS)
 """Channel order at equal time and source; channels that end a period come last."""
 _CHANNEL_RANK = {name: i for i, name in enumerate(_CHANNEL_ORDER)}
-_SENDER_OF = {"free_bodies": BODY, "state": CONTROLLER, "state_machine": CONTROLLER}
-
-
-class _MessageHeader(msgspec.Struct):
-    """Message fields that the recorder needs; all others are skipped in decoding."""
-
-    t_ns: int = 0
-    watermark_ns: int = 0
-    n_events: int = 0
-    id: int = 0
-    end_ns: int | None = None
-
-
-class _EventColumns(msgspec.Struct):
-    """Column of an event message that gives the number of its events."""
-
-    cell: list[int]
+_SENDER_NAMES = {None: EXTERNAL, Role.BODY: BODY, Role.CONTROLLER: CONTROLLER}
+"""Names of the senders of which a run has one."""
+_FREQUENT_CHANNELS = {
+    name: header(channel_of(name).message, *fields)
+    for name, fields in {
+        "events": ("patch", "cell"),
+        "bundle": ("patch", "cell"),
+        "stream": ("patch", "t_ns", "watermark_ns", "n_events"),
+        "period_end": ("patch", "t_ns", "watermark_ns", "n_events"),
+    }.items()
+}
+"""Types by which messages of the cells are decoded: only the fields that the recorder needs."""
 
 
 _MESSAGES_PER_YIELD = 20
@@ -99,8 +93,6 @@ class RecorderProcess(WiredProcess):
         self._n_arrivals = self._n_handled = 0
         self._events: dict[str, list[tuple[str, str, bytes]]] = {name: [] for name in self._skin}
         self._requests: dict[int, tuple[str, bytes]] = {}
-        self._decode_header = msgspec.msgpack.Decoder(_MessageHeader).decode
-        self._decode_columns = msgspec.msgpack.Decoder(_EventColumns).decode
         for fault in _fault_events(deployment):
             self._enqueue(fault.t_ns, name, "fault", keys.of("fault"), encode(fault))
 
@@ -132,62 +124,58 @@ class RecorderProcess(WiredProcess):
             ProtocolError: it cannot be decoded, or its source is not in this run.
         """
         self._yield_core()
+        row = channel_of(channel)
+        if not row.recorded:
+            raise ProtocolError(f"the recorder does not read {channel}")
+        message: Any = decode(payload, _FREQUENT_CHANNELS.get(channel, row.message))
         key = self._key(channel, fields)
-        if channel in ("events", "bundle"):
-            self._accept_events(channel, fields[0], key, payload)
-            return
-        try:
-            head = self._decode_header(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ProtocolError(f"message cannot be decoded: {error}") from error
         match channel:
-            case "period_end" | "stream" | "regions":
-                self._end_period(channel, fields[0], key, payload, head)
+            case "events" | "bundle":
+                self._skin_upstream(fields[0]).count_arrivals(len(message.cell))
+                self._events[fields[0]].append((channel, key, payload))
             case "topology":
                 self._skin_upstream(fields[0]).count_arrivals()
                 self._events[fields[0]].append((channel, key, payload))
+            case "period_end" | "stream" | "regions":
+                self._end_period(channel, fields[0], key, payload, message)
             case "joints":
-                self._enqueue(head.t_ns, BODY, channel, key, payload)
-                self._body.end_period(head.t_ns + self._joints_ns)
+                self._enqueue(message.t_ns, BODY, channel, key, payload)
+                self._body.end_period(message.t_ns + self._joints_ns)
             case "command":
-                self._enqueue(head.t_ns, CONTROLLER, channel, key, payload)
-                over = head.end_ns is not None
-                if head.end_ns is not None:
-                    self._end_ns = min(self._end_ns, head.end_ns)
-                self._controller.end_period(FOREVER_NS if over else head.t_ns + self._control_ns)
+                over = message.end_ns is not None
+                if over:
+                    _require_time(message.end_ns)
+                self._enqueue(message.t_ns, CONTROLLER, channel, key, payload)
+                if over:
+                    self._end_ns = min(self._end_ns, message.end_ns)
+                self._controller.end_period(FOREVER_NS if over else message.t_ns + self._control_ns)
             case "config":
                 # a configuration of an external client takes effect on arrival
-                source_name = CONTROLLER if head.t_ns else EXTERNAL
-                self._enqueue(head.t_ns or self._t_ns, source_name, channel, key, payload)
+                source_name = CONTROLLER if message.t_ns else EXTERNAL
+                self._enqueue(message.t_ns or self._t_ns, source_name, channel, key, payload)
             case "request":
-                self._requests[head.id] = (key, payload)
+                self._requests[message.id] = (key, payload)
             case "answer":
-                asked = self._requests.pop(head.id, None)
+                asked = self._requests.pop(message.id, None)
                 if asked is not None:
-                    self._enqueue(head.t_ns, EXTERNAL, "request", *asked)
-                self._enqueue(head.t_ns, CONTROLLER, channel, key, payload)
+                    self._enqueue(message.t_ns, EXTERNAL, "request", *asked)
+                self._enqueue(message.t_ns, CONTROLLER, channel, key, payload)
             case "counters":
-                self._enqueue(head.t_ns, fields[0], channel, key, payload)
-            case _:
-                self._enqueue(head.t_ns, _SENDER_OF[channel], channel, key, payload)
+                self._enqueue(message.t_ns, fields[0], channel, key, payload)
+            case _:  # a message without a time, of an external client, counts from its arrival
+                source_name = _SENDER_NAMES.get(row.sender, self.name)
+                self._enqueue(getattr(message, "t_ns", self._t_ns), source_name, channel, key, payload)
 
-    def _accept_events(self, channel: str, patch: str, key: str, payload: bytes) -> None:
-        """Keep events until the period end of their patch, which gives them their time; so for topologies."""
-        source = self._skin_upstream(patch)
-        try:
-            count = len(self._decode_columns(payload).cell)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ProtocolError(f"event message cannot be decoded: {error}") from error
-        self._events[patch].append((channel, key, payload))
-        source.count_arrivals(count)
-
-    def _end_period(self, channel: str, source: str, key: str, payload: bytes, head: _MessageHeader) -> None:
+    def _end_period(self, channel: str, source: str, key: str, payload: bytes, message: Any) -> None:
+        """End a period of a source, which gives its events and topologies their time."""
         upstream = self._skin_upstream(source)
+        for t_ns in (message.t_ns, message.watermark_ns):
+            _require_time(t_ns)
         for event in self._events[source]:
-            self._enqueue(head.t_ns, source, *event)
+            self._enqueue(message.t_ns, source, *event)
         self._events[source].clear()
-        self._enqueue(head.t_ns, source, channel, key, payload)
-        upstream.end_period(head.watermark_ns, head.n_events)
+        self._enqueue(message.t_ns, source, channel, key, payload)
+        upstream.end_period(message.watermark_ns, getattr(message, "n_events", 0))
 
     def _skin_upstream(self, name: str) -> Upstream:
         upstream = self._skin.get(name)
@@ -205,6 +193,7 @@ class RecorderProcess(WiredProcess):
         rank = self._rank.get(source)
         if rank is None:
             raise ProtocolError(f"{channel} of unknown source {source!r}")
+        _require_time(t_ns)
         self._n_arrivals += 1
         self._pending.append((t_ns, rank, _CHANNEL_RANK[channel], self._n_arrivals, key, payload))
 
@@ -265,6 +254,8 @@ class RecorderProcess(WiredProcess):
 
     def result(self) -> ProcessResult:
         """Message count of each recorded channel, and file size [bytes]."""
+        if self._converter.n_unreadable:
+            self.counters["unreadable_messages"] = self._converter.n_unreadable
         facts: dict[str, Any] = {
             "logs": {},
             "end_ns": self._t_ns,
@@ -272,6 +263,16 @@ class RecorderProcess(WiredProcess):
             "bytes": self._writer.n_bytes,
         }
         return ProcessResult(self.name, self.role, facts)
+
+
+def _require_time(t_ns: int) -> None:
+    """Require a simulated time that a recording can hold.
+
+    Raises:
+        ProtocolError: it is negative, or beyond any run.
+    """
+    if not 0 <= t_ns <= FOREVER_NS:
+        raise ProtocolError(f"t_ns is {t_ns}; it must be from 0 to {FOREVER_NS}")
 
 
 def _fault_events(deployment: Deployment) -> Iterator[FaultEvent]:

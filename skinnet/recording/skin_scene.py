@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skinnet.deployment import Deployment
-from skinnet.protocol.messages import READING_NAMES, STREAM_ROW, Events, Stream, decode, unpack
+from skinnet.protocol.messages import (
+    INVALID_CONTENT,
+    READING_NAMES,
+    STREAM_ROW,
+    Events,
+    Stream,
+    decode,
+    unpack,
+)
 from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
 from skinnet.recording.body_scene import pose_of, vector
 from skinnet.skin.lattice import pitch_m
@@ -63,6 +71,7 @@ class SkinScene:
         self._sheets = sheets
         self._regions: list[NDArray[np.void]] = [np.zeros(0, dtype=REGION_ROW) for _ in sheets]
         self._pending: list[tuple[str, bytes]] = []
+        self.n_unreadable = 0
         self._streams: dict[str, deque[bytes]] = {}
         self._colours: NDArray[np.uint8] | None = None
         thickness_m = deployment.body.foam.thickness_m
@@ -87,14 +96,11 @@ class SkinScene:
     def encode_if_changed(self) -> bytes | None:
         """Encoded `SceneUpdate`, or None if no colour has changed since the last call."""
         for channel, payload in self._pending:
-            if channel == "regions":
-                self._apply_regions(decode(payload, Regions))
-            else:
-                self._apply_events(decode(payload, Events))
+            self._apply(channel, payload)
         self._pending.clear()
         for streams in self._streams.values():
             for payload in streams:
-                self._apply_stream(decode(payload, Stream))
+                self._apply("stream", payload)
             streams.clear()
         shades = np.rint(np.concatenate([self._cell_colours(), *self._sheet_colours()]) * _MAX_BYTE).astype(
             np.uint8
@@ -105,6 +111,18 @@ class SkinScene:
         colours = (shades / _MAX_BYTE).astype("<f8")
         self._scene[self._colour_offsets] = colours.view(np.uint8).reshape(len(colours), 3 * 8)
         return self._scene.tobytes()
+
+    def _apply(self, channel: str, payload: bytes) -> None:
+        """Apply a message; count one whose content does not fit the skin, which the recorder keeps anyway."""
+        try:
+            if channel == "regions":
+                self._apply_regions(decode(payload, Regions))
+            elif channel == "stream":
+                self._apply_stream(decode(payload, Stream))
+            else:
+                self._apply_events(decode(payload, Events))
+        except INVALID_CONTENT:
+            self.n_unreadable += 1
 
     def _apply_stream(self, stream: Stream) -> None:
         rows = unpack(stream.rows, STREAM_ROW)

@@ -17,7 +17,7 @@ from skinnet.clock import NS_PER_S, next_multiple
 from skinnet.errors import ProtocolError, SkinnetError
 from skinnet.protocol.channels import Keys, channel
 from skinnet.protocol.external_messages import ExternalVelocity
-from skinnet.protocol.messages import encode
+from skinnet.protocol.messages import INVALID_CONTENT, encode
 from skinnet.ros2 import message_types as types
 from skinnet.ros2.message_builder import SUBSCRIBED_CHANNELS, RosMessageBuilder
 from skinnet.ros2.node import RosNode, RosPublisher
@@ -247,7 +247,7 @@ class _Bridge:
             key, payload = self._inbox.popleft()
             try:
                 self._messages.handle(key, payload)
-            except ProtocolError as error:
+            except INVALID_CONTENT as error:
                 self._refusal_queue.append(str(error))
         for _ in range(len(self._refusal_queue)):
             self._count_refusal(self._refusal_queue.popleft())

@@ -82,6 +82,7 @@ async def start_process(context: RunContext, spec: ProcessSpec, hub: str, cores:
     arguments = (
         *("--deployment", context.out / "deployment.json", "--base", context.base),
         *("--name", spec.name, "--parts", context.out / RESULT_FOLDER),
+        *("--run", context.folder.identity.run_id),
         *("--listen" if spec.name == "body" else "--connect", hub),
         *(("--recorded",) if context.record else ()),
         *(("--cpus", *cores) if cores else ()),
@@ -93,6 +94,7 @@ async def start_process(context: RunContext, spec: ProcessSpec, hub: str, cores:
             stdout=output,
             stderr=output,
             env=os.environ | _THREAD_LIMITS,
+            pass_fds=(context.folder.lock,),  # a process that outlives its launcher still owns the folder
         )
     return ChildProcess(spec, process, log)
 

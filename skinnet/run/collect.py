@@ -2,8 +2,9 @@
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
+from skinnet.errors import RunFolderError
+from skinnet.output_folder import OwnedFolder
 from skinnet.run.process_list import ProcessSpec
 from skinnet.runtime.loop import LogicalProcess
 from skinnet.runtime.outcome import Outcome, OutcomeKind, ProcessFailure, ProcessReport
@@ -41,11 +42,15 @@ class EndedInProcess:
     failures: tuple[ProcessFailure, ...] = ()
 
 
-def collect(ended: EndedInProcess | EndedProcesses, out: Path) -> Outcome:
-    """Collect the results of a run; a process that failed has none. `out` is the run folder."""
+def collect(ended: EndedInProcess | EndedProcesses, folder: OwnedFolder) -> Outcome:
+    """Collect the results of a run from its folder; a process that failed has none.
+
+    Raises:
+        RunFolderError: a result is missing, or of another run.
+    """
     if isinstance(ended, EndedInProcess):
         return _collect_logical_processes(ended)
-    return _collect_files(ended, out)
+    return _collect_files(ended, folder)
 
 
 def _collect_logical_processes(ended: EndedInProcess) -> Outcome:
@@ -56,13 +61,18 @@ def _collect_logical_processes(ended: EndedInProcess) -> Outcome:
     return Outcome(_kind(ended.failures), results, (report,), ended.failures)
 
 
-def _collect_files(ended: EndedProcesses, out: Path) -> Outcome:
+def _collect_files(ended: EndedProcesses, folder: OwnedFolder) -> Outcome:
     results, reports = [], []
     for process in ended.processes:
         name, role = process.spec.name, process.spec.role.value
         try:
-            result = ProcessResult.load(out / RESULT_FOLDER, name)
+            result = ProcessResult.load(folder.path / RESULT_FOLDER, name, folder.identity)
         except FileNotFoundError:
+            if process.exit_code == 0:
+                raise RunFolderError(
+                    f"folder {folder.path}: {RESULT_FOLDER}/{name}.json is gone, which {name} wrote; "
+                    f"something else removed it: run it again, in a folder of its own"
+                ) from None
             result = ProcessResult(name, role)
         else:
             results.append(result)

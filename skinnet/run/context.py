@@ -5,6 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 from skinnet.deployment import Deployment
+from skinnet.output_folder import OwnedFolder
 from skinnet.protocol.channels import Keys
 from skinnet.run.observers.observer_endpoint import ObserverEndpoint
 from skinnet.run.process_list import ProcessSpec, process_list
@@ -21,7 +22,7 @@ class RunContext:
     Attributes:
         deployment: Deployment to run.
         base: Base folder of its relative paths.
-        out: Run folder; it has `deployment.json`.
+        folder: Run folder, which this process owns; it has `deployment.json`.
         progress: Progress display.
         observers: Observer endpoint; None if the run cannot be observed.
         record: True if a recorder takes part.
@@ -29,10 +30,15 @@ class RunContext:
 
     deployment: Deployment
     base: Path
-    out: Path
+    folder: OwnedFolder
     progress: ProgressDisplay
     observers: ObserverEndpoint | None = None
     record: bool = False
+
+    @property
+    def out(self) -> Path:
+        """Path of the run folder."""
+        return self.folder.path
 
     @cached_property
     def keys(self) -> Keys:

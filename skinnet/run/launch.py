@@ -5,9 +5,9 @@ import contextlib
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from skinnet.deployment import resolved_json
+from skinnet.output_folder import OwnedFolder
 from skinnet.protocol.channels import Keys
 from skinnet.protocol.external_messages import DeploymentInfo
 from skinnet.run.collect import EndedInProcess, EndedProcesses
@@ -36,12 +36,12 @@ class EndedRun:
     observer_counters: dict[str, int]
 
 
-def launch(prepared: PreparedRun, out: Path, progress: ProgressDisplay) -> EndedRun:
+def launch(prepared: PreparedRun, folder: OwnedFolder, progress: ProgressDisplay) -> EndedRun:
     """Run a prepared deployment to its end.
 
     Args:
         prepared: Deployment and options.
-        out: Run folder; it has `deployment.json`.
+        folder: Run folder; it has `deployment.json`.
         progress: Progress display, shown while the run lasts.
 
     Raises:
@@ -50,7 +50,7 @@ def launch(prepared: PreparedRun, out: Path, progress: ProgressDisplay) -> Ended
     start_s = time.monotonic()
     with _observer_endpoint(prepared, progress) as observers, progress:
         context = RunContext(
-            prepared.deployment, prepared.base, out, progress, observers, prepared.options.record
+            prepared.deployment, prepared.base, folder, progress, observers, prepared.options.record
         )
         ended = asyncio.run(_run(context, in_process=prepared.options.in_process))
     counters = {} if observers is None else observers.counters

@@ -9,7 +9,7 @@ from skinnet.run.launch import launch
 from skinnet.run.prepare import PreparedRun
 from skinnet.run.progress import ProgressDisplay
 from skinnet.run.summary import summarise
-from skinnet.run.write import write_deployment, write_summary
+from skinnet.run.write import own_run_folder, write_deployment, write_summary
 
 __all__ = ["run_once"]
 
@@ -20,15 +20,17 @@ def run_once(prepared: PreparedRun, out: Path, progress: ProgressDisplay) -> dic
     The plots come after the summary, which a plot that fails must not cost.
 
     Raises:
+        RunFolderError: the folder is in use, or holds files of others; nothing in it is touched.
         SkinnetError: the run failed; the text is one line.
     """
-    write_deployment(prepared, out)
-    launched = launch(prepared, out, progress)
-    outcome = collect(launched.ended, out)
-    analysis = RunAnalysis(prepared, outcome)
-    summary = summarise(prepared, launched, outcome, analysis.metrics)
-    write_summary(summary, out)
-    if prepared.options.plots:
-        for line in analysis.draw_plots(out):
-            progress.print_line(line)
-    return summary
+    with own_run_folder(prepared, out) as folder:
+        write_deployment(prepared, out)
+        launched = launch(prepared, folder, progress)
+        outcome = collect(launched.ended, folder)
+        analysis = RunAnalysis(prepared, outcome)
+        summary = summarise(prepared, launched, outcome, analysis.metrics, folder.identity)
+        write_summary(summary, folder)
+        if prepared.options.plots:
+            for line in analysis.draw_plots(out):
+                progress.print_line(line)
+        return summary

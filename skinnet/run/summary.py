@@ -7,6 +7,7 @@ from typing import Any
 
 from skinnet import __version__
 from skinnet.migration.summaries import FORMAT
+from skinnet.output_folder import RunIdentity
 from skinnet.run.arithmetic import arithmetic
 from skinnet.run.environment import environment
 from skinnet.run.launch import EndedRun
@@ -24,7 +25,11 @@ def log_sha256(results: Iterable[ProcessResult]) -> str:
 
 
 def summarise(
-    prepared: PreparedRun, launched: EndedRun, outcome: Outcome, metrics: dict[str, Any]
+    prepared: PreparedRun,
+    launched: EndedRun,
+    outcome: Outcome,
+    metrics: dict[str, Any],
+    identity: RunIdentity,
 ) -> dict[str, Any]:
     """Build the content of `summary.json`.
 
@@ -33,6 +38,7 @@ def summarise(
         launched: Timing of the run, and counters of its observers.
         outcome: Outcome of the run.
         metrics: Metrics of the run.
+        identity: Identity of the run, as its folder has it.
     """
     deployment = prepared.deployment
     counters = {result.name: result.facts["counters"] for result in outcome.results}
@@ -41,6 +47,8 @@ def summarise(
         "outcome": outcome.kind.value,
         "deployment": deployment.name,
         "version": __version__,
+        "run_id": identity.run_id,
+        "deployment_sha256": identity.deployment_sha256,
         "seed": deployment.seed,
         "log_sha256": log_sha256(outcome.results),
         "pace": deployment.run.pace,

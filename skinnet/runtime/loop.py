@@ -16,6 +16,7 @@ from typing import Protocol, runtime_checkable
 from skinnet.clock import WallClockPace
 from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
 from skinnet.protocol.channels import ALIVE, EXTERNAL, RECORDER, Keys
+from skinnet.runtime.patience import Patience
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
 from skinnet.transport.interface import Delivery, PublicSession
@@ -116,8 +117,6 @@ class TelemetrySource(Protocol):
 _TELEMETRY_PERIOD_S = 0.5
 _RECORDER_BATCH_PERIODS = 8
 """Periods per batch to the recorder: it has no deadline, and each batch costs CPU time in three processes."""
-_LIVELINESS_GRACE_S = 0.2
-"""Grace period [s]: the loss of a token may overtake the last messages, which come through another thread."""
 
 
 class _Loop:
@@ -127,36 +126,51 @@ class _Loop:
         self.process = process
         self.transport = transport
         self.keys = keys
-        self.deadline_s = deadline_s
+        self.patience = Patience(process.name, deadline_s, process.tolerated_losses)
         self.present: set[str] = set()
-        self.lost_at_s: dict[str, float] = {}
-        self.last_delivery_s = time.monotonic()
+        self.gone: set[str] = set()
+        self._checked_s = time.monotonic()
         self._logged_keys: set[str] = set()
 
     async def wait_for_peers(self) -> None:
-        """Wait until every peer has declared its liveliness token, including those gone again."""
-        while not self.process.peers <= self.present | self.lost_at_s.keys():
+        """Wait until every peer has declared its liveliness token, including those gone again.
+
+        The launcher sees to it that all peers come, or ends the run.
+        """
+        while not self.process.peers <= self.present | self.gone:
             self.dispatch(await self.transport.receive(1.0))
 
     async def wait_for_watermarks(self, pace: WallClockPace | None) -> None:
         """Receive messages until the needed watermarks are reached or, in real time, the period is due."""
-        self.last_delivery_s = time.monotonic()
+        if pace is None:
+            self._checked_s = time.monotonic()
         while (needs := self.process.needs()) is not None:
             missing = self.missing(needs)
             if pace is None:
                 if not missing:
                     return
                 # every missing upstream still owes one period end at least
-                self.dispatch(await self.transport.receive(self.timeout_s(missing), len(missing)))
+                timeout_s = self.patience.timeout_s(missing, self.gone)
+                await self._receive(missing, timeout_s, len(missing))
             else:
                 wait_s = pace.wait_s(self.process.due_ns())
                 # receive even when late, or messages would stay unread until the body has caught up
-                self.dispatch(await self.transport.receive(max(wait_s, 0.0)))
+                await self._receive(missing, max(wait_s, 0.0))
                 if wait_s <= 0.0:
                     self.process.counters["deadline_misses"] += bool(self.missing(needs))
                     return
-            for up in missing:
-                self.check_timeout(up)
+
+    async def _receive(self, missing: list[Upstream], timeout_s: float, min_count: int = 1) -> None:
+        """Receive messages for at most `timeout_s` [s]; drop missing upstreams that are gone or silent."""
+        before_ns = [up.watermark_ns for up in missing]
+        self.dispatch(await self.transport.receive(timeout_s, min_count))
+        now_s = time.monotonic()
+        passed_s, self._checked_s = now_s - self._checked_s, now_s
+        for up, watermark_ns in zip(missing, before_ns, strict=True):
+            if up.watermark_ns > watermark_ns:
+                self.patience.reset(up)
+            elif self.patience.is_over(up, passed_s, gone=(gone := up.process in self.gone)):
+                self.drop_upstream(up, silent=not gone)
 
     def missing(self, needs: Mapping[str, int]) -> list[Upstream]:
         """Return the live upstreams whose watermark is below the needed time."""
@@ -165,31 +179,13 @@ class _Loop:
             up for name, t_ns in needs.items() if (up := sources[name]).watermark_ns < t_ns and not up.lost
         ]
 
-    def timeout_s(self, missing: list[Upstream]) -> float:
-        """Return the timeout [s] for the next message before the missing upstreams are checked."""
-        return (
-            _LIVELINESS_GRACE_S / 4
-            if any(up.process in self.lost_at_s for up in missing)
-            else self.deadline_s
-        )
-
-    def check_timeout(self, upstream: Upstream) -> None:
-        """Drop a missing upstream whose process is gone, or silent beyond the deadline."""
-        now_s = time.monotonic()
-        if now_s - self.lost_at_s.get(upstream.process, now_s) > _LIVELINESS_GRACE_S:
-            self.drop_upstream(upstream, "is gone")
-        elif now_s - self.last_delivery_s >= self.deadline_s:
-            self.drop_upstream(upstream, f"sent no period end for {self.deadline_s:g} s")
-
     def dispatch(self, deliveries: list[Delivery]) -> None:
         """Dispatch deliveries: liveliness changes to the loop, messages to the process."""
-        if deliveries:
-            self.last_delivery_s = time.monotonic()
         for key, payload in deliveries:
             if payload is None:
                 process = key.rsplit("/", 1)[-1]
                 self.present.discard(process)
-                self.lost_at_s.setdefault(process, time.monotonic())
+                self.gone.add(process)
             elif payload == b"" and f"/{ALIVE}/" in key:
                 self.present.add(key.rsplit("/", 1)[-1])
             else:
@@ -206,8 +202,8 @@ class _Loop:
                 self._logged_keys.add(key)
                 log.warning("dropped a malformed message on %s: %s", key, error)
 
-    def drop_upstream(self, upstream: Upstream, reason: str) -> None:
-        """Continue without an upstream if its loss is tolerated.
+    def drop_upstream(self, upstream: Upstream, *, silent: bool) -> None:
+        """Continue without an upstream, gone or silent, if its loss is tolerated.
 
         Raises:
             UpstreamLostError: it is not.
@@ -217,10 +213,13 @@ class _Loop:
         upstream.lost = True
         self.process.on_upstream_lost(upstream)
         self.process.counters["lost_upstreams"] += 1
+        reason = self.patience.silence_text(upstream) if silent else "is gone"
         text = f"{upstream.process} (source of {upstream.name}) {reason}"
         if upstream.process not in self.process.tolerated_losses:
-            raise UpstreamLostError(f"{self.process.name}: {text}")
+            raise UpstreamLostError(f"{self.process.name}: {text}", upstream.process, silent=silent)
         log.warning("%s; continuing without it", text)
+        if silent:
+            self.transport.session.put(self.keys.silent(upstream.process), text.encode())
 
 
 def _claim_name(name: str, session: PublicSession, keys: Keys) -> None:

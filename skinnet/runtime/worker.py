@@ -1,6 +1,7 @@
 """Process shell around a logical process: arguments, transport, loop, shutdown, result.
 
-Exit codes: 0 finished, 1 failed with one line on standard error, 3 stopped by the launcher.
+Exit codes: 0 finished, 1 failed with one line on standard error, 3 stopped by the launcher. A process that
+lost an upstream also writes which one, for the launcher to find the first cause.
 A worker ends when its standard input closes, so that a killed launcher leaves no orphans.
 """
 
@@ -22,22 +23,46 @@ import msgspec
 
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
-from skinnet.errors import SkinnetError
+from skinnet.errors import SkinnetError, UpstreamLostError
+from skinnet.files import write_json
+from skinnet.output_folder import RunIdentity, sha256_of
 from skinnet.protocol.channels import Keys
 from skinnet.runtime.loop import Closeable, LogicalProcess, run_loop
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.usage import UsageTrace
 from skinnet.transport.loop_transport import LoopTransport
-from skinnet.transport.zenoh_loop import join_loop, listen_for_loop
+from skinnet.transport.zenoh_loop import hub_socket, join_loop, listen_for_loop
 
-__all__ = ["EXIT_STOPPED", "ProcessModule", "build_process", "main", "result_of"]
+__all__ = [
+    "EXIT_STOPPED",
+    "LostUpstream",
+    "ProcessModule",
+    "build_process",
+    "lost_file",
+    "main",
+    "result_of",
+]
 
 EXIT_STOPPED = 3
 _STDIN = 0
-_HUB_LINGER_S = 5.0
+_POLL_PERIOD_S = 0.02
+_LINGER_DEADLINES = 3
+"""Deadlines for which the hub stays for its clients: one may wait for another until its own deadline."""
 _GC_THRESHOLD = 50_000
 """Garbage-collection threshold: periods allocate many short-lived objects without reference cycles."""
 log = logging.getLogger(__name__)
+
+
+class LostUpstream(msgspec.Struct, frozen=True, kw_only=True):
+    """Upstream that a process lost: its name, and whether it was silent rather than gone."""
+
+    process: str
+    silent: bool
+
+
+def lost_file(results: Path, name: str) -> Path:
+    """Return the file in the folder of results in which process `name` says which upstream it lost."""
+    return results / f"{name}.lost.json"
 
 
 class ProcessModule(Protocol):
@@ -70,6 +95,7 @@ def _arguments(module: str) -> argparse.Namespace:
     parser.add_argument(
         "--parts", type=Path, required=True, help="folder for the process result, inside the run folder"
     )
+    parser.add_argument("--run", required=True, help="id of the run, which its results carry")
     parser.add_argument("--recorded", action="store_true", help="a recorder takes part in the run")
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--listen", help="Zenoh endpoint to listen on as the hub")
@@ -92,6 +118,11 @@ def main(module: str) -> int:
         _pin_to_cores(args.cpus)
     try:
         asyncio.run(_run(module, args))
+    except UpstreamLostError as error:
+        log.error("%s", error)
+        lost = LostUpstream(process=error.process, silent=error.silent)
+        write_json(lost_file(args.parts, args.name), msgspec.to_builtins(lost))
+        return 1
     except SkinnetError as error:
         log.error("%s", error)
         return 1
@@ -127,12 +158,15 @@ def _install_stop_handlers() -> None:
 
 
 async def _run(module: str, args: argparse.Namespace) -> None:
-    deployment = from_document(msgspec.json.decode(args.deployment.read_bytes()), str(args.deployment))
+    document = args.deployment.read_bytes()
+    deployment = from_document(msgspec.json.decode(document), str(args.deployment))
     keys = Keys(deployment.robot)
+    deadline_s = deployment.run.deadline_s
     if args.listen:
-        transport = listen_for_loop(keys, args.name, args.listen)
+        transport = listen_for_loop(keys, args.name, args.listen, deadline_s)
     else:
-        transport = join_loop(keys, args.name, args.connect)
+        _wait_for_hub(args.connect)
+        transport = join_loop(keys, args.name, args.connect, deadline_s)
     statistics = transport.statistics
     node: LogicalProcess | None = None
     try:
@@ -146,7 +180,7 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             node,
             transport,
             keys,
-            deadline_s=deployment.run.deadline_s,
+            deadline_s=deadline_s,
             realtime=deployment.run.pace == "realtime",
             on_period=usage.sample,
         )
@@ -154,18 +188,25 @@ async def _run(module: str, args: argparse.Namespace) -> None:
             node.counters["malformed_batches"] += statistics.malformed_batches
         part = result_of(node)
         part.arrays |= {"usage": usage.rows, "transit_us": statistics.transit_histogram}
-        part.save(args.parts)
+        part.save(args.parts, RunIdentity(args.run, sha256_of(document)))
         if args.listen:
-            await _wait_for_clients(transport, present - {node.name})
+            await _wait_for_clients(transport, present - {node.name}, _LINGER_DEADLINES * deadline_s)
     finally:
         if isinstance(node, Closeable):
             node.close()
         transport.close()
 
 
-async def _wait_for_clients(transport: LoopTransport, present: set[str]) -> None:
+def _wait_for_hub(endpoint: str) -> None:
+    """Wait for the socket of the hub; a Zenoh session that waits for it would not stop on a signal."""
+    socket = hub_socket(endpoint)
+    while socket is not None and not socket.exists():
+        time.sleep(_POLL_PERIOD_S)
+
+
+async def _wait_for_clients(transport: LoopTransport, present: set[str], timeout_s: float) -> None:
     """Keep the hub, which relays for the others, open until their liveliness tokens are gone."""
-    deadline_s = time.monotonic() + _HUB_LINGER_S
+    deadline_s = time.monotonic() + timeout_s
     while present and time.monotonic() < deadline_s:
         for key, payload in await transport.receive(0.1):
             if payload is None:

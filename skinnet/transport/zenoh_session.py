@@ -2,7 +2,7 @@
 
 Sessions find each other by endpoints only, without scouting. All messages of the loop have one priority and
 congestion control BLOCK, since mixed priorities break causal order. Zenoh by default closes a transport whose
-receiver blocks for five seconds, so `wait_before_close` is set beyond any deadline of the loop.
+receiver blocks for five seconds, so `wait_before_close` and the leases are set beyond the loop's deadline.
 """
 
 import contextlib
@@ -19,17 +19,22 @@ from zenoh import ext
 from skinnet.errors import PortInUseError, SkinnetError, UnreachableError
 from skinnet.transport.interface import OnLiveliness, OnMessage, Query, Reply, Undeclare
 
-__all__ = ["OnSample", "Publisher", "ZenohSession"]
+__all__ = ["HUB_TIMEOUT_S", "OnSample", "Publisher", "ZenohSession"]
 
 OnSample = Callable[[str, bytes, bytes | None], None]
 """Sample callback (key, payload, attachment), in a thread of Zenoh; must not block."""
 
-_LOOP_LEASE_MS = 2_000
-_CLIENT_LEASE_MS = 10_000
-"""Lease of sessions to other systems: Zenoh's default."""
-_WAIT_BEFORE_CLOSE_US = 120_000_000
-_HUB_TIMEOUT_S = 60.0
-"""Timeout [s] for the hub of a loop to listen."""
+_LEASE_MS = 10_000
+"""Lease of sessions outside the loop, and the shortest one in it: Zenoh's default."""
+_LEASE_DEADLINES = 4
+"""Lease of sessions in the loop, in deadlines of the run: a silent process misses its deadline first. One
+that ends closes its connection and needs no lease."""
+_WAIT_BEFORE_CLOSE_DEADLINES = 4
+_WAIT_BEFORE_CLOSE_MS = 120_000
+_MAX_MS = 86_400_000
+"""Longest time [ms] that Zenoh is set to: a day."""
+HUB_TIMEOUT_S = 60.0
+"""Timeout [s] for the hub of a loop to answer."""
 _CONNECT_TIMEOUT_S = 3.0
 _TOKENS_TIMEOUT_S = 10.0
 _HEARTBEAT_PERIOD_S = 0.5
@@ -37,11 +42,11 @@ _COMMON_SETTINGS = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "transport/shared_memory/enabled": False,
-    "transport/link/tx/lease": _LOOP_LEASE_MS,
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": _WAIT_BEFORE_CLOSE_US,
+    "transport/link/tx/lease": _LEASE_MS,
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 1000 * _WAIT_BEFORE_CLOSE_MS,
     "connect/exit_on_failure": True,
 }
-_EXTERNAL_SETTINGS = {"transport/link/tx/lease": _CLIENT_LEASE_MS, "timestamping/enabled": True}
+_EXTERNAL_SETTINGS = {"timestamping/enabled": True}
 """Settings for other systems: time stamps, by which advanced publishers number samples."""
 
 log = logging.getLogger(__name__)
@@ -74,14 +79,16 @@ class ZenohSession:
         self._serial = itertools.count()
 
     @classmethod
-    def open_hub(cls, endpoint: str) -> "ZenohSession":
-        """Open a peer that listens: the hub of a loop, or of observers."""
-        return cls("peer", endpoint, {})
+    def open_hub(cls, endpoint: str, deadline_s: float = 0.0) -> "ZenohSession":
+        """Open a peer that listens: the hub of a loop with this deadline, or of observers."""
+        return cls("peer", endpoint, _patience(deadline_s))
 
     @classmethod
-    def open_member(cls, endpoint: str) -> "ZenohSession":
-        """Open a client of the hub of a loop, which may listen later."""
-        return cls("client", endpoint, _connect_timeout(_HUB_TIMEOUT_S))
+    def open_member(
+        cls, endpoint: str, deadline_s: float = 0.0, timeout_s: float = HUB_TIMEOUT_S
+    ) -> "ZenohSession":
+        """Open a client of the hub of a loop with this deadline, which may listen later."""
+        return cls("client", endpoint, _patience(deadline_s) | _connect_timeout(timeout_s))
 
     @classmethod
     def open_client(cls, endpoint: str, timeout_s: float = _CONNECT_TIMEOUT_S) -> "ZenohSession":
@@ -273,6 +280,16 @@ class _PendingQuery:
     def drop(self) -> None:
         """Drop the query without a reply."""
         self._query.drop()
+
+
+def _patience(deadline_s: float) -> dict[str, Any]:
+    """Settings by which a loop with this deadline finds a process silent before Zenoh takes it for dead."""
+    deadline_ms = round(min(1000.0 * deadline_s, _MAX_MS))
+    close_ms = max(_WAIT_BEFORE_CLOSE_MS, _WAIT_BEFORE_CLOSE_DEADLINES * deadline_ms)
+    return {
+        "transport/link/tx/lease": max(_LEASE_MS, _LEASE_DEADLINES * deadline_ms),
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": 1000 * close_ms,
+    }
 
 
 def _connect_timeout(timeout_s: float) -> dict[str, Any]:

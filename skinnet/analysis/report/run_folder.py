@@ -18,6 +18,7 @@ from skinnet.errors import FormatError, RunFolderError
 from skinnet.migration import deployments
 from skinnet.migration.renaming import remark_old_format
 from skinnet.migration.summaries import FORMAT, translate_summary
+from skinnet.output_folder import identity_of
 from skinnet.runtime.outcome import ProcessFailure, ProcessReport
 
 __all__ = [
@@ -57,6 +58,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     environment: dict[str, Any] = {}
     arithmetic: dict[str, str] = {}
     settings: tuple[str, ...] = ()
+    run_id: str = ""
+    deployment_sha256: str = ""
     format: int = FORMAT
 
 
@@ -70,6 +73,8 @@ class StressSummary(msgspec.Struct, frozen=True, kw_only=True):
     metrics: dict[str, Any]
     environment: dict[str, Any] = {}
     settings: tuple[str, ...] = ()
+    run_id: str = ""
+    deployment_sha256: str = ""
     format: int = FORMAT
 
 
@@ -80,6 +85,7 @@ class RunFiles:
     Attributes:
         deployment: Deployment as it was run; None if absent, or of a version with other keys.
         deployment_keys: Deployment as plain data; empty if absent.
+        run_id: Id of the run that wrote the folder, by its marker; empty without one.
         pictures: Readable pictures.
         damaged_files: Names of PNG files that are not valid.
     """
@@ -88,6 +94,19 @@ class RunFiles:
     deployment_keys: dict[str, Any] = field(default_factory=dict)
     pictures: tuple[Picture, ...] = ()
     damaged_files: tuple[str, ...] = ()
+    run_id: str = ""
+
+    def require_run(self, run_id: str, source: Path) -> None:
+        """Require that the files are of the run that a summary names, if both name one.
+
+        Raises:
+            RunFolderError: they are not; `source` is the summary.
+        """
+        if run_id and self.run_id not in ("", run_id):
+            raise RunFolderError(
+                f"{source}: of another run than the files beside it, or in the folder of its seed; "
+                f"run it again, in a folder of its own"
+            )
 
 
 @dataclass(frozen=True)
@@ -167,6 +186,7 @@ def _unfinished_reason(folder: Path) -> str:
 
 def _read_run(name: str, source: Path, raw: dict[str, Any], files: RunFiles) -> RunResults:
     summary = _convert(raw, Summary, source)
+    files.require_run(summary.run_id, source)
     others = {key: value for key, value in raw.items() if key not in Summary.__struct_fields__}
     metrics = deployment_metrics(files.deployment) | summary.metrics
     return RunResults(
@@ -183,6 +203,7 @@ def _read_stress(folder: Path, name: str) -> StressResults:
     source = folder / "stress.json"
     summary = _convert(_read_summary(source), StressSummary, source)
     made = _read_files(folder)
+    made.require_run(summary.run_id, source)
     metrics = deployment_metrics(made.deployment) | summary.metrics
     return StressResults(
         name, summary, metrics, made, evaluate_claims(summary.deployment, metrics, made.deployment_keys)
@@ -205,7 +226,9 @@ def _read_files(folder: Path) -> RunFiles:
         deployment = msgspec.convert(keys, Deployment)
     except msgspec.ValidationError:
         deployment = None
-    return RunFiles(deployment, keys, tuple(pictures), tuple(damaged))
+    identity = identity_of(folder)
+    run_id = "" if identity is None else identity.run_id
+    return RunFiles(deployment, keys, tuple(pictures), tuple(damaged), run_id)
 
 
 def evaluate_claims(

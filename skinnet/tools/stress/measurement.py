@@ -15,6 +15,7 @@ from skinnet.analysis.metrics.packet_traffic import percentile_us
 from skinnet.deployment import Deployment
 from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import SkinnetError
+from skinnet.output_folder import identity_of
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.tools.stress.points import LISTEN
 
@@ -50,7 +51,8 @@ def measure_point(deployment: Deployment, spec: StressSpec, folder: Path, names:
     Raises:
         SkinnetError: the skin's network did not form, so nothing was measured.
     """
-    parts = {name: ProcessResult.load(folder / "parts", name) for name in names}
+    identity = identity_of(folder)
+    parts = {name: ProcessResult.load(folder / "parts", name, identity) for name in names}
     controller = parts["controller"]
     window = _window(controller, spec)
     hosts = [part for part in parts.values() if part.role == "cells"]

@@ -14,6 +14,7 @@ from skinnet.deployment import Deployment, resolved_json
 from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import SkinnetError
 from skinnet.files import write_json
+from skinnet.output_folder import add_output_file, identity_of
 from skinnet.run.arithmetic import arithmetic
 from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import PreparedRun, RunOptions
@@ -23,8 +24,13 @@ from skinnet.tools.stress.measurement import measure_point
 from skinnet.tools.stress.other_load import OtherLoad
 from skinnet.tools.stress.points import Point, derive_deployment, sweep_points
 
-__all__ = ["PointResult", "run_sweep"]
+__all__ = ["SWEEP_FILES", "PointResult", "run_sweep"]
 
+SWEEP_FILES = (
+    *("deployment.json", "stress.json", "report.html"),
+    *(f"{name}.png" for name in ("rates", "latency", "cpu", "event_driven", "thresholds")),
+)
+"""Files of the folder of a sweep, apart from the folders of its points."""
 _RESULT = "point.json"
 
 
@@ -52,7 +58,7 @@ def run_sweep(
         file: The deployment's file; paths in it start from its folder.
         deployment: Deployment to vary.
         spec: Sweep to run.
-        out: Folder of the sweep.
+        out: Folder of the sweep, which the caller owns.
         resume: Keep the points in `out` that are finished and were made from the same deployment.
         progress: Callback for progress, one line at a time.
 
@@ -61,7 +67,6 @@ def run_sweep(
     """
     points = sweep_points(deployment, spec)
     derived = [derive_deployment(deployment, point, spec) for point in points]
-    (out / "stress.json").unlink(missing_ok=True)  # of an earlier sweep in this folder
     results = []
     for number, (point, what) in enumerate(zip(points, derived, strict=True), start=1):
         head = f"{number}/{len(points)} {point.name}"
@@ -72,7 +77,8 @@ def run_sweep(
         else:
             result = _run_point(file, what, spec, point, folder)
             if result.failure is None:
-                write_json(folder / _RESULT, {"mark": mark} | asdict(result))
+                add_output_file(folder, _RESULT)
+                write_json(folder / _RESULT, {"mark": mark, "run_id": _run_id(folder)} | asdict(result))
             progress(f"{head}: {_result_line(result)}")
         results.append(result)
     return results
@@ -90,13 +96,19 @@ def _load_finished(folder: Path, mark: str, point: Point) -> PointResult | None:
         saved = msgspec.json.decode((folder / _RESULT).read_bytes())
     except (FileNotFoundError, msgspec.DecodeError):
         return None
-    return PointResult(point, saved["metrics"]) if saved.get("mark") == mark else None
+    marks = saved.get("mark"), saved.get("run_id")
+    return PointResult(point, saved["metrics"]) if marks == (mark, _run_id(folder)) else None
+
+
+def _run_id(folder: Path) -> str | None:
+    """Id of the run whose results are in a point's folder."""
+    identity = identity_of(folder)
+    return None if identity is None else identity.run_id
 
 
 def _run_point(
     file: Path, deployment: Deployment, spec: StressSpec, point: Point, folder: Path
 ) -> PointResult:
-    (folder / _RESULT).unlink(missing_ok=True)
     quiet = ProgressDisplay(Console(stderr=True), quiet=True)
     others = OtherLoad()
     try:

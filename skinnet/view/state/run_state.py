@@ -13,6 +13,7 @@ from skinnet.deployment.deployment import BOARD_PROCESS, Deployment
 from skinnet.errors import ProtocolError
 from skinnet.network.records import Outcome
 from skinnet.protocol.messages import (
+    INVALID_CONTENT,
     Answer,
     Command,
     ControllerState,
@@ -43,6 +44,7 @@ RASTER_NS = 10_000_000_000
 CHARTS_NS = 60_000_000_000
 """Time span of the charts [ns]."""
 _BIN_NS = 250_000_000
+_POSE_LENGTH = 7
 _NO_LEVEL = 7
 _LOSS_OUTCOMES = {outcome.name.lower() for outcome in Outcome} - {Outcome.DELIVERED.name.lower()}
 _RASTER_PERIOD_NS = 50_000_000
@@ -118,7 +120,7 @@ class RunState:
         """Apply a message received at wall time `now_s` [s]; count it as malformed if it is invalid."""
         try:
             self._apply(received, now_s)
-        except (ProtocolError, IndexError, ValueError) as error:  # values from outside are unchecked
+        except INVALID_CONTENT as error:  # values from outside are unchecked
             self.count_malformed(f"{received.channel}: {error}")
             return
         self.t_ns = max(self.t_ns, received.t_ns)
@@ -179,7 +181,7 @@ class RunState:
             case Answer() as answer:
                 self.last_answer = answer
             case FreeBodyPoses() as world:
-                self.free_body_poses = self.free_body_poses | world.poses
+                self._apply_free_bodies(world)
             case Counters() as counters:
                 self._apply_counters(counters)
 
@@ -189,6 +191,11 @@ class RunState:
                 f"{len(joints.position_rad)} joint positions; this robot has {len(self.position_rad)} joints"
             )
         self.position_rad = joints.position_rad
+
+    def _apply_free_bodies(self, world: FreeBodyPoses) -> None:
+        if any(len(pose) != _POSE_LENGTH for pose in world.poses.values()):
+            raise ProtocolError(f"poses of free bodies have {_POSE_LENGTH} numbers")
+        self.free_body_poses = self.free_body_poses | world.poses
 
     def _apply_counters(self, counters: Counters) -> None:
         """Apply a cell process's counters: losses, unless link loads are published."""

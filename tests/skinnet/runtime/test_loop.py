@@ -239,7 +239,7 @@ async def test_who_comes_under_a_name_that_is_taken_leaves_and_disturbs_nobody()
     await asyncio.sleep(0)
     for _ in range(3):
         transport = hub.connect("a")
-        with pytest.raises(NameTakenError, match=r"^a: a process of this name"):
+        with pytest.raises(NameTakenError, match=r"^a: a process of this name is already"):
             await run_loop(twin, transport, KEYS, deadline_s=20.0)
         transport.close()
     await run_loop(other, hub.connect("b"), KEYS, deadline_s=20.0)
@@ -305,9 +305,41 @@ async def test_a_lost_upstream_that_is_needed() -> None:
 
 async def test_a_silent_upstream_is_given_up_after_the_deadline() -> None:
     a, b = Talker("a", ("b",)), Talker("b", ("a",), silent_from=2, periods=99, tolerated_losses=("a",))
-    with pytest.RaisesGroup(pytest.RaisesExc(UpstreamLostError, match=r"a: b .*no period end for 0\.05 s")):
+    with pytest.RaisesGroup(
+        pytest.RaisesExc(UpstreamLostError, match=r"a: b .*is silent.* no period end for 0\.05 s")
+    ):
         await meet(a, b, deadline_s=0.05)
     assert len(a.log) == 3
+
+
+async def test_who_waits_for_a_tolerated_upstream_is_not_silent_to_others() -> None:
+    """A waits for C, which may be lost, until its deadline; B, which waits for A just as long, goes on."""
+    a = Talker("a", ("b", "c"), tolerated_losses=("c",))
+    b = Talker("b", ("a",), tolerated_losses=("c",))
+    c = Talker("c", ("a",), silent_from=2, periods=3)
+    await meet(a, b, c, deadline_s=0.2, leave=False)
+    assert (a.lost, b.lost) == (["c"], [])
+    assert len(a.log) == len(b.log) == 5
+
+
+async def test_who_keeps_talking_does_not_hide_a_silent_upstream() -> None:
+    """Messages of an external client come all the time, and count for nobody's period end."""
+    hub = InMemoryHub(KEYS)
+    node = Talker("a", ("b",))
+    hub.connect("b").session.declare_token(KEYS.liveliness(Role.CELLS, "b"))
+    client = hub.connect(EXTERNAL)
+
+    async def chat() -> None:
+        while True:
+            client.put(KEYS.of("period_end", "b"), b"nonsense")
+            client.flush()
+            await asyncio.sleep(0)
+
+    chatting = asyncio.create_task(chat())
+    async with asyncio.timeout(20.0):
+        with pytest.raises(UpstreamLostError, match=r"b .source of b. is silent"):
+            await run_loop(node, hub.connect("a"), KEYS, deadline_s=0.1)
+    chatting.cancel()
 
 
 async def test_a_silent_upstream_that_is_tolerated() -> None:
@@ -544,4 +576,5 @@ async def test_with_a_shorter_delay_they_wait_for_each_other(periods_ms: tuple[i
     for error in group.value.exceptions:  # who sees it first, and perhaps another
         assert isinstance(error, UpstreamLostError)
         assert "sent no period end" in str(error)
+        assert error.silent
     assert nodes[0].t_ns < 40_000_000
