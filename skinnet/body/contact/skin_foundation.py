@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
+from skinnet.body.contact.loaded_points import no_loaded_points
 from skinnet.body.contact.point_kinematics import Motion, motion_views
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.contact.winkler import ContactProblem, ContactState, Foam, Workspace, compute_contact
@@ -84,6 +85,7 @@ class Foundation:
             self.temperature_c,
             self.contact,
             self.applied_wrench,
+            no_loaded_points(n * n_samples),
             Workspace(
                 near=np.zeros(solids, dtype=np.int64),
                 close=np.zeros(solids, dtype=np.int64),
