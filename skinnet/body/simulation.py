@@ -134,7 +134,7 @@ class BodySimulation:
         spec = deployment.payload
         if spec is None:
             return None, None
-        payload = Payload(self.data, spec)
+        payload = Payload(self.data, spec, self.dynamics.step_s)
         contact, period_ns = self.sheet_foundation.contact, deployment.body.joint_state_period_ns
         truth = PayloadGroundTruth(self.model, payload, contact, spec.drop_threshold_m, period_ns)
         joints, step_s = deployment.body.joints, self.dynamics.step_s

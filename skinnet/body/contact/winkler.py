@@ -37,6 +37,7 @@ from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = [
+    "RAY_START_DEPTH_M",
     "SHEAR_STIFFNESS_RATIO",
     "ContactProblem",
     "ContactState",
@@ -48,7 +49,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_RAY_START_DEPTH_M = 0.004
+RAY_START_DEPTH_M = 0.004
 """Start of rays [m] below the rigid surface: a solid that penetrates this far still counts as in contact."""
 _MIN_APPROACH_M_S = 0.02
 """Speed [m/s] that a body at rest may reach in a step."""
@@ -119,6 +120,7 @@ class ContactProblem(NamedTuple):
         contact: Contact state, overwritten; shear is updated.
         wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; added to.
         points: Loaded points, overwritten.
+        start_depth_m: (n,) largest depth below the rigid surface at which rays start [m].
         workspace: Scratch arrays.
     """
 
@@ -130,6 +132,7 @@ class ContactProblem(NamedTuple):
     contact: ContactState
     wrench: Floats
     points: LoadedPoints
+    start_depth_m: Floats
     workspace: Workspace
 
 
@@ -139,13 +142,13 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
 
     Shear displacement is integrated over `step_s` [s].
     """
-    surface, scene, motion, foam, _, contact, _, points, workspace = problem
+    surface, scene, motion, foam, _, contact, _, points, _, workspace = problem
     points.count[0] = 0
     contact.body_normal_force_n[:] = 0.0
     contact.patch_body_force_n[:] = 0.0
     contact.peak_force_n[0] = 0.0
     contact.force_weighted_slip_n_m[:] = 0.0
-    below_m = _RAY_START_DEPTH_M + scene.largest_indentation_m
+    below_m = RAY_START_DEPTH_M + scene.largest_indentation_m
     face_m = foam.thickness_m + _reach_m(scene, motion, step_s)
     half_m = 0.5 * (face_m + below_m)
     corner_m = 0.0  # largest distance of a sample point from the centre of the cell
@@ -202,14 +205,24 @@ def _add_force(
 
 @compiled_without_nrt
 def _cast_rays(
-    surface: SkinSurface, scene: ContactScene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
+    surface: SkinSurface,
+    scene: ContactScene,
+    motion: Motion,
+    i: int,
+    k: int,
+    limit_m: float,
+    hit: Indices,
+    nearest_m: Floats,
 ) -> None:
     """Cast rays from the points of cell `i` at solid `k`; update `hit` and `nearest_m` where it is nearer.
 
-    Heights count from `_RAY_START_DEPTH_M` below the rigid surface; a compliant solid may lie deeper.
+    Heights count from `RAY_START_DEPTH_M` below the rigid surface; a compliant solid may lie deeper.
+    No ray starts below `limit_m` [m], where it would meet what presses the other side of a thin link.
     """
     g, axes, give_m = scene.geom_id[k], motion.geom_xmat, scene.max_indentation_m[k]
-    x, y, z = point_above_cell(surface, motion, i, -_RAY_START_DEPTH_M - give_m)
+    start_m = min(RAY_START_DEPTH_M + give_m, limit_m)
+    above_m = RAY_START_DEPTH_M - start_m
+    x, y, z = point_above_cell(surface, motion, i, -start_m)
     ox, oy, oz = world_to_solid(scene, motion, k, x, y, z)
     u, v, w = cell_axis(surface, motion, i, 0)
     xx, xy, xz = rotate_inverse(axes, g, u, v, w)
@@ -230,8 +243,8 @@ def _cast_rays(
         distance_m = entry_distance_m(
             kind, size_a, size_b, size_c, triangles_m, first, last, x, y, z, nx, ny, nz
         )
-        if distance_m - give_m < nearest_m[s]:
-            hit[s], nearest_m[s] = k, distance_m - give_m
+        if distance_m + above_m < nearest_m[s]:
+            hit[s], nearest_m[s] = k, distance_m + above_m
 
 
 @compiled_without_nrt
@@ -242,21 +255,22 @@ def _compute_cell_contact(
 
     Solids are sought up to the height `face_m` [m], which the step may bring into contact.
     """
-    surface, scene, motion, foam, temperature_c, contact, wrench, points, workspace = problem
+    surface, scene, motion, foam, temperature_c, contact, wrench, points, _, workspace = problem
     hit, nearest_m = workspace.hit, workspace.nearest_m
-    hit[:], nearest_m[:] = -1, _RAY_START_DEPTH_M + face_m
+    hit[:], nearest_m[:] = -1, RAY_START_DEPTH_M + face_m
+    limit_m = problem.start_depth_m[cell]
     for j in range(n_close):
-        _cast_rays(surface, scene, motion, cell, workspace.close[j], hit, nearest_m)
+        _cast_rays(surface, scene, motion, cell, workspace.close[j], limit_m, hit, nearest_m)
     own = surface.body_id[cell]
     area, per_element = surface.sample_area_m2, len(surface.sample_m) // surface.n_taxels
-    ox, oy, oz = point_above_cell(surface, motion, cell, -_RAY_START_DEPTH_M)
+    ox, oy, oz = point_above_cell(surface, motion, cell, -RAY_START_DEPTH_M)
     xx, xy, xz = cell_axis(surface, motion, cell, 0)
     yx, yy, yz = cell_axis(surface, motion, cell, 1)
     nx, ny, nz = cell_axis(surface, motion, cell, 2)
     contact.force_n[cell, :] = 0.0
     contacts, warmth_c = 0, 0.0
     for s in range(len(surface.sample_m)):
-        depth_m = _RAY_START_DEPTH_M + foam.thickness_m - nearest_m[s]
+        depth_m = RAY_START_DEPTH_M + foam.thickness_m - nearest_m[s]
         if hit[s] < 0 or depth_m <= 0.0:
             contact.shear_m[cell, s, 0] = 0.0
             contact.shear_m[cell, s, 1] = 0.0
@@ -267,10 +281,10 @@ def _compute_cell_contact(
         x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
         k = hit[s]
         other, share, give_m = scene.body_id[k], scene.foam_fraction[k], scene.max_indentation_m[k]
-        lift_m = max(nearest_m[s], _RAY_START_DEPTH_M - give_m)
-        depth_m = _RAY_START_DEPTH_M + foam.thickness_m - lift_m
+        lift_m = max(nearest_m[s], RAY_START_DEPTH_M - give_m)
+        depth_m = RAY_START_DEPTH_M + foam.thickness_m - lift_m
         lift_m += min((1.0 - share) * depth_m, give_m)
-        _add_point(points, cell, s, k, depth_m, lift_m - _RAY_START_DEPTH_M)
+        _add_point(points, cell, s, k, depth_m, lift_m - RAY_START_DEPTH_M)
         x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
         vx, vy, vz = point_velocity(motion, other, x, y, z)
         wx, wy, wz = point_velocity(motion, own, x, y, z)
