@@ -68,10 +68,9 @@ def scene(
         height=height_m, above=height_m + 0.034, half=half_m, mass=mass_kg, light=max(1e-3, 0.05 * mass_kg)
     )
     foam, still = FoamSpec(damping_pa_s_per_m=damping), ServoSpec(kp_nm_per_rad=1e-9, kv_nm_s_per_rad=0.0)
-    body = body_scenes.body_of(
+    return body_scenes.body_of(
         folder, text, tuple(patches), ("turn",), timestep_ms=step_ms, foam=foam, servo=still
     )
-    return body
 
 
 def energies_j(body: BodySimulation, duration_s: float) -> np.ndarray:
