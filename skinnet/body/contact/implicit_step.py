@@ -11,13 +11,21 @@ integrates implicitly. Newton's method; one iteration where no point of foam cha
 readings are the forces of the foam at the present state, which are those that acted in the step before.
 """
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.contact.foam_response import PairResponse, add_pairs, add_response, no_pairs
+from skinnet.body.contact.joint_coupling import (
+    CouplingWorkspace,
+    Joints,
+    couple_dofs,
+    factorise,
+    implicit_damping,
+    last_dof_of_bodies,
+    pair_columns,
+    solve_correction,
+)
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.winkler import ContactProblem
@@ -34,66 +42,6 @@ _SIMILAR = 0.05
 """Relative change of the number of loaded points up to which the last matrix serves."""
 _SLOW = 1e-2
 """Ratio of the energies of two corrections above which the matrix is computed anew."""
-
-
-class _Joints(NamedTuple):
-    """Joints of the model and their coupling; MuJoCo's arrays, v degrees of freedom (dofs).
-
-    Attributes:
-        tree: (v,) kinematic tree of each dof.
-        parent: (v,) parent dof; -1 for none.
-        last_of_body: (nbody,) last dof that moves each body; -1 for fixed ones.
-        root_body: (nbody,) root of each body's kinematic tree.
-        motion_axis: (v, 6) angular and linear motion per dof (`cdof`), about the tree's centre of mass.
-        row: (v,) first entry of each row of the inertia matrix M.
-        n_row: (v,) number of entries of each row, lower triangle.
-        column: Columns of the entries.
-        inertia: Entries of M.
-        damping: (v,) diagonal of B.
-        velocity: (v,) velocities now.
-    """
-
-    tree: Indices
-    parent: Indices
-    last_of_body: Indices
-    root_body: Indices
-    motion_axis: Floats
-    row: Indices
-    n_row: Indices
-    column: Indices
-    inertia: Floats
-    damping: Floats
-    velocity: Floats
-
-
-class _Workspace(NamedTuple):
-    """Scratch arrays: for the n ≤ v dofs of coupled trees, and for one pair.
-
-    Attributes:
-        touched: (ntree,) True for trees in contact.
-        local: (v,) number of a dof among the coupled ones; -1 for none.
-        coupled: (v,) the coupled dofs.
-        velocity: (v,) velocities at the end of the step, present iterate.
-        inertia: (v, v) M̂ of coupled dofs, lower triangle.
-        matrix: (v, v) M̂ + h Jᵀ K J, then its Cholesky factor, which serves later steps as well.
-        contact_of_matrix: (2,) the contact for which it was computed: key of the pairs, number of points.
-        residual: (v,) residual, then correction.
-        impulse: (v,) impulse of the foam, then the change of velocity that it makes.
-        axis: (v, 6) columns of one pair's J, relative twist about the origin per dof.
-        used: (v,) dofs with a column.
-    """
-
-    touched: NDArray[np.bool_]
-    local: Indices
-    coupled: Indices
-    velocity: Floats
-    inertia: Floats
-    matrix: Floats
-    contact_of_matrix: Indices
-    residual: Floats
-    impulse: Floats
-    axis: Floats
-    used: Indices
 
 
 class ImplicitContact:
@@ -116,20 +64,20 @@ class ImplicitContact:
         }
         self._pairs = no_pairs(mj.nbody, len(pairs))
         v = mj.nv
-        self._joints = _Joints(
+        self._joints = Joints(
             tree=mj.dof_treeid.astype(np.int64),
             parent=mj.dof_parentid.astype(np.int64),
-            last_of_body=_last_dof_of_bodies(mj),
+            last_of_body=last_dof_of_bodies(mj),
             root_body=mj.body_rootid.astype(np.int64),
             motion_axis=data.cdof,
             row=mj.M_rowadr.astype(np.int64),
             n_row=mj.M_rownnz.astype(np.int64),
             column=mj.M_colind.astype(np.int64),
             inertia=data.M,
-            damping=_implicit_damping(mj),
+            damping=implicit_damping(mj),
             velocity=data.qvel,
         )
-        self._workspace = _Workspace(
+        self._workspace = CouplingWorkspace(
             touched=np.zeros(mj.ntree, dtype=np.bool_),
             local=np.zeros(v, dtype=np.int64),
             coupled=np.zeros(v, dtype=np.int64),
@@ -164,33 +112,13 @@ class ImplicitContact:
         )
 
 
-def _last_dof_of_bodies(mj: mujoco.MjModel) -> Indices:
-    last = np.full(mj.nbody, -1, dtype=np.int64)
-    for body in range(1, mj.nbody):
-        n = int(mj.body_dofnum[body])
-        last[body] = mj.body_dofadr[body] + n - 1 if n else last[mj.body_parentid[body]]
-    return last
-
-
-def _implicit_damping(mj: mujoco.MjModel) -> Floats:
-    """Damping (v,) that MuJoCo integrates implicitly, diagonal: of joints and of servos on joints."""
-    damping: Floats = mj.dof_damping.reshape(mj.nv, -1)[:, 0].copy()
-    for actuator in range(mj.nu):
-        if mj.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
-            joint = int(mj.actuator_trnid[actuator, 0])
-            if mj.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                gear = float(mj.actuator_gear[actuator, 0])
-                damping[mj.jnt_dofadr[joint]] -= float(mj.actuator_biasprm[actuator, 2]) * gear * gear
-    return np.maximum(damping, 0.0)
-
-
 @compiled_without_nrt
 def _solve(
     problems: tuple[ContactProblem, ...],
     motion: Motion,
     pairs: PairResponse,
-    joints: _Joints,
-    workspace: _Workspace,
+    joints: Joints,
+    workspace: CouplingWorkspace,
     forces: tuple[Floats, Floats, Floats],
     step_s: float,
 ) -> int:
@@ -203,7 +131,7 @@ def _solve(
     for problem in problems:
         add_pairs(problem, pairs)
         n_points += problem.points.count[0]
-    n = _couple_dofs(pairs, joints, workspace, step_s)
+    n = couple_dofs(pairs, joints, workspace, step_s)
     coupled, velocity, residual = workspace.coupled, workspace.velocity, workspace.residual
     for i in range(n):
         velocity[i] = joints.velocity[coupled[i]] + step_s * acceleration[coupled[i]]
@@ -228,11 +156,11 @@ def _solve(
         for p in range(pairs.count[0]):
             _add_pair(pairs, p, motion, joints, workspace, step_s, fresh)
         if fresh:
-            _factorise(workspace.matrix, n)
+            factorise(workspace.matrix, n)
         for i in range(n):
             residual[i] += workspace.impulse[i]
-        energy_j = _correction(workspace.matrix, residual, n)
-        foam_j = _correction(workspace.matrix, workspace.impulse, n)
+        energy_j = solve_correction(workspace.matrix, residual, n)
+        foam_j = solve_correction(workspace.matrix, workspace.impulse, n)
         iterations += 1
         if energy_j <= _TOLERANCE * foam_j or iterations >= _MAX_ITERATIONS:
             break
@@ -246,7 +174,7 @@ def _solve(
             velocity[i] += residual[i]
     for p in range(pairs.count[0]):
         pairs.number[pairs.body[p, 0], pairs.body[p, 1]] = -1
-        columns = _pair_columns(pairs, p, motion, joints, workspace)
+        columns = pair_columns(pairs, p, motion, joints, workspace)
         for i in range(columns):
             dof, force = workspace.used[i], 0.0
             for q in range(6):
@@ -271,79 +199,9 @@ def _is_same_contact(pairs: PairResponse, known: Indices, n_points: int) -> bool
 
 
 @compiled_without_nrt
-def _couple_dofs(pairs: PairResponse, joints: _Joints, workspace: _Workspace, step_s: float) -> int:
-    """Collect dofs of all trees in contact and their M̂; return their number."""
-    workspace.touched[:] = False
-    for p in range(pairs.count[0]):
-        for side in range(2):
-            last = joints.last_of_body[pairs.body[p, side]]
-            if last >= 0:
-                workspace.touched[joints.tree[last]] = True
-    n = 0
-    for dof in range(len(joints.tree)):
-        workspace.local[dof] = -1
-        if workspace.touched[joints.tree[dof]]:
-            workspace.local[dof] = n
-            workspace.coupled[n] = dof
-            n += 1
-    inertia = workspace.inertia
-    for i in range(n):
-        for j in range(i + 1):
-            inertia[i, j] = 0.0
-        dof = workspace.coupled[i]
-        for entry in range(joints.row[dof], joints.row[dof] + joints.n_row[dof]):
-            inertia[i, workspace.local[joints.column[entry]]] = joints.inertia[entry]
-        inertia[i, i] += step_s * joints.damping[dof]
-    return n
-
-
-@compiled_without_nrt
-def _add_axis(
-    motion: Motion,
-    joints: _Joints,
-    pairs: PairResponse,
-    workspace: _Workspace,
-    body: int,
-    sign: float,
-    n: int,
-) -> int:
-    """Add the columns of body `body`, with a sign, to the pair's J, which has `n`; return their number."""
-    root = joints.root_body[body]
-    rx = pairs.origin_m[0] - motion.subtree_com_m[root, 0]
-    ry = pairs.origin_m[1] - motion.subtree_com_m[root, 1]
-    rz = pairs.origin_m[2] - motion.subtree_com_m[root, 2]
-    dof = joints.last_of_body[body]
-    axis, motion_axis = workspace.axis, joints.motion_axis
-    while dof >= 0:
-        i = workspace.local[dof]
-        found = False
-        for m in range(n):
-            found = found or workspace.used[m] == i
-        if not found:
-            workspace.used[n] = i
-            n += 1
-            for q in range(6):
-                axis[i, q] = 0.0
-        wx, wy, wz = motion_axis[dof, 0], motion_axis[dof, 1], motion_axis[dof, 2]
-        axis[i, 0] += sign * (motion_axis[dof, 3] + wy * rz - wz * ry)
-        axis[i, 1] += sign * (motion_axis[dof, 4] + wz * rx - wx * rz)
-        axis[i, 2] += sign * (motion_axis[dof, 5] + wx * ry - wy * rx)
-        axis[i, 3] += sign * wx
-        axis[i, 4] += sign * wy
-        axis[i, 5] += sign * wz
-        dof = joints.parent[dof]
-    return n
-
-
-@compiled_without_nrt
-def _pair_columns(pairs: PairResponse, p: int, motion: Motion, joints: _Joints, workspace: _Workspace) -> int:
-    """Fill the columns of J of pair `p`; return their number."""
-    n = _add_axis(motion, joints, pairs, workspace, pairs.body[p, 0], -1.0, 0)
-    return _add_axis(motion, joints, pairs, workspace, pairs.body[p, 1], 1.0, n)
-
-
-@compiled_without_nrt
-def _relative_twists(motion: Motion, pairs: PairResponse, joints: _Joints, workspace: _Workspace) -> None:
+def _relative_twists(
+    motion: Motion, pairs: PairResponse, joints: Joints, workspace: CouplingWorkspace
+) -> None:
     """Fill the relative twists of all pairs at the present iterate; clear wrenches and stiffnesses.
 
     Bodies without dofs move as MuJoCo's `cvel` says: a finger is led.
@@ -368,7 +226,7 @@ def _relative_twists(motion: Motion, pairs: PairResponse, joints: _Joints, works
             pairs.twist[p, 3] += sign * wx
             pairs.twist[p, 4] += sign * wy
             pairs.twist[p, 5] += sign * wz
-        columns = _pair_columns(pairs, p, motion, joints, workspace)
+        columns = pair_columns(pairs, p, motion, joints, workspace)
         for i in range(columns):
             dof = workspace.used[i]
             for q in range(6):
@@ -380,13 +238,13 @@ def _add_pair(
     pairs: PairResponse,
     p: int,
     motion: Motion,
-    joints: _Joints,
-    workspace: _Workspace,
+    joints: Joints,
+    workspace: CouplingWorkspace,
     step_s: float,
     with_matrix: bool,
 ) -> None:
     """Add h Jᵀ f of pair `p` to the impulse and, if wanted, h Jᵀ K J to the matrix."""
-    columns = _pair_columns(pairs, p, motion, joints, workspace)
+    columns = pair_columns(pairs, p, motion, joints, workspace)
     axis, stiffness = workspace.axis, pairs.stiffness
     for i in range(columns):
         a = workspace.used[i]
@@ -403,33 +261,3 @@ def _add_pair(
                 b = workspace.used[j]
                 if b <= a:
                     workspace.matrix[a, b] += product * axis[b, q]
-
-
-@compiled_without_nrt
-def _factorise(matrix: Floats, n: int) -> None:
-    """Factorise `matrix`, lower triangle, by Cholesky's method, in place."""
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for q in range(j):
-                total -= matrix[i, q] * matrix[j, q]
-            matrix[i, j] = np.sqrt(total) if i == j else total / matrix[j, j]
-
-
-@compiled_without_nrt
-def _correction(factor: Floats, residual: Floats, n: int) -> float:
-    """Solve for a correction x, in place, by a Cholesky factor; return x · residual [J]."""
-    energy_j = 0.0
-    for i in range(n):
-        total = residual[i]
-        for q in range(i):
-            total -= factor[i, q] * residual[q]
-        residual[i] = total / factor[i, i]
-        energy_j += residual[i] * residual[i]
-    for k in range(n):
-        i = n - 1 - k
-        total = residual[i]
-        for q in range(i + 1, n):
-            total -= factor[q, i] * residual[q]
-        residual[i] = total / factor[i, i]
-    return energy_j

@@ -36,15 +36,8 @@ from skinnet.body.contact.ray_casting import entry_distance_m
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = [
-    "RAY_START_DEPTH_M",
-    "SHEAR_STIFFNESS_RATIO",
-    "ContactProblem",
-    "ContactState",
-    "Foam",
-    "Workspace",
-    "compute_contact",
-]
+__all__ = ["RAY_START_DEPTH_M", "SHEAR_STIFFNESS_RATIO", "ContactProblem", "ContactState", "Foam"]
+__all__ += ["Workspace", "compute_contact"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -175,10 +168,7 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
 
 @compiled_without_nrt
 def _reach_m(scene: ContactScene, motion: Motion, step_s: float) -> float:
-    """Distance [m] from the face of the foam within which a solid may come into contact in the next step.
-
-    At most `_MAX_REACH_M`: no more of a fall is foreseen.
-    """
+    """Distance [m] from the face of the foam within which a solid may come into contact in the next step."""
     fastest_m_s = _MIN_APPROACH_M_S
     for k in range(len(scene.geom_id)):
         b = scene.body_id[k]

@@ -61,8 +61,7 @@ def scene(
     folder: Path, mjcf: str, mass_kg: float, half_m: float, step_ms: float, damping: float, *tray: str
 ) -> BodySimulation:
     patches = [body_scenes.lattice_patch("skin", "base", 12, 12)]
-    for body in tray:
-        patches.append(body_scenes.lattice_patch(body, body, 8, 8, (0.0, 0.0, 0.02)))
+    patches += [body_scenes.lattice_patch(body, body, 8, 8, (0.0, 0.0, 0.02)) for body in tray]
     height_m = FACE_M + DROP_M + (0.03 if mjcf is BOX else 0.0)
     text = mjcf.format(
         height=height_m, above=height_m + 0.034, half=half_m, mass=mass_kg, light=max(1e-3, 0.05 * mass_kg)
