@@ -50,7 +50,7 @@ class Dynamics:
     def foam_is_loaded(self) -> bool:
         """True if foam is compressed now, or may be within the coming step."""
         return bool(
-            self.cell_foundation.problem.points.count[0] or self.sheet_foundation.problem.points.count[0]
+            self.cell_foundation.problem.points.total[0] or self.sheet_foundation.problem.points.total[0]
         )
 
     @property

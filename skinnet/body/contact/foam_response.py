@@ -35,7 +35,7 @@ class PairResponse(NamedTuple):
     Twists and wrenches are (linear, angular) and (force, moment) about one origin O, world.
 
     Attributes:
-        count: (1,) p.
+        total: (1,) p.
         number: (nbody, nbody) number of the pair, by body of the skin and of the solid; -1 for none.
         body: (·, 2) the bodies of each pair.
         origin_m: (3,) O [m].
@@ -48,7 +48,7 @@ class PairResponse(NamedTuple):
         product: (6, 6) scratch.
     """
 
-    count: Indices
+    total: Indices
     number: Indices
     body: Indices
     origin_m: Floats
@@ -64,7 +64,7 @@ class PairResponse(NamedTuple):
 def no_pairs(n_bodies: int, capacity: int) -> PairResponse:
     """Return an empty response for at most `capacity` pairs among `n_bodies` bodies."""
     return PairResponse(
-        count=np.zeros(1, dtype=np.int64),
+        total=np.zeros(1, dtype=np.int64),
         number=np.full((n_bodies, n_bodies), -1, dtype=np.int64),
         body=np.zeros((capacity, 2), dtype=np.int64),
         origin_m=np.zeros(3),
@@ -82,25 +82,25 @@ def no_pairs(n_bodies: int, capacity: int) -> PairResponse:
 def add_pairs(problem: ContactProblem, pairs: PairResponse) -> None:
     """Add the pairs of bodies between which `problem` has loaded points; the first point sets the origin."""
     points = problem.points
-    for m in range(points.count[0]):
+    for m in range(points.total[0]):
         own = problem.surface.body_id[points.cell[m]]
         other = problem.scene.body_id[points.solid[m]]
         if pairs.number[own, other] >= 0:
             continue
-        p = pairs.count[0]
+        p = pairs.total[0]
         if p == 0:
             x, y, z = point_above_cell(problem.surface, problem.motion, points.cell[m], 0.0)
             pairs.origin_m[0], pairs.origin_m[1], pairs.origin_m[2] = x, y, z
         pairs.number[own, other] = p
         pairs.body[p, 0], pairs.body[p, 1] = own, other
-        pairs.count[0] = p + 1
+        pairs.total[0] = p + 1
 
 
 @compiled_without_nrt
 def add_response(problem: ContactProblem, pairs: PairResponse, step_s: float, with_stiffness: bool) -> None:
     """Add wrenches, and stiffnesses if wanted, of all loaded points at the relative twists of `pairs`."""
     points = problem.points
-    first, count = 0, points.count[0]
+    first, count = 0, points.total[0]
     while first < count:
         cell, body = points.cell[first], problem.scene.body_id[points.solid[first]]
         last = first + 1
@@ -287,7 +287,7 @@ def _derivative_of_moments(moments: Floats, h: float, derivative: Floats) -> Non
 def elastic_energy_j(problem: ContactProblem) -> float:
     """Elastic energy [J] of all loaded points: compression and shear of the foam, and of solids in series."""
     points, energy_j = problem.points, 0.0
-    for m in range(points.count[0]):
+    for m in range(points.total[0]):
         area = problem.surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
         shear = problem.contact.shear_m
         x, y = shear[points.cell[m], points.sample[m], 0], shear[points.cell[m], points.sample[m], 1]

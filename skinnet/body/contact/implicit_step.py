@@ -97,7 +97,7 @@ class ImplicitContact:
         The loaded points must be those of the present state.
         """
         self.n_iterations = 0
-        problems = tuple(each.problem for each in self._foundations if each.problem.points.count[0])
+        problems = tuple(each.problem for each in self._foundations if each.problem.points.total[0])
         if not problems:
             return
         data = self._data
@@ -127,10 +127,10 @@ def _solve(
     The others are the constraint forces and the accelerations of the step before, where the search begins.
     """
     smooth, constraint, acceleration = forces
-    pairs.count[0], n_points = 0, 0
+    pairs.total[0], n_points = 0, 0
     for problem in problems:
         add_pairs(problem, pairs)
-        n_points += problem.points.count[0]
+        n_points += problem.points.total[0]
     n = couple_dofs(pairs, joints, workspace, step_s)
     coupled, velocity, residual = workspace.coupled, workspace.velocity, workspace.residual
     for i in range(n):
@@ -153,7 +153,7 @@ def _solve(
             for i in range(n):
                 for j in range(i + 1):
                     workspace.matrix[i, j] = workspace.inertia[i, j]
-        for p in range(pairs.count[0]):
+        for p in range(pairs.total[0]):
             _add_pair(pairs, p, motion, joints, workspace, step_s, fresh)
         if fresh:
             factorise(workspace.matrix, n)
@@ -172,7 +172,7 @@ def _solve(
         last_j = energy_j
         for i in range(n):
             velocity[i] += residual[i]
-    for p in range(pairs.count[0]):
+    for p in range(pairs.total[0]):
         pairs.number[pairs.body[p, 0], pairs.body[p, 1]] = -1
         columns = pair_columns(pairs, p, motion, joints, workspace)
         for i in range(columns):
@@ -190,7 +190,7 @@ def _is_same_contact(pairs: PairResponse, known: Indices, n_points: int) -> bool
     Newton's method converges with the matrix of a similar contact, which saves most of its work.
     """
     key = 1
-    for p in range(pairs.count[0]):
+    for p in range(pairs.total[0]):
         key = (key * 8191 + pairs.body[p, 0] * 131071 + pairs.body[p, 1] + 1) % 2147483647
     same = key == known[0] and abs(n_points - known[1]) <= _SIMILAR * known[1]
     if not same:
@@ -206,7 +206,7 @@ def _relative_twists(
 
     Bodies without dofs move as MuJoCo's `cvel` says: a finger is led.
     """
-    for p in range(pairs.count[0]):
+    for p in range(pairs.total[0]):
         for q in range(6):
             pairs.twist[p, q] = pairs.wrench[p, q] = 0.0
             for r in range(6):

@@ -110,7 +110,7 @@ def implicit_damping(mj: mujoco.MjModel) -> Floats:
 def couple_dofs(pairs: PairResponse, joints: Joints, workspace: CouplingWorkspace, step_s: float) -> int:
     """Collect dofs of all trees in contact and their M̂; return their number."""
     workspace.touched[:] = False
-    for p in range(pairs.count[0]):
+    for p in range(pairs.total[0]):
         for side in range(2):
             last = joints.last_of_body[pairs.body[p, side]]
             if last >= 0:

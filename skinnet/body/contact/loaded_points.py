@@ -15,7 +15,7 @@ class LoadedPoints(NamedTuple):
     """Loaded points of a foundation, m of them, in the order of its cells; arrays hold all that could be.
 
     Attributes:
-        count: (1,) m.
+        total: (1,) m.
         cell: Row of the cell of each point.
         sample: Number of the sample point in its cell.
         solid: Number of the solid in the contact scene.
@@ -23,7 +23,7 @@ class LoadedPoints(NamedTuple):
         height_m: Height above the rigid surface at which forces act [m].
     """
 
-    count: Indices
+    total: Indices
     cell: Indices
     sample: Indices
     solid: Indices
@@ -34,7 +34,7 @@ class LoadedPoints(NamedTuple):
 def no_loaded_points(capacity: int) -> LoadedPoints:
     """Return an empty list of points for at most `capacity` points."""
     return LoadedPoints(
-        count=np.zeros(1, dtype=np.int64),
+        total=np.zeros(1, dtype=np.int64),
         cell=np.zeros(capacity, dtype=np.int64),
         sample=np.zeros(capacity, dtype=np.int64),
         solid=np.zeros(capacity, dtype=np.int64),

@@ -136,7 +136,7 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
     Shear displacement is integrated over `step_s` [s].
     """
     surface, scene, motion, foam, _, contact, _, points, _, workspace = problem
-    points.count[0] = 0
+    points.total[0] = 0
     contact.body_normal_force_n[:] = 0.0
     contact.patch_body_force_n[:] = 0.0
     contact.peak_force_n[0] = 0.0
@@ -309,10 +309,10 @@ def _compute_cell_contact(
 @compiled_without_nrt
 def _add_point(points: LoadedPoints, cell: int, s: int, k: int, depth_m: float, height_m: float) -> None:
     """Add point `s` of cell `cell`, against solid `k`, to the loaded points."""
-    m = points.count[0]
+    m = points.total[0]
     points.cell[m], points.sample[m], points.solid[m] = cell, s, k
     points.depth_m[m], points.height_m[m] = depth_m, height_m
-    points.count[0] = m + 1
+    points.total[0] = m + 1
 
 
 @compiled_without_nrt
