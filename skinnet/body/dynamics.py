@@ -4,6 +4,8 @@ import mujoco
 import numpy as np
 
 from skinnet.body.actuation import Actuation
+from skinnet.body.contact.foam_response import elastic_energy_j
+from skinnet.body.contact.implicit_step import ImplicitContact
 from skinnet.body.contact.sheet_foundation import SheetFoundation
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.model import BodyModel
@@ -37,11 +39,25 @@ class Dynamics:
         self.data, self.step_s, self.actuation = data, step_s, actuation
         self.cell_foundation, self.sheet_foundation = foundations
         self._mj, self._finger = model.mj, finger
+        self._implicit_contact = ImplicitContact(model.mj, data, foundations)
 
     @property
     def is_finite(self) -> bool:
         """False once the simulation has become unstable."""
         return bool(np.isfinite(self.data.qacc).all() and np.isfinite(self.data.qpos).all())
+
+    @property
+    def foam_is_loaded(self) -> bool:
+        """True if foam is compressed now, or may be within the coming step."""
+        return bool(
+            self.cell_foundation.problem.points.total[0] or self.sheet_foundation.problem.points.total[0]
+        )
+
+    @property
+    def elastic_energy_j(self) -> float:
+        """Elastic energy of all foam, and of elastic solids on it, after `compute_contact` [J]."""
+        foundations = (self.cell_foundation, self.sheet_foundation)
+        return sum(elastic_energy_j(each.problem) for each in foundations)
 
     def compute_contact(self) -> None:
         """Compute poses, velocities and skin contact forces at the present state."""
@@ -53,10 +69,24 @@ class Dynamics:
         self.sheet_foundation.compute_contact(self.step_s)
 
     def compute_accelerations(self) -> None:
-        """Compute accelerations at the present state, after `compute_contact`."""
-        mujoco.mj_fwdActuation(self._mj, self.data)
-        mujoco.mj_fwdAcceleration(self._mj, self.data)
-        mujoco.mj_fwdConstraint(self._mj, self.data)
+        """Compute accelerations in the coming step, after `compute_contact`.
+
+        The foam's forces are those at the end of the step (`implicit_step`); `xfrc_applied` keeps those of
+        the present state.
+        """
+        data = self.data
+        mujoco.mj_fwdActuation(self._mj, data)
+        if self.foam_is_loaded:
+            present_wrench = data.xfrc_applied.copy()
+            data.xfrc_applied[:] = 0.0
+            mujoco.mj_fwdAcceleration(self._mj, data)
+            data.xfrc_applied[:] = present_wrench
+            self._implicit_contact.add_forces(self.step_s)
+            data.qacc_smooth[:] = data.qfrc_smooth
+            mujoco.mj_solveM(self._mj, data, data.qacc_smooth[None], data.qfrc_smooth[None])
+        else:
+            mujoco.mj_fwdAcceleration(self._mj, data)
+        mujoco.mj_fwdConstraint(self._mj, data)
 
     def integrate(self) -> None:
         """Integrate state and servo targets over one step, after `compute_accelerations`."""

@@ -21,6 +21,7 @@ from skinnet.body.environment.stand_model import place_object
 from skinnet.body.ground_truth.grasp_outcome import GraspGroundTruth
 from skinnet.body.ground_truth.payload_outcome import PayloadGroundTruth
 from skinnet.body.ground_truth.recorder import GroundTruthRecorder
+from skinnet.body.ground_truth.unsensed_force import UnsensedForce
 from skinnet.body.model import BodyModel, load_model
 from skinnet.body.plant import GroundTruth
 from skinnet.body.stimulus import StimulusSampler
@@ -59,6 +60,7 @@ class BodySimulation:
         payload: The payload in the robot's arms, if there is one.
         stand: The stand in front of the robot, if there is one.
         dynamics: Contact, accelerations and integration of one step.
+        unsensed_force: Load on the rigid shell under skin.
         recorder: Ground truth of all of these.
     """
 
@@ -103,12 +105,14 @@ class BodySimulation:
         self._stimulus: NDArray[np.float64] | None = None
         self.stand, grasp = self._build_stand(deployment)
         self.payload, carried = self._build_payload(deployment)
+        self.unsensed_force = UnsensedForce(self.model.mj, (self.surface, on_sheets), spec.foam.thickness_m)
         self.recorder = GroundTruthRecorder(
             deployment,
             spec.joint_state_period_ns,
             teaching=self.teacher.outcome,
             grasp=grasp,
             payload=carried,
+            unsensed=self.unsensed_force,
         )
 
     def _build_stand(self, deployment: Deployment) -> tuple[Stand | None, GraspGroundTruth | None]:
@@ -137,7 +141,7 @@ class BodySimulation:
         spec = deployment.payload
         if spec is None:
             return None, None
-        payload = Payload(self.data, spec)
+        payload = Payload(self.data, spec, self.dynamics.step_s)
         period_ns = deployment.body.joint_state_period_ns
         truth = PayloadGroundTruth(self.data, payload, self.sheet_foundation, spec, period_ns)
         joints, step_s = deployment.body.joints, self.dynamics.step_s
@@ -243,6 +247,7 @@ class BodySimulation:
         """Record ground truth at the present time under the active stage, at most once per step."""
         if not self._recorded:
             peak_force_n = float(self.cell_foundation.contact.peak_force_n[0])
+            self.unsensed_force.observe(self.data)
             self.recorder.record(self.t_ns, self.dynamics.step_s, peak_force_n)
             self._recorded = True
 

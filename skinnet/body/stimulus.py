@@ -62,7 +62,7 @@ class StimulusSampler:
 def _sample(
     problem: ContactProblem, cacc: Floats, range_m: float, near: NDArray[np.int64], stimulus: Floats
 ) -> None:
-    surface, scene, motion, foam, temperature_c, contact, _, _ = problem
+    surface, scene, motion, foam, temperature_c, contact, _, _, _, _ = problem
     thickness_m = foam.thickness_m
     for p in range(len(surface.patch_body_id)):
         n_near = solids_near_patch(surface, scene, motion, p, thickness_m + range_m, near)

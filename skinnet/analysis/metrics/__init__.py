@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from skinnet.analysis.metrics.contact import contact_metrics
 from skinnet.analysis.metrics.grasp import grasp_metrics, object_metrics
 from skinnet.analysis.metrics.model_reference import ModelReference
 from skinnet.analysis.metrics.nursing import board_metrics, nursing_metrics
@@ -37,6 +38,7 @@ def compute_metrics(deployment: Deployment, base: Path, results: dict[str, Proce
             metrics |= grasp_metrics(deployment, controller, body)
     if body is not None:
         metrics |= object_metrics(body)
+        metrics |= contact_metrics(body)
     if BOARD_PROCESS in results:
         metrics |= board_metrics(results[BOARD_PROCESS])
     metrics |= network_metrics([part for part in results.values() if part.role == "cells"])

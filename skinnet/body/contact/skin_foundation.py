@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 from skinnet.body.contact.broad_phase import ActiveCells
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
+from skinnet.body.contact.link_thickness import start_depths_m
+from skinnet.body.contact.loaded_points import no_loaded_points
 from skinnet.body.contact.point_kinematics import Motion, motion_views
 from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.contact.winkler import ContactProblem, ContactState, Foam, Workspace, compute_contact
+from skinnet.body.contact.winkler import (
+    RAY_START_DEPTH_M,
+    ContactProblem,
+    ContactState,
+    Foam,
+    Workspace,
+    compute_contact,
+)
 from skinnet.body.environment.stand_model import OBJECT
 from skinnet.body.model import PAYLOAD, BodyModel
 from skinnet.deployment.deployment import Deployment
@@ -85,6 +94,13 @@ class Foundation:
             self.temperature_c,
             self.contact,
             self.applied_wrench,
+            no_loaded_points(n * n_samples),
+            start_depths_m(
+                self.surface,
+                self.scene,
+                self.motion,
+                RAY_START_DEPTH_M + self.scene.largest_indentation_m,
+            ),
             Workspace(
                 near=np.zeros(solids, dtype=np.int64),
                 active=ActiveCells.of(self.surface),

@@ -27,6 +27,7 @@ from skinnet.body.contact.contact_scene import (
     world_to_solid,
 )
 from skinnet.body.contact.convex_hull import hull_entry
+from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import (
     Motion,
     cell_axis,
@@ -38,14 +39,19 @@ from skinnet.body.contact.ray_casting import MESH, entry_distance_m
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = ["ContactProblem", "ContactState", "Foam", "Workspace", "compute_contact"]
+__all__ = ["RAY_START_DEPTH_M", "SHEAR_STIFFNESS_RATIO", "ContactProblem", "ContactState", "Foam"]
+__all__ += ["Workspace", "compute_contact"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_RAY_START_DEPTH_M = 0.004
+RAY_START_DEPTH_M = 0.004
 """Start of rays [m] below the rigid surface: a solid that penetrates this far still counts as in contact."""
-_SHEAR_STIFFNESS_RATIO = 0.5
+_MIN_APPROACH_M_S = 0.02
+"""Speed [m/s] that a body at rest may reach in a step."""
+_MAX_REACH_M = 0.01
+SHEAR_STIFFNESS_RATIO = 0.5
+"""Ratio of the foam's shear to its normal stiffness, and so for damping."""
 
 
 class Foam(NamedTuple):
@@ -113,6 +119,8 @@ class ContactProblem(NamedTuple):
         temperature_c: (nbody,) temperatures of the bodies [°C].
         contact: Contact state, overwritten; shear is updated.
         wrench: (nbody, 6) forces [N] and moments [N m] on the bodies about their centres of mass; added to.
+        points: Loaded points, overwritten.
+        start_depth_m: (n,) largest depth below the rigid surface at which rays start [m].
         workspace: Scratch arrays.
     """
 
@@ -123,6 +131,8 @@ class ContactProblem(NamedTuple):
     temperature_c: Floats
     contact: ContactState
     wrench: Floats
+    points: LoadedPoints
+    start_depth_m: Floats
     workspace: Workspace
 
 
@@ -132,13 +142,15 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
 
     Shear displacement is integrated over `step_s` [s].
     """
-    surface, scene, motion, foam, _, contact, _, workspace = problem
+    surface, scene, motion, foam, _, contact, _, points, _, workspace = problem
+    points.total[0] = 0
     contact.body_normal_force_n[:] = 0.0
     contact.patch_body_force_n[:] = 0.0
     contact.peak_force_n[0] = 0.0
     contact.force_weighted_slip_n_m[:] = 0.0
-    below_m = _RAY_START_DEPTH_M + scene.largest_indentation_m
-    half_m = 0.5 * (foam.thickness_m + below_m)
+    below_m = RAY_START_DEPTH_M + scene.largest_indentation_m
+    face_m = foam.thickness_m + _reach_m(scene, motion, step_s)
+    half_m = 0.5 * (face_m + below_m)
     corner_m = 0.0  # largest distance of a sample point from the centre of the cell
     for s in range(len(surface.sample_m)):
         corner_m = max(corner_m, pinned_math.hypot(surface.sample_m[s, 0], surface.sample_m[s, 1]))
@@ -159,11 +171,24 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
                         n_close += 1
             if n_close == 0 and not contact.in_contact[i]:
                 continue
-            _compute_cell_contact(problem, step_s, p, i, n_close)
+            _compute_cell_contact(problem, step_s, face_m, p, i, n_close)
             if contact.in_contact[i]:
                 touching += 1
                 keep_active(active, p, i)
     return touching
+
+
+@compiled_without_nrt
+def _reach_m(scene: ContactScene, motion: Motion, step_s: float) -> float:
+    """Distance [m] from the face of the foam within which a solid may come into contact in the next step."""
+    fastest_m_s = _MIN_APPROACH_M_S
+    for k in range(len(scene.geom_id)):
+        b = scene.body_id[k]
+        vx, vy, vz = point_velocity(motion, b, motion.xipos[b, 0], motion.xipos[b, 1], motion.xipos[b, 2])
+        wx, wy, wz = motion.cvel[b, 0], motion.cvel[b, 1], motion.cvel[b, 2]
+        spin = math.sqrt(wx * wx + wy * wy + wz * wz) * scene.bounding_radius_m[k]
+        fastest_m_s = max(fastest_m_s, math.sqrt(vx * vx + vy * vy + vz * vz) + spin)
+    return min(2.0 * fastest_m_s * step_s, _MAX_REACH_M)
 
 
 @compiled_without_nrt
@@ -182,14 +207,24 @@ def _add_force(
 
 @compiled_without_nrt
 def _cast_rays(
-    surface: SkinSurface, scene: ContactScene, motion: Motion, i: int, k: int, hit: Indices, nearest_m: Floats
+    surface: SkinSurface,
+    scene: ContactScene,
+    motion: Motion,
+    i: int,
+    k: int,
+    limit_m: float,
+    hit: Indices,
+    nearest_m: Floats,
 ) -> None:
     """Cast rays from the points of cell `i` at solid `k`; update `hit` and `nearest_m` where it is nearer.
 
-    Heights count from `_RAY_START_DEPTH_M` below the rigid surface; a compliant solid may lie deeper.
+    Heights count from `RAY_START_DEPTH_M` below the rigid surface; a compliant solid may lie deeper.
+    No ray starts below `limit_m` [m], where it would meet what presses the other side of a thin link.
     """
     g, axes, give_m = scene.geom_id[k], motion.geom_xmat, scene.max_indentation_m[k]
-    x, y, z = point_above_cell(surface, motion, i, -_RAY_START_DEPTH_M - give_m)
+    start_m = min(RAY_START_DEPTH_M + give_m, limit_m)
+    above_m = RAY_START_DEPTH_M - start_m
+    x, y, z = point_above_cell(surface, motion, i, -start_m)
     ox, oy, oz = world_to_solid(scene, motion, k, x, y, z)
     u, v, w = cell_axis(surface, motion, i, 0)
     xx, xy, xz = rotate_inverse(axes, g, u, v, w)
@@ -211,40 +246,48 @@ def _cast_rays(
             distance_m, triangle = hull_entry(scene.hulls, scene.hull[k], x, y, z, nx, ny, nz, triangle)
         else:
             distance_m = entry_distance_m(kind, size_a, size_b, size_c, x, y, z, nx, ny, nz)
-        if distance_m - give_m < nearest_m[s]:
-            hit[s], nearest_m[s] = k, distance_m - give_m
+        if distance_m + above_m < nearest_m[s]:
+            hit[s], nearest_m[s] = k, distance_m + above_m
 
 
 @compiled_without_nrt
 def _compute_cell_contact(
-    problem: ContactProblem, step_s: float, patch: int, cell: int, n_close: int
+    problem: ContactProblem, step_s: float, face_m: float, patch: int, cell: int, n_close: int
 ) -> None:
-    """Compute contact forces of cell `cell`, of patch `patch`, with the solids close to it."""
-    surface, scene, motion, foam, temperature_c, contact, wrench, workspace = problem
+    """Compute contact forces of cell `cell`, of patch `patch`, with the solids close to it.
+
+    Solids are sought up to the height `face_m` [m], which the step may bring into contact.
+    """
+    surface, scene, motion, foam, temperature_c, contact, wrench, points, _, workspace = problem
     hit, nearest_m = workspace.hit, workspace.nearest_m
-    hit[:], nearest_m[:] = -1, _RAY_START_DEPTH_M + foam.thickness_m
+    hit[:], nearest_m[:] = -1, RAY_START_DEPTH_M + face_m
+    limit_m = problem.start_depth_m[cell]
     for j in range(n_close):
-        _cast_rays(surface, scene, motion, cell, workspace.close[j], hit, nearest_m)
+        _cast_rays(surface, scene, motion, cell, workspace.close[j], limit_m, hit, nearest_m)
     own = surface.body_id[cell]
     area, per_element = surface.sample_area_m2, len(surface.sample_m) // surface.n_taxels
-    ox, oy, oz = point_above_cell(surface, motion, cell, -_RAY_START_DEPTH_M)
+    ox, oy, oz = point_above_cell(surface, motion, cell, -RAY_START_DEPTH_M)
     xx, xy, xz = cell_axis(surface, motion, cell, 0)
     yx, yy, yz = cell_axis(surface, motion, cell, 1)
     nx, ny, nz = cell_axis(surface, motion, cell, 2)
     contact.force_n[cell, :] = 0.0
     contacts, warmth_c = 0, 0.0
     for s in range(len(surface.sample_m)):
-        if hit[s] < 0:
+        depth_m = RAY_START_DEPTH_M + foam.thickness_m - nearest_m[s]
+        if hit[s] < 0 or depth_m <= 0.0:
             contact.shear_m[cell, s, 0] = 0.0
             contact.shear_m[cell, s, 1] = 0.0
+            if hit[s] >= 0:
+                _add_point(points, cell, s, hit[s], depth_m, foam.thickness_m)
             continue
         a, c = surface.sample_m[s, 0], surface.sample_m[s, 1]
         x, y, z = ox + a * xx + c * yx, oy + a * xy + c * yy, oz + a * xz + c * yz
         k = hit[s]
         other, share, give_m = scene.body_id[k], scene.foam_fraction[k], scene.max_indentation_m[k]
-        lift_m = max(nearest_m[s], _RAY_START_DEPTH_M - give_m)
-        depth_m = _RAY_START_DEPTH_M + foam.thickness_m - lift_m
+        lift_m = max(nearest_m[s], RAY_START_DEPTH_M - give_m)
+        depth_m = RAY_START_DEPTH_M + foam.thickness_m - lift_m
         lift_m += min((1.0 - share) * depth_m, give_m)
+        _add_point(points, cell, s, k, depth_m, lift_m - RAY_START_DEPTH_M)
         x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
         vx, vy, vz = point_velocity(motion, other, x, y, z)
         wx, wy, wz = point_velocity(motion, own, x, y, z)
@@ -277,6 +320,15 @@ def _compute_cell_contact(
 
 
 @compiled_without_nrt
+def _add_point(points: LoadedPoints, cell: int, s: int, k: int, depth_m: float, height_m: float) -> None:
+    """Add point `s` of cell `cell`, against solid `k`, to the loaded points."""
+    m = points.total[0]
+    points.cell[m], points.sample[m], points.solid[m] = cell, s, k
+    points.depth_m[m], points.height_m[m] = depth_m, height_m
+    points.total[0] = m + 1
+
+
+@compiled_without_nrt
 def _friction_force(
     foam: Foam,
     area: float,
@@ -292,8 +344,8 @@ def _friction_force(
     velocity (slip_x, slip_y) [m/s] until the force reaches μ N; beyond, the solid slides at constant
     displacement. So a body at rest on a slope stays at rest.
     """
-    stiffness = _SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
-    damping = _SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
+    stiffness = SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
+    damping = SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
     fx, fy = -stiffness * shear_x - damping * slip_x, -stiffness * shear_y - damping * slip_y
     limit_n, slid_m = foam.friction * normal_n, 0.0
     # the first test is cheap and mostly decides

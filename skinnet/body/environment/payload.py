@@ -1,5 +1,7 @@
 """Payload in the robot's arms: fixed in the world until its release, then free."""
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +13,8 @@ from skinnet.deployment.environment.payload import PayloadSpec
 __all__ = ["Payload"]
 
 Floats = NDArray[np.float64]
-_RELEASE_DAMPING = 0.9
-"""Velocity damping factor per physics step of the payload during its release: overdamped (assumed)."""
+_RELEASE_DAMPING_PER_S = 105.36
+"""Rate [1/s] at which the payload's velocity decays during its release: 0.9 in 1 ms, overdamped (assumed)."""
 
 
 class Payload:
@@ -22,10 +24,11 @@ class Payload:
         released_ns: Time of its release [ns]; None until the controller's release stage begins.
     """
 
-    def __init__(self, data: mujoco.MjData, spec: PayloadSpec) -> None:
-        """Initialise the payload at its pose in the model."""
+    def __init__(self, data: mujoco.MjData, spec: PayloadSpec, step_s: float) -> None:
+        """Initialise the payload at its pose in the model; it is updated every `step_s` [s]."""
         self.released_ns: int | None = None
         self._data, self._spec = data, spec
+        self._release_factor = math.exp(-_RELEASE_DAMPING_PER_S * step_s)
         joint = data.model.joint(PAYLOAD)
         self._qpos = slice(int(joint.qposadr[0]), int(joint.qposadr[0]) + 7)
         self._qvel = slice(int(joint.dofadr[0]), int(joint.dofadr[0]) + 6)
@@ -56,4 +59,4 @@ class Payload:
         if self.released_ns is None or t_ns <= self.released_ns:
             self.fix_pose()
         elif t_ns <= self.released_ns + round(self._spec.release_ramp_s * NS_PER_S):
-            self._data.qvel[self._qvel] *= _RELEASE_DAMPING
+            self._data.qvel[self._qvel] *= self._release_factor

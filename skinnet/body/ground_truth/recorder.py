@@ -10,6 +10,7 @@ from skinnet.body.ground_truth.grasp_outcome import GraspGroundTruth
 from skinnet.body.ground_truth.motion_onset import MotionOnsets
 from skinnet.body.ground_truth.payload_outcome import PayloadGroundTruth
 from skinnet.body.ground_truth.teaching_outcome import TeachingOutcome
+from skinnet.body.ground_truth.unsensed_force import UnsensedForce
 from skinnet.body.plant import GroundTruth
 from skinnet.deployment.deployment import Deployment
 
@@ -28,6 +29,7 @@ class GroundTruthRecorder:
         teaching: Tasks of the teacher, which fills them in.
         grasp: Motion and contacts of object and stand, if there is a stand.
         payload: Motion of the payload, if there is one.
+        unsensed: Load on the rigid shell under skin, if there is a shell.
     """
 
     def __init__(
@@ -38,13 +40,14 @@ class GroundTruthRecorder:
         teaching: TeachingOutcome | None = None,
         grasp: GraspGroundTruth | None = None,
         payload: PayloadGroundTruth | None = None,
+        unsensed: UnsensedForce | None = None,
     ) -> None:
         """Initialise empty records; peak forces have the period `force_period_ns` [ns]."""
         self.crossings = reaction_crossing_detector(deployment.controller.stages.values(), deployment.cells)
         self.force_trace = PeakForceTrace(force_period_ns)
         self.motion = MotionOnsets()
         self.teaching = TeachingOutcome() if teaching is None else teaching
-        self.grasp, self.payload = grasp, payload
+        self.grasp, self.payload, self.unsensed = grasp, payload, unsensed
 
     def begin_stage(self, name: str) -> None:
         """Begin stage `name` of the controller's program."""
@@ -68,6 +71,8 @@ class GroundTruthRecorder:
             "peak_force_by_stage_n": self.force_trace.by_stage_n,
         }
         arrays = self.force_trace.arrays()
+        if self.unsensed is not None:
+            facts["unsensed_force"] = self.unsensed.facts()
         if self.payload is not None:
             facts["payload"] = self.payload.facts()
             arrays |= self.payload.arrays()

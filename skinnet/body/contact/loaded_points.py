@@ -1,0 +1,43 @@
+"""Loaded points of a foundation: where foam is compressed now, or will be within the step."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LoadedPoints", "no_loaded_points"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class LoadedPoints(NamedTuple):
+    """Loaded points of a foundation, m of them, in the order of its cells; arrays hold all that could be.
+
+    Attributes:
+        total: (1,) m.
+        cell: Row of the cell of each point.
+        sample: Number of the sample point in its cell.
+        solid: Number of the solid in the contact scene.
+        depth_m: Overlap of foam and solid; negative before contact [m].
+        height_m: Height above the rigid surface at which forces act [m].
+    """
+
+    total: Indices
+    cell: Indices
+    sample: Indices
+    solid: Indices
+    depth_m: Floats
+    height_m: Floats
+
+
+def no_loaded_points(capacity: int) -> LoadedPoints:
+    """Return an empty list of points for at most `capacity` points."""
+    return LoadedPoints(
+        total=np.zeros(1, dtype=np.int64),
+        cell=np.zeros(capacity, dtype=np.int64),
+        sample=np.zeros(capacity, dtype=np.int64),
+        solid=np.zeros(capacity, dtype=np.int64),
+        depth_m=np.zeros(capacity),
+        height_m=np.zeros(capacity),
+    )

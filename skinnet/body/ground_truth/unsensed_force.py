@@ -1,0 +1,68 @@
+"""Unsensed force: load that passes through the rigid shell under skin, where foam is fully compressed."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.contact.skin_surface import SkinSurface
+
+__all__ = ["UnsensedForce"]
+
+Floats = NDArray[np.float64]
+
+
+class UnsensedForce:
+    """Normal force of MuJoCo's rigid contacts at covered places: on a link with skin, under one of its cells.
+
+    Attributes:
+        now_n: Unsensed force at the last observation [N].
+        peak_n: Largest [N].
+        mean_n: Mean over all observations [N].
+    """
+
+    def __init__(self, mj: mujoco.MjModel, surfaces: Sequence[SkinSurface], thickness_m: float) -> None:
+        """Initialise for the cells of `surfaces`, under foam of `thickness_m` [m]."""
+        self.now_n = self.peak_n = self.mean_n = 0.0
+        self._n = 0
+        self._mj, self._surfaces, self._thickness_m = mj, surfaces, thickness_m
+        self._geom_body = mj.geom_bodyid.copy()
+        covered = np.zeros(mj.nbody, dtype=np.bool_)
+        for surface in surfaces:
+            covered[surface.patch_body_id] = True
+        self._on_covered_body = covered[self._geom_body]
+        self._wrench = np.zeros(6)
+
+    def observe(self, data: mujoco.MjData) -> None:
+        """Observe the contacts of `data`, whose forces are computed."""
+        self.now_n = 0.0
+        if data.ncon:
+            geoms = data.contact.geom
+            for index in np.flatnonzero(self._on_covered_body[geoms].any(axis=1)).tolist():
+                if any(self._is_covered(data, int(geom), data.contact.pos[index]) for geom in geoms[index]):
+                    mujoco.mj_contactForce(self._mj, data, index, self._wrench)
+                    self.now_n += float(self._wrench[0])
+        self.peak_n = max(self.peak_n, self.now_n)
+        self._n += 1
+        self.mean_n += (self.now_n - self.mean_n) / self._n
+
+    def facts(self) -> dict[str, float]:
+        """Facts for metrics."""
+        return {"mean_n": self.mean_n, "peak_n": self.peak_n}
+
+    def _is_covered(self, data: mujoco.MjData, geom: int, point_m: Floats) -> bool:
+        """Return True if `point_m`, world [m], lies under a cell of the body of `geom`."""
+        body = int(self._geom_body[geom])
+        if not self._on_covered_body[geom]:
+            return False
+        local_m = data.xmat[body].reshape(3, 3).T @ (point_m - data.xpos[body])
+        for surface in self._surfaces:
+            rows = np.flatnonzero(surface.body_id == body)
+            offset_m = np.einsum("nij,ni->nj", surface.R_body_cell[rows], local_m - surface.position_m[rows])
+            # points lie inside a cell; a cell reaches as far again beyond the outermost of them
+            reach_m = 1.3 * float(np.hypot(*surface.sample_m.T).max())
+            beside = np.hypot(offset_m[:, 0], offset_m[:, 1]) <= reach_m
+            if np.any(beside & (np.abs(offset_m[:, 2]) <= self._thickness_m)):
+                return True
+        return False

@@ -1,0 +1,149 @@
+"""No energy from foam: passive scenes of any mass, area, step and damping, free bodies and links."""
+
+from pathlib import Path
+
+import body_scenes
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from skinnet.body.simulation import BodySimulation
+from skinnet.deployment.robot import FoamSpec, ServoSpec
+
+DROP_M = 0.002
+FACE_M = 1.0 + 0.012
+BOX = """
+<mujoco>
+  <worldbody>
+    <body name="base" pos="0 0 1"><geom type="box" size="0.2 0.2 0.01" pos="0 0 -0.01"/></body>
+    <body name="box" pos="0 0 {height}">
+      <freejoint/><geom type="box" size="{half} {half} 0.03" mass="{mass}"/>
+    </body>
+    <body name="far" pos="5 5 5"><joint name="turn" axis="1 0 0"/><geom type="sphere" size="0.05"/></body>
+  </worldbody>
+</mujoco>
+"""
+LINK = """
+<mujoco>
+  <worldbody>
+    <body name="base" pos="0 0 1"><geom type="box" size="0.2 0.2 0.01" pos="0 0 -0.01"/></body>
+    <body name="link" pos="-0.3 0 {height}">
+      <joint name="lift" axis="0 1 0"/>
+      <geom type="box" size="0.15 {half} 0.01" pos="0.3 0 0.01" mass="{mass}"/>
+      <body name="flap" pos="0.45 0 0.01">
+        <joint name="flap" axis="0 1 0"/><geom type="box" size="0.03 {half} 0.01" mass="{light}"/>
+      </body>
+    </body>
+    <body name="far" pos="5 5 5"><joint name="turn" axis="1 0 0"/><geom type="sphere" size="0.05"/></body>
+  </worldbody>
+</mujoco>
+"""
+SANDWICH = """
+<mujoco>
+  <worldbody>
+    <body name="base" pos="0 0 1"><geom type="box" size="0.2 0.2 0.01" pos="0 0 -0.01"/></body>
+    <body name="tray" pos="0 0 {height}">
+      <freejoint/><geom type="box" size="0.1 0.1 0.01" pos="0 0 0.01" mass="{light}"/>
+    </body>
+    <body name="load" pos="0 0 {above}">
+      <freejoint/><geom type="box" size="{half} {half} 0.02" pos="0 0 0.02" mass="{mass}"/>
+    </body>
+    <body name="far" pos="5 5 5"><joint name="turn" axis="1 0 0"/><geom type="sphere" size="0.05"/></body>
+  </worldbody>
+</mujoco>
+"""
+"""A light tray with skin on top lies on a base with skin; a load lies on the tray: one body, two patches."""
+
+
+def scene(
+    folder: Path, mjcf: str, mass_kg: float, half_m: float, step_ms: float, damping: float, *tray: str
+) -> BodySimulation:
+    patches = [body_scenes.lattice_patch("skin", "base", 12, 12)]
+    patches += [body_scenes.lattice_patch(body, body, 8, 8, (0.0, 0.0, 0.02)) for body in tray]
+    height_m = FACE_M + DROP_M + (0.03 if mjcf is BOX else 0.0)
+    text = mjcf.format(
+        height=height_m, above=height_m + 0.034, half=half_m, mass=mass_kg, light=max(1e-3, 0.05 * mass_kg)
+    )
+    foam, still = FoamSpec(damping_pa_s_per_m=damping), ServoSpec(kp_nm_per_rad=1e-9, kv_nm_s_per_rad=0.0)
+    return body_scenes.body_of(
+        folder, text, tuple(patches), ("turn",), timestep_ms=step_ms, foam=foam, servo=still
+    )
+
+
+def energies_j(body: BodySimulation, duration_s: float) -> np.ndarray:
+    """Energy of all bodies and of the foam [J], every step."""
+    mj, data, found = body.model.mj, body.data, []
+    step_ns = round(body.dynamics.step_s * 1e9)
+    for _ in range(round(duration_s / body.dynamics.step_s)):
+        body.ground_truth()  # evaluates the present state
+        mujoco.mj_energyPos(mj, data)
+        mujoco.mj_energyVel(mj, data)
+        found.append(float(data.energy.sum()) + body.dynamics.elastic_energy_j)
+        body.advance(body.t_ns + step_ns)
+    return np.array(found)
+
+
+def worst_ratio(energy_j: np.ndarray) -> float:
+    """Largest later energy, as a fraction of that at the start, above the least."""
+    return float((energy_j.max() - energy_j.min()) / (energy_j[0] - energy_j.min()))
+
+
+def check(
+    folder: Path, kind: str, mass_kg: float, half_m: float, step_ms: float, damping: float, s: float
+) -> None:
+    mjcf, tray = {"box": (BOX, ()), "link": (LINK, ()), "two": (SANDWICH, ("tray",))}[kind]
+    body = scene(folder, mjcf, mass_kg, half_m, step_ms, damping, *tray)
+    energy_j = energies_j(body, s)
+    assert np.isfinite(energy_j).all()
+    assert worst_ratio(energy_j) <= 1.01
+    late = energy_j[len(energy_j) // 2 :]
+    assert late.max() - energy_j.min() <= 1.01 * (energy_j[: len(late)].max() - energy_j.min()), "no trend"
+
+
+@pytest.mark.parametrize(
+    ("kind", "mass_kg", "half_m", "step_ms", "damping"),
+    [
+        ("box", 0.001, 0.05, 1.0, 1e4),
+        ("box", 0.02, 0.05, 1.0, 1e4),
+        ("box", 1.0, 0.05, 2.0, 0.0),
+        ("link", 0.02, 0.04, 1.0, 1e4),
+        ("link", 0.5, 0.04, 0.5, 0.0),
+        ("two", 0.1, 0.05, 1.0, 1e4),
+        ("two", 0.1, 0.05, 1.0, 0.0),
+    ],
+)
+def test_energy_never_grows(
+    tmp_path: Path, kind: str, mass_kg: float, half_m: float, step_ms: float, damping: float
+) -> None:
+    check(tmp_path, kind, mass_kg, half_m, step_ms, damping, 0.4)
+
+
+@pytest.mark.long
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    kind=st.sampled_from(["box", "link", "two"]),
+    log_mass=st.floats(-3.0, 2.0),
+    half_m=st.sampled_from([0.02, 0.03, 0.05, 0.1]),
+    step_ms=st.sampled_from([0.25, 0.5, 1.0, 2.0]),
+    damping=st.sampled_from([0.0, 1e3, 1e4, 4e4]),
+)
+def test_energy_never_grows_whatever_the_scene(
+    tmp_path: Path, kind: str, log_mass: float, half_m: float, step_ms: float, damping: float
+) -> None:
+    check(tmp_path, kind, 10.0**log_mass, half_m, step_ms, damping, 10.0)
+
+
+@pytest.mark.parametrize("mass_kg", [0.001, 0.02])
+def test_a_light_box_rests_on_foam(tmp_path: Path, mass_kg: float) -> None:
+    """It neither jumps nor flickers: cells read its weight."""
+    body = scene(tmp_path, BOX, mass_kg, 0.05, 1.0, 1e4)
+    start_m, highest_m, total_n = body.data.qpos[2], 0.0, []
+    for step in range(600):
+        body.advance(body.t_ns + 1_000_000)
+        highest_m = max(highest_m, float(body.data.qpos[2] - start_m))
+        if step > 500:
+            total_n.append(body.stimulus()[:, :3].sum())
+    assert highest_m < 1e-6
+    assert total_n == pytest.approx(np.full(len(total_n), mass_kg * 9.81), rel=1e-3)
