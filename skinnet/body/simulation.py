@@ -95,7 +95,7 @@ class BodySimulation:
         )
         self._free_bodies = FreeBodies(self.data)
         range_m = _RANGE_FACTOR * deployment.cells.proximity.range_m
-        self._sampler = StimulusSampler(self.model.mj, self.data, self.cell_foundation, range_m)
+        self._sampler = StimulusSampler(self.model.mj, self.dynamics, range_m)
         self._evaluated = self._recorded = False
         self._stimulus: NDArray[np.float64] | None = None
         self.stand, grasp = self._build_stand(deployment)

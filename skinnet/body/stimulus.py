@@ -14,9 +14,9 @@ from skinnet.body.contact.contact_scene import (
     solids_near_patch,
 )
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
-from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.contact.winkler import ContactProblem
+from skinnet.body.dynamics import Dynamics
 from skinnet.compilation import compiled_without_nrt
 from skinnet.protocol.messages import STIMULUS_NAMES
 
@@ -27,34 +27,38 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class StimulusSampler:
-    """Stimulus sampler of all cells; needs a simulation whose accelerations are up to date.
+    """Stimulus sampler of all cells; needs dynamics whose accelerations are up to date.
 
     Attributes:
         mj: MuJoCo's model.
-        data: MuJoCo's state.
-        foundation: Foundation of the cells, evaluated at the same instant.
+        dynamics: Dynamics of the body, with the foundation of the cells, evaluated at the same instant.
         range_m: Range of the distance measurement above the face of the foam [m].
     """
 
     mj: mujoco.MjModel
-    data: mujoco.MjData
-    foundation: Foundation
+    dynamics: Dynamics
     range_m: float
     _nearby_solids: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._nearby_solids = np.zeros(max(1, len(self.foundation.scene.geom_id)), dtype=np.int64)
+        n_solids = len(self.dynamics.cell_foundation.scene.geom_id)
+        self._nearby_solids = np.zeros(max(1, n_solids), dtype=np.int64)
 
     def sample(self) -> Floats:
         """Sample the stimulus (n, 8) in `STIMULUS_NAMES` order, cell frames.
 
         Forces [N] are those of the foundation. The distance [m] is measured from the face of the foam along
-        the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face: a cell sits
-        on its foam. The temperature [°C] is that of the touching bodies, else of the carrying body.
+        the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face, as the step
+        from this instant realises it: a cell sits on its foam. The temperature [°C] is that of the touching
+        bodies, else of the carrying body.
         """
-        mujoco.mj_rnePostConstraint(self.mj, self.data)
-        stimulus = np.empty((len(self.foundation.surface.body_id), len(STIMULUS_NAMES)))
-        _sample(self.foundation.problem, self.data.cacc, self.range_m, self._nearby_solids, stimulus)
+        data, foundation = self.dynamics.data, self.dynamics.cell_foundation
+        computed = data.qacc.copy()
+        data.qacc[:] = self.dynamics.realised_acceleration()
+        mujoco.mj_rnePostConstraint(self.mj, data)
+        data.qacc[:] = computed
+        stimulus = np.empty((len(foundation.surface.body_id), len(STIMULUS_NAMES)))
+        _sample(foundation.problem, data.cacc, self.range_m, self._nearby_solids, stimulus)
         return stimulus
 
 
