@@ -3,11 +3,16 @@
 Values marked *assumed* have no published source; all others cite theirs.
 """
 
-from msgspec import field
+from typing import Annotated
+
+from msgspec import Meta, field
 
 from skinnet.deployment.types import Encoding, LevelThresholds, NonNegative, Positive, Table, ns_of_ms
 
 __all__ = ["AccelerometerSpec", "CellSpec", "EncodingSpec", "ForceSpec", "ProximitySpec", "TemperatureSpec"]
+
+
+HalfAngle = Annotated[float, Meta(gt=0.0, le=85.0)]
 
 
 class ForceSpec(Table, frozen=True, kw_only=True):
@@ -36,6 +41,9 @@ class ProximitySpec(Table, frozen=True, kw_only=True):
     """Range d of the sensor, at which the reading is `reading_at_range`."""
     reading_at_range: Positive = 0.01
     """Reading at `range_m`, which defines d0."""
+    half_angle_deg: HalfAngle = 35.0
+    """Half angle of the field of view, a cone about the cell's normal: the nearest point in it counts
+    *(assumed)*."""
     noise: NonNegative = 0.0008
     """Standard deviation of a reading."""
     lsb: Positive = 0.0009765625
