@@ -165,11 +165,17 @@ def facet_rank(
             u, v = (bb * pa - ab * pb) / nn, (aa * pb - ab * pa) / nn
             if u >= 0.0 and v >= 0.0 and (u + v <= 1.0 if is_triangle else (u <= 1.0 and v <= 1.0)):
                 return distance
-    rank = min(segment_rank(ox, oy, oz, ax, ay, az, cosine), segment_rank(ox, oy, oz, bx, by, bz, cosine))
-    if is_triangle:
-        return min(rank, segment_rank(ox + ax, oy + ay, oz + az, bx - ax, by - ay, bz - az, cosine))
-    return min(
-        rank,
-        segment_rank(ox + ax, oy + ay, oz + az, bx, by, bz, cosine),
-        segment_rank(ox + bx, oy + by, oz + bz, ax, ay, az, cosine),
-    )
+    # one edge after the other, with one call: the compiler copies what is called
+    rank, px, py, pz = math.inf, ox, oy, oz
+    for edge in range(3 if is_triangle else 4):
+        if edge == 0:
+            dx, dy, dz = ax, ay, az
+        elif edge == 1:
+            dx, dy, dz = (bx - ax, by - ay, bz - az) if is_triangle else (bx, by, bz)
+        elif edge == 2:
+            dx, dy, dz = (-bx, -by, -bz) if is_triangle else (-ax, -ay, -az)
+        else:
+            dx, dy, dz = -bx, -by, -bz
+        rank = min(rank, segment_rank(px, py, pz, dx, dy, dz, cosine))
+        px, py, pz = px + dx, py + dy, pz + dz
+    return rank
