@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.inputs import JointMeasurement
 from controller.request_queue import Reply
 from skinnet.protocol.telemetry_messages import StateMachineDescription
 from skinnet.runtime.upstream import Upstream
@@ -94,15 +95,15 @@ class DecisionCore(Protocol):
     def tick(
         self,
         t_ns: int,
-        position_rad: NDArray[np.float64],
+        joints: JointMeasurement,
         skin_watermark_ns: int,
         external_rad_s: NDArray[np.float64] | None,
     ) -> Decision:
         """Compute one control period.
 
         Args:
-            t_ns: Time of the tick, at which the positions were measured.
-            position_rad: (D,) measured joint positions.
+            t_ns: Time of the tick.
+            joints: Newest joint positions (D,) and the time of their measurement, `t_ns` or earlier.
             skin_watermark_ns: Lowest watermark of the skin that is not lost.
             external_rad_s: (D,) finite velocities of an external client; None without fresh ones.
         """

@@ -1,6 +1,7 @@
 """Inputs of the controller apart from skin and requests: joint positions and external velocities. No I/O."""
 
-from collections import Counter
+from collections import Counter, deque
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +10,21 @@ from skinnet.errors import ProtocolError
 from skinnet.protocol.external_messages import ExternalVelocity
 from skinnet.protocol.messages import Joints, decode
 
-__all__ = ["ExternalVelocityInput", "JointInput"]
+__all__ = ["ExternalVelocityInput", "JointInput", "JointMeasurement"]
 
 _VALIDITY_NS = 100_000_000
 """Simulated time [ns] for which an external velocity is valid; an assumption."""
 
 
+class JointMeasurement(NamedTuple):
+    """Joint positions (D,) [rad] and the time [ns] at which they were measured."""
+
+    t_ns: int
+    position_rad: NDArray[np.float64]
+
+
 class JointInput:
-    """Joint positions by their time, until the tick that uses them.
+    """Joint positions by their time of measurement, the newest of which a tick uses.
 
     Args:
         n_dofs: D, number of joints.
@@ -24,26 +32,39 @@ class JointInput:
 
     def __init__(self, n_dofs: int) -> None:
         self._n_dofs = n_dofs
-        self._position_rad: dict[int, NDArray[np.float64]] = {}
+        self._measurements: deque[JointMeasurement] = deque()
 
     def accept(self, payload: bytes) -> int:
         """Accept a joint message; return its watermark [ns].
 
         Raises:
-            ProtocolError: the message is malformed, of the wrong length or not finite.
+            ProtocolError: the message is malformed, of the wrong length, not finite, or measured after its
+                watermark.
         """
         joints = decode(payload, Joints)
+        if joints.t_ns > joints.watermark_ns:
+            raise ProtocolError(
+                f"joint feedback measured at {joints.t_ns} ns, after its watermark {joints.watermark_ns} ns"
+            )
         position = np.array(joints.position_rad, dtype=np.float64)
         if len(position) != self._n_dofs:
             raise ProtocolError(f"joint feedback has {len(position)} positions; expected {self._n_dofs}")
         if not np.isfinite(position).all():
             raise ProtocolError("joint positions are not finite")
-        self._position_rad[joints.t_ns] = position
+        if not self._measurements or joints.t_ns > self._measurements[-1].t_ns:
+            self._measurements.append(JointMeasurement(joints.t_ns, position))
         return joints.watermark_ns
 
-    def take(self, t_ns: int) -> NDArray[np.float64]:
-        """Remove and return the positions (D,) [rad] measured at `t_ns`, which must have arrived."""
-        return self._position_rad.pop(t_ns)
+    def latest(self, t_ns: int) -> JointMeasurement:
+        """Return the newest measurement up to `t_ns`, older ones are dropped; one must have arrived.
+
+        A source whose sensor has paused closes its periods with the measurement that it had: the age of the
+        measurement, not of the message, tells.
+        """
+        waiting = self._measurements
+        while len(waiting) > 1 and waiting[1].t_ns <= t_ns:
+            waiting.popleft()
+        return waiting[0]
 
 
 class ExternalVelocityInput:

@@ -93,14 +93,14 @@ class ControllerProcess(WiredProcess):
     def step(self, put: Put) -> None:
         """Compute one tick: send stream configurations, the recorded state and the command."""
         t_ns, core, log = self._t_ns, self._core, self._log_hash
-        position = self._joint_input.take(t_ns)
+        joints = self._joint_input.latest(t_ns)
         core.update_skin(t_ns)
         log.update(self._request_queue.handle(t_ns, core.handle_request))
         external = self._external_velocity.at(t_ns)
         if external is not None:
             log.update(external.tobytes())
         watermark_ns = min((up.watermark_ns for up in self._skin.values() if not up.lost), default=t_ns)
-        decision = core.tick(t_ns, position, watermark_ns, external)
+        decision = core.tick(t_ns, joints, watermark_ns, external)
         self._finished = core.done
         config_counts = self._send_configs(put, decision.stream_requests, t_ns + self._delay_ns)
         if self.recorded:
@@ -109,7 +109,7 @@ class ControllerProcess(WiredProcess):
                 put(key, payload)
         command = encode(self._command(decision.velocity_rad_s.tolist(), config_counts))
         put(self._command_key, command)
-        log.update(position.tobytes())
+        log.update(joints.position_rad.tobytes())
         for column in decision.skin_data:
             log.update(column.data)
         log.update(command)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.decision_core import Decision
+from controller.inputs import JointMeasurement
 from controller.nursing.contacts.board_input import BoardInput, sheet_surfaces
 from controller.nursing.contacts.contact_frames import TactileInput
 from controller.nursing.kinematics.model_errors import build_kinematics
@@ -122,19 +123,21 @@ class NursingCore:
     def tick(
         self,
         t_ns: int,
-        position_rad: NDArray[np.float64],
+        joints: JointMeasurement,
         skin_watermark_ns: int,
         external_rad_s: NDArray[np.float64] | None,
     ) -> Decision:
         """Compute one control period; a deployment with this program allows no external velocities."""
-        command = self._program.step(t_ns, position_rad[self._columns], self._tactile_input)
+        position_rad, program = joints.position_rad, self._program
+        command = program.step(t_ns, position_rad[self._columns], joints.t_ns, self._tactile_input)
         self._last_command, self._t_ns = command, t_ns
-        if self._program.done and self._done_ns is None:
+        if program.done and self._done_ns is None:
             self._done_ns = t_ns
         wanted = np.zeros(len(position_rad))
         wanted[self._columns] = command.velocity_rad_s
-        # stale skin is the program's business: it stops, but goes on holding the object
-        return Decision(self._clamp.clamp(t_ns, wanted, position_rad, t_ns, t_ns), [], ())
+        # at rest, the servos go on holding the object
+        velocity = self._clamp.clamp(t_ns, wanted, position_rad, joints.t_ns, program.last_input_ns)
+        return Decision(velocity, [], ())
 
     def result(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return the facts of the program and the time series of every contact."""
@@ -162,12 +165,14 @@ def build_nursing_core(deployment: Deployment, spec: NursingSpec, base: Path) ->
     sheets = place_sheets(deployment.surfaces, deployment.sheets)
     body = load_model(deployment, base, with_environment=False)
     period_ns, joints = deployment.controller.period_ns, deployment.body.joints
+    limits = SafetyLimits.from_spec(deployment.controller.safety)
     try:
         program = NursingProgram(
             spec,
             build_kinematics(spec, body.mj, deployment.seed, body.home_qpos),
             sheet_surfaces(sheets, deployment.body.foam.thickness_m),
             period_ns,
+            joints_timeout_ns=limits.joints_max_age_ns,
         )
     except ValueError as error:
         raise DeploymentError(f"nursing: {error}") from error
@@ -176,7 +181,7 @@ def build_nursing_core(deployment: Deployment, spec: NursingSpec, base: Path) ->
     return NursingCore(
         program,
         BoardInput(sheets, merge_distance_m=spec.association_distance_m),
-        SafetyClamp(SafetyLimits.from_spec(deployment.controller.safety), len(joints), period_ns),
+        SafetyClamp(limits, len(joints), period_ns),
         np.array([joints.index(joint) for joint in spec.joints]),
         period_ns,
     )

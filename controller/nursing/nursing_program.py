@@ -4,7 +4,8 @@ A stop never releases the object. The commanded object pose is frozen, the conta
 their present poses, so that earlier tracking errors are dropped, and tactile feedback continues: contact
 forces drift with model errors even at rest, and feedback keeps the object from falling. It continues only for
 contacts with tactile input. A contact without it keeps its adjustment: pushing blindly could squeeze a
-person, yielding could let the object fall. Before the contacts are recorded, the joints rest.
+person, yielding could let the object fall. Before the contacts are recorded, and while the joint measurements
+are too old, the joints rest.
 """
 
 from collections.abc import Mapping
@@ -43,7 +44,13 @@ class NursingProgram:
     """Nursing program as a pure state machine, one step per control period."""
 
     def __init__(
-        self, spec: NursingSpec, kinematics: Kinematics, sheets: Mapping[str, Sheet], period_ns: int
+        self,
+        spec: NursingSpec,
+        kinematics: Kinematics,
+        sheets: Mapping[str, Sheet],
+        period_ns: int,
+        *,
+        joints_timeout_ns: int,
     ) -> None:
         """Start in `State.HOLD`.
 
@@ -52,6 +59,7 @@ class NursingProgram:
             kinematics: Kinematic model of the controller, with the joints of `spec` as its columns.
             sheets: Sheets known to the controller, by name.
             period_ns: Control period [ns], 10 ms in [R11].
+            joints_timeout_ns: Age [ns] of a joint measurement beyond which the program stops.
 
         Raises:
             ValueError: the model has other joints, or a weight names neither a sheet nor its body.
@@ -62,7 +70,7 @@ class NursingProgram:
         if strangers := sorted(set(spec.weights) - known):
             raise ValueError(f"weights.{strangers[0]}: unknown sheet or body; allowed are {sorted(known)}")
         self._spec, self._kinematics, self._sheets = spec, kinematics, sheets
-        self._period_s = period_ns * 1e-9
+        self._period_s, self._joints_timeout_ns = period_ns * 1e-9, joints_timeout_ns
         self._object_trajectory = ObjectTrajectory(
             [
                 Waypoint(ns_of_s(point.t_s), point.displacement_m, point.rotation_rad)
@@ -77,8 +85,9 @@ class NursingProgram:
         self.contact_series: ContactTimeSeries | None = None
         """Time series since the contacts were recorded; None before."""
         self.manipulation: Manipulation | None = None
+        self.last_input_ns = -1
+        """Sampling time [ns] of the newest tactile input; the start of the program before the first."""
         self._state_start_ns = self._t_ns = -1
-        self._last_input_ns = -1
         self._samples: list[TactileInput] = []
 
     @property
@@ -98,21 +107,26 @@ class NursingProgram:
         """True in a terminal state; the object is still held while `step` is called."""
         return self.state in TERMINAL_STATES
 
-    def step(self, t_ns: int, q: Floats, tactile_input: TactileInput | None) -> NursingCommand:
+    def step(
+        self, t_ns: int, q: Floats, t_joints_ns: int, tactile_input: TactileInput | None
+    ) -> NursingCommand:
         """Run one control period.
 
         Args:
             t_ns: Current time [ns].
             q: (N,) measured joint positions [rad].
+            t_joints_ns: Time of their measurement [ns].
             tactile_input: Latest tactile input; None before the first.
         """
         if self._state_start_ns < 0:
-            self._state_start_ns = self._last_input_ns = t_ns
+            self._state_start_ns = self.last_input_ns = t_ns
             self.state_history.append((self.state, t_ns))
         self._t_ns = t_ns
         if tactile_input is not None:
-            self._last_input_ns = max(self._last_input_ns, tactile_input.t_ns)
-        silent = t_ns - self._last_input_ns > self._spec.skin_timeout_ns or tactile_input is None
+            self.last_input_ns = max(self.last_input_ns, tactile_input.t_ns)
+        if t_ns - t_joints_ns > self._joints_timeout_ns:
+            return self._rest(t_joints_ns)
+        silent = t_ns - self.last_input_ns > self._spec.skin_timeout_ns or tactile_input is None
         velocity = np.zeros(len(self._kinematics))
         match self.state:
             case State.HOLD:
@@ -125,6 +139,12 @@ class NursingProgram:
                     velocity = self._manipulate(self.manipulation, None if silent else tactile_input)
         self._check_safety(tactile_input, silent)
         return NursingCommand(velocity, self.state, self.stopped_by, self.reason)
+
+    def _rest(self, t_joints_ns: int) -> NursingCommand:
+        """Rest while the joint measurements are too old for kinematics and feedback; stop if not stopped."""
+        if not self.done:
+            self._transition(Event.JOINTS_SILENT, f"last measured at {t_joints_ns / 1e9:.3f} s")
+        return NursingCommand(np.zeros(len(self._kinematics)), self.state, self.stopped_by, self.reason)
 
     def _record(self, q: Floats, tactile_input: TactileInput | None, silent: bool) -> None:
         """Average the tactile input; at the end of the state, record the initial contacts."""
@@ -223,8 +243,8 @@ class NursingProgram:
         """Trigger SKIN_SILENT or PRESSURE_LIMIT in every state that is not terminal."""
         if self.done:
             return
-        if silent and self._t_ns - self._last_input_ns > self._spec.skin_timeout_ns:
-            self._transition(Event.SKIN_SILENT, f"last heard at {self._last_input_ns / 1e9:.3f} s")
+        if silent and self._t_ns - self.last_input_ns > self._spec.skin_timeout_ns:
+            self._transition(Event.SKIN_SILENT, f"last heard at {self.last_input_ns / 1e9:.3f} s")
             return
         worst = (
             max(tactile_input.regions, key=lambda r: r.peak_kpa, default=None)

@@ -37,6 +37,7 @@ class Event(Enum):
     CONTACT_LOST = "contact lost"
     PRESSURE_LIMIT = "pressure above the comfort limit"
     SKIN_SILENT = "skin silent"
+    JOINTS_SILENT = "joint sensors silent"
 
 
 STOP_EVENTS = tuple(
@@ -46,7 +47,7 @@ STOP_EVENTS = tuple(
 )
 TERMINAL_STATES = (State.REPORT, State.STOPPED)
 """Terminal states, without further stops; both hold the object."""
-_STOPS_ALWAYS = (Event.SKIN_SILENT, Event.PRESSURE_LIMIT)
+_STOPS_ALWAYS = (Event.SKIN_SILENT, Event.JOINTS_SILENT, Event.PRESSURE_LIMIT)
 _STOPS_AT_RECORD = (Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.INVALID_CONTACT, Event.SINGULAR_POSTURE)
 _STOPS_IN_MOTION = (Event.CONTACT_LOST, Event.SINGULAR_POSTURE, Event.UNREACHABLE)
 

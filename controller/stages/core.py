@@ -14,6 +14,7 @@ from controller.controller import Controller, TickOutput
 from controller.decision_core import Decision, StreamRequest
 from controller.grasping.long_term_memory import LongTermMemory
 from controller.grasping.stage_facts import teach_and_grasp_facts
+from controller.inputs import JointMeasurement
 from controller.request_queue import Reply
 from controller.telemetry import PatchTrace, RunTrace, describe_program
 from controller.touch.tactile_state import LevelThresholds
@@ -136,15 +137,15 @@ class StageCore:
     def tick(
         self,
         t_ns: int,
-        position_rad: NDArray[np.float64],
+        joints: JointMeasurement,
         skin_watermark_ns: int,
         external_rad_s: NDArray[np.float64] | None,
     ) -> Decision:
         """Compute one control period of the current stage."""
         output, events, stream = self.controller.tick(
             t_ns,
-            position_rad,
-            t_ns,
+            joints.position_rad,
+            joints.t_ns,
             skin_watermark_ns,
             ready=self._unformed_patches <= self._lost_patches,
             external_rad_s=external_rad_s,

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from skinnet.body.actuation import Actuation
 from skinnet.body.contact.foam_response import elastic_energy_j
@@ -12,6 +13,11 @@ from skinnet.body.model import BodyModel
 from skinnet.body.teacher.finger import Finger
 
 __all__ = ["Dynamics"]
+
+_STEPPED_STATE = (
+    mujoco.mjtState.mjSTATE_PHYSICS | mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_WARMSTART
+)
+"""Parts of MuJoCo's state that the integrator changes."""
 
 
 class Dynamics:
@@ -40,6 +46,7 @@ class Dynamics:
         self.cell_foundation, self.sheet_foundation = foundations
         self._mj, self._finger = model.mj, finger
         self._implicit_contact = ImplicitContact(model.mj, data, foundations)
+        self._state = np.empty(mujoco.mj_stateSize(model.mj, _STEPPED_STATE))
 
     @property
     def is_finite(self) -> bool:
@@ -90,5 +97,23 @@ class Dynamics:
 
     def integrate(self) -> None:
         """Integrate state and servo targets over one step, after `compute_accelerations`."""
-        mujoco.mj_implicit(self._mj, self.data)
+        self._integrate_state()
         self.actuation.advance(self.step_s)
+
+    def realised_acceleration(self) -> NDArray[np.float64]:
+        """Acceleration (nv,) [rad/s², m/s²] that `integrate` will realise: its change of velocity per step.
+
+        MuJoCo's `qacc` = M⁻¹ f is not what happens: the implicit integrator solves (M − h ∂f/∂v) v̇ = f, so
+        that a servo damping kv on the inertia M makes it smaller by 1 / (1 + h kv / M). To be called after
+        `compute_accelerations`; changes nothing.
+        """
+        before = self.data.qvel.copy()
+        mujoco.mj_getState(self._mj, self.data, self._state, _STEPPED_STATE)
+        self._integrate_state()
+        realised: NDArray[np.float64] = (self.data.qvel - before) / self.step_s
+        mujoco.mj_setState(self._mj, self.data, self._state, _STEPPED_STATE)
+        return realised
+
+    def _integrate_state(self) -> None:
+        """Integrate MuJoCo's state over one step."""
+        mujoco.mj_implicit(self._mj, self.data)

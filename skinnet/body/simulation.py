@@ -1,5 +1,6 @@
 """Body simulation: MuJoCo physics, skin contact, servos and teacher, without its process."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from skinnet.body.ground_truth.recorder import GroundTruthRecorder
 from skinnet.body.ground_truth.unsensed_force import UnsensedForce
 from skinnet.body.model import BodyModel, load_model
 from skinnet.body.plant import GroundTruth
+from skinnet.body.proximity.field_of_view import FieldOfView
 from skinnet.body.stimulus import StimulusSampler
 from skinnet.body.sway import Sway, SwayActuation
 from skinnet.body.teacher.teacher import Teacher, TeacherSkin
@@ -99,8 +101,14 @@ class BodySimulation:
             self.teacher.finger,
         )
         self._free_bodies = FreeBodies(self.data)
-        range_m = _RANGE_FACTOR * deployment.cells.proximity.range_m
-        self._sampler = StimulusSampler(self.model.mj, self.data, self.cell_foundation, range_m)
+        proximity = deployment.cells.proximity
+        view = FieldOfView.build(
+            self.model.mj,
+            self.cell_foundation.scene,
+            _RANGE_FACTOR * proximity.range_m,
+            math.radians(proximity.half_angle_deg),
+        )
+        self._sampler = StimulusSampler(self.model.mj, self.dynamics, view)
         self._evaluated = self._recorded = False
         self._stimulus: NDArray[np.float64] | None = None
         self.stand, grasp = self._build_stand(deployment)

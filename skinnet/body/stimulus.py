@@ -7,16 +7,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.contact_scene import (
-    ContactScene,
-    may_intersect_sphere,
-    ray_distance_m,
-    solids_near_patch,
-)
+from skinnet.body.contact.contact_scene import solids_near_patch
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
-from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.contact.winkler import ContactProblem
+from skinnet.body.dynamics import Dynamics
+from skinnet.body.proximity.field_of_view import FieldOfView, distance_in_view_m
 from skinnet.compilation import compiled_without_nrt
 from skinnet.protocol.messages import STIMULUS_NAMES
 
@@ -27,78 +23,61 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class StimulusSampler:
-    """Stimulus sampler of all cells; needs a simulation whose accelerations are up to date.
+    """Stimulus sampler of all cells; needs dynamics whose accelerations are up to date.
 
     Attributes:
         mj: MuJoCo's model.
-        data: MuJoCo's state.
-        foundation: Foundation of the cells, evaluated at the same instant.
-        range_m: Range of the distance measurement above the face of the foam [m].
+        dynamics: Dynamics of the body, with the foundation of the cells, evaluated at the same instant.
+        view: Field of view of the distance measurement above the face of the foam.
     """
 
     mj: mujoco.MjModel
-    data: mujoco.MjData
-    foundation: Foundation
-    range_m: float
+    dynamics: Dynamics
+    view: FieldOfView
     _nearby_solids: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._nearby_solids = np.zeros(max(1, len(self.foundation.scene.geom_id)), dtype=np.int64)
+        n_solids = len(self.dynamics.cell_foundation.scene.geom_id)
+        self._nearby_solids = np.zeros(max(1, n_solids), dtype=np.int64)
 
     def sample(self) -> Floats:
         """Sample the stimulus (n, 8) in `STIMULUS_NAMES` order, cell frames.
 
-        Forces [N] are those of the foundation. The distance [m] is measured from the face of the foam along
-        the normal. The proper acceleration [m/s²], with gravity, is that of a point on the face: a cell sits
-        on its foam. The temperature [°C] is that of the touching bodies, else of the carrying body.
+        Forces [N] are those of the foundation. The distance [m] is that from the face of the foam to the
+        nearest point in the field of view. The proper acceleration [m/s²], with gravity, is that of a point
+        on the face, as the step from this instant realises it: a cell sits on its foam. The temperature [°C]
+        is that of the touching bodies, else of the carrying body.
         """
-        mujoco.mj_rnePostConstraint(self.mj, self.data)
-        stimulus = np.empty((len(self.foundation.surface.body_id), len(STIMULUS_NAMES)))
-        _sample(self.foundation.problem, self.data.cacc, self.range_m, self._nearby_solids, stimulus)
+        data, foundation = self.dynamics.data, self.dynamics.cell_foundation
+        computed = data.qacc.copy()
+        data.qacc[:] = self.dynamics.realised_acceleration()
+        mujoco.mj_rnePostConstraint(self.mj, data)
+        data.qacc[:] = computed
+        stimulus = np.empty((len(foundation.surface.body_id), len(STIMULUS_NAMES)))
+        _sample(foundation.problem, data.cacc, self.view, self._nearby_solids, stimulus)
         return stimulus
 
 
 @compiled_without_nrt
 def _sample(
-    problem: ContactProblem, cacc: Floats, range_m: float, near: NDArray[np.int64], stimulus: Floats
+    problem: ContactProblem, cacc: Floats, view: FieldOfView, near: NDArray[np.int64], stimulus: Floats
 ) -> None:
     surface, scene, motion, foam, temperature_c, contact, _, _, _, _ = problem
     thickness_m = foam.thickness_m
     for p in range(len(surface.patch_body_id)):
-        n_near = solids_near_patch(surface, scene, motion, p, thickness_m + range_m, near)
+        n_near = solids_near_patch(surface, scene, motion, p, thickness_m + view.range_m, near)
         for i in range(surface.patch_start[p], surface.patch_start[p + 1]):
             for element in range(3):
                 stimulus[i, element] = contact.force_n[i, element]
             x, y, z = point_above_cell(surface, motion, i, thickness_m)
             stimulus[i, 3] = math.inf
             if n_near > 0:  # the call alone, with its array arguments, costs as much as the rest
-                stimulus[i, 3] = _distance_m(surface, scene, motion, i, thickness_m, range_m, near, n_near)
+                stimulus[i, 3] = distance_in_view_m(
+                    view, surface, scene, motion, i, thickness_m, near, n_near
+                )
             write_proper_acceleration(surface, motion, cacc, i, x, y, z, stimulus)
             touch_c = contact.contact_temperature_c[i]
             stimulus[i, 7] = temperature_c[surface.body_id[i]] if math.isnan(touch_c) else touch_c
-
-
-@compiled_without_nrt
-def _distance_m(
-    surface: SkinSurface,
-    scene: ContactScene,
-    motion: Motion,
-    i: int,
-    thickness_m: float,
-    range_m: float,
-    near: NDArray[np.int64],
-    n_near: int,
-) -> float:
-    """Measure the distance [m] from the face of cell `i` along its normal; inf out of range."""
-    x, y, z = point_above_cell(surface, motion, i, thickness_m)
-    u, v, w = cell_axis(surface, motion, i, 2)
-    nearest_m = math.inf
-    middle_m = 0.5 * range_m
-    mx, my, mz = x + middle_m * u, y + middle_m * v, z + middle_m * w
-    for j in range(n_near):
-        if may_intersect_sphere(scene, motion, near[j], mx, my, mz, middle_m):
-            nearest_m = min(nearest_m, ray_distance_m(scene, motion, near[j], x, y, z, u, v, w))
-    return nearest_m if nearest_m <= range_m else math.inf
 
 
 @compiled_without_nrt

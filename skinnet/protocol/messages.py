@@ -117,7 +117,10 @@ class Stimulus(Message, frozen=True, kw_only=True, tag="stimulus"):
 
 
 class Joints(Message, frozen=True, kw_only=True, tag="joints"):
-    """Joint position feedback [rad] at `t_ns`, (n_dof,) in the order of the controlled joints."""
+    """Joint position feedback [rad] measured at `t_ns`, (n_dof,) in the order of the controlled joints.
+
+    A source without a new measurement repeats the last one, with its time, under a new watermark.
+    """
 
     t_ns: int
     watermark_ns: int

@@ -157,9 +157,12 @@ class Wired:
     def accept(self, channel: str, message: Message, *fields: str) -> None:
         self.node.accept(channel, fields, encode(message))
 
-    def step(self) -> Command:
+    def step(self, measured_ns: int | None = None) -> Command:
+        """One tick, on joint positions measured at `measured_ns`, or now."""
+        measured_ns = self.t_ns if measured_ns is None else measured_ns
         self.accept(
-            "joints", Joints(t_ns=self.t_ns, watermark_ns=self.t_ns, position_rad=self.position_rad.tolist())
+            "joints",
+            Joints(t_ns=measured_ns, watermark_ns=self.t_ns, position_rad=self.position_rad.tolist()),
         )
         for patch in self.here:
             frame = PeriodEnd(

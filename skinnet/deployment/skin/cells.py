@@ -12,6 +12,9 @@ from skinnet.deployment.types import Encoding, LevelThresholds, NonNegative, Pos
 __all__ = ["AccelerometerSpec", "CellSpec", "EncodingSpec", "ForceSpec", "ProximitySpec", "TemperatureSpec"]
 
 
+HalfAngle = Annotated[float, Meta(gt=0.0, le=85.0)]
+
+
 class ForceSpec(Table, frozen=True, kw_only=True):
     """Force cells: reading 0.05 ≈ 0.6 N and 0.14 ≈ 1.0 N [M14]; the ends of the curve are assumed."""
 
@@ -38,6 +41,9 @@ class ProximitySpec(Table, frozen=True, kw_only=True):
     """Range d of the sensor, at which the reading is `reading_at_range`."""
     reading_at_range: Positive = 0.01
     """Reading at `range_m`, which defines d0."""
+    half_angle_deg: HalfAngle = 35.0
+    """Half angle of the field of view, a cone about the cell's normal: the nearest point in it counts
+    *(assumed)*."""
     noise: NonNegative = 0.0008
     """Standard deviation of a reading."""
     lsb: Positive = 0.0009765625

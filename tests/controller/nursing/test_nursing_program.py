@@ -24,6 +24,7 @@ from controller.nursing.state_machine import (
 from skinnet.deployment.controller.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec, WaypointSpec
 
 PERIOD_NS = 10_000_000
+JOINTS_TIMEOUT_NS = 50_000_000
 FOREARMS = FOUR[2:]
 SIDEWAYS = (WaypointSpec(t_s=0.5, displacement_m=(0.03, 0.0, 0.0)),)
 
@@ -41,16 +42,26 @@ class Arms:
     ) -> None:
         self.spec = settings
         self.robot = kinematics(settings.joints)
-        self.program = NursingProgram(settings, self.robot, sheets() if known is None else known, PERIOD_NS)
+        self.program = NursingProgram(
+            settings,
+            self.robot,
+            sheets() if known is None else known,
+            PERIOD_NS,
+            joints_timeout_ns=JOINTS_TIMEOUT_NS,
+        )
         self.t_ns, self.q = 0, q.copy()
         self.touches: tuple[Region, ...] = tuple(touch(name) for name in FOREARMS)
-        self.silent = False
-        self._heard_ns = 0
+        self.silent = self.blind = False
+        self._heard_ns = self._measured_ns = 0
+        self._measured_q = q.copy()
 
     def tick(self) -> NursingCommand:
         if not self.silent:
             self._heard_ns = self.t_ns
-        command = self.program.step(self.t_ns, self.q, TactileInput(self._heard_ns, self.touches))
+        if not self.blind:
+            self._measured_ns, self._measured_q = self.t_ns, self.q
+        heard = TactileInput(self._heard_ns, self.touches)
+        command = self.program.step(self.t_ns, self._measured_q, self._measured_ns, heard)
         self.q = self.q + command.velocity_rad_s * PERIOD_NS * 1e-9
         self.t_ns += PERIOD_NS
         return command
@@ -75,7 +86,7 @@ class Arms:
 
 def test_every_state_against_every_event() -> None:
     """The table, written down once more by hand: what is not here raises."""
-    always = {Event.SKIN_SILENT, Event.PRESSURE_LIMIT}
+    always = {Event.SKIN_SILENT, Event.JOINTS_SILENT, Event.PRESSURE_LIMIT}
     at_the_start = {Event.NO_CONTACT, Event.UNKNOWN_LINK, Event.INVALID_CONTACT, Event.SINGULAR_POSTURE}
     underway = {Event.CONTACT_LOST, Event.SINGULAR_POSTURE, Event.UNREACHABLE}
     stops = {
@@ -156,6 +167,7 @@ def test_initial_contacts_are_the_mean_over_the_record() -> None:
 
 WRONG: dict[Event, Callable[[Arms], None]] = {
     Event.SKIN_SILENT: lambda arms: setattr(arms, "silent", True),
+    Event.JOINTS_SILENT: lambda arms: setattr(arms, "blind", True),
     Event.PRESSURE_LIMIT: lambda arms: setattr(
         arms, "touches", (*arms.touches, touch("left_forearm", 5.0, 61.0, 9))
     ),
@@ -206,6 +218,7 @@ def test_what_stops_is_named() -> None:
         (Event.PRESSURE_LIMIT, "61 kPa on left_forearm, 60 allowed"),
         (Event.CONTACT_LOST, "left_forearm"),
         (Event.SKIN_SILENT, "last heard at 0.1"),
+        (Event.JOINTS_SILENT, "last measured at 0.1"),
     ):
         arms = Arms(spec())
         arms.until(State.MOVE)
@@ -284,12 +297,12 @@ def stopped_while_moving(event: Event = Event.PRESSURE_LIMIT, **settings: object
     touches = arms.touches
     WRONG[event](arms)
     assert arms.until(State.STOPPED).stopped_by is event
-    if event is not Event.SKIN_SILENT:
+    if event not in (Event.SKIN_SILENT, Event.JOINTS_SILENT):
         arms.touches = touches
     return arms
 
 
-@pytest.mark.parametrize("event", [Event.PRESSURE_LIMIT, Event.SKIN_SILENT])
+@pytest.mark.parametrize("event", [Event.PRESSURE_LIMIT, Event.SKIN_SILENT, Event.JOINTS_SILENT])
 @pytest.mark.parametrize("solver", ["closed_form", "qp"])
 def test_a_stop_stands_still_at_once(event: Event, solver: str) -> None:
     turned = (WaypointSpec(t_s=0.5, displacement_m=(0.03, 0.0, 0.0), rotation_rad=(0.1, 0.0, 0.3)),)
@@ -382,7 +395,9 @@ def test_weights_of_zero_or_below_are_refused_at_construction() -> None:
     with pytest.raises(ValueError, match="unknown sheet or body"):
         Arms(spec(weights={"left_knee": ContactWeightSpec()}))
     with pytest.raises(ValueError, match="the program"):
-        NursingProgram(spec(), kinematics(JOINTS[:4]), sheets(), PERIOD_NS)
+        NursingProgram(
+            spec(), kinematics(JOINTS[:4]), sheets(), PERIOD_NS, joints_timeout_ns=JOINTS_TIMEOUT_NS
+        )
 
 
 def test_weights_are_given_by_sheet_or_by_body() -> None:
@@ -440,7 +455,9 @@ def squeezed(feedback: str) -> list[float]:
     wrong = {"joint_offset_sigma_deg": 0.5, "link_error_sigma_mm": 3.0}
     arms = Arms(spec(waypoints=way, feedback=feedback, settle_s=1.0, **wrong))  # `arms.robot` is what is true
     believed = build_kinematics(arms.spec, model(), seed=2)
-    arms.program = NursingProgram(arms.spec, believed, sheets(), PERIOD_NS)
+    arms.program = NursingProgram(
+        arms.spec, believed, sheets(), PERIOD_NS, joints_timeout_ns=JOINTS_TIMEOUT_NS
+    )
     start_m, forces_n = arms.gap_m(), [60.0]
     while not arms.program.done:
         arms.touches = tuple(touch(name, forces_n[-1]) for name in FOREARMS)

@@ -1,4 +1,4 @@
-"""What cells sense: compared with MuJoCo's own accelerometer and rangefinder, and with statics."""
+"""What cells sense: compared with the motion itself, MuJoCo's own sensors, and statics."""
 
 import math
 
@@ -9,7 +9,10 @@ import pytest
 from body_scenes import ARM_CELLS
 
 from skinnet.body.contact.contact_scene import build_contact_scene
+from skinnet.body.ground_truth.cell_kinematics import cell_poses
 from skinnet.body.model import FINGER
+from skinnet.deployment.load import load
+from skinnet.deployment.skin.cells import CellSpec, ProximitySpec
 from skinnet.protocol.messages import STIMULUS_NAMES
 
 DISTANCE = STIMULUS_NAMES.index("distance_m")
@@ -47,6 +50,10 @@ def native(body):
     """Readings of MuJoCo's own sensors at the body's present state."""
     data = mujoco.MjData(body.model.mj)
     mujoco.mj_copyData(data, body.model.mj, body.data)
+    mujoco.mj_implicit(body.model.mj, data)
+    happens = (data.qvel - body.data.qvel) / body.model.mj.opt.timestep
+    mujoco.mj_copyData(data, body.model.mj, body.data)
+    data.qacc[:] = happens  # MuJoCo's own is not what the implicit integrator makes of it
     mujoco.mj_sensorPos(body.model.mj, data)
     mujoco.mj_rnePostConstraint(body.model.mj, data)
     mujoco.mj_sensorAcc(body.model.mj, data)
@@ -67,8 +74,56 @@ def test_acceleration_equals_the_native_accelerometer_in_motion(tmp_path):
     assert largest > 12.0, "the arm must really move"
 
 
-def test_distance_equals_the_native_rangefinder(tmp_path):
-    body = with_native_sensors(tmp_path)
+def sine_motion(body, dof, frequency_hz, n_steps):
+    """Joint `dof` follows a sine of 0.3 rad/s: readings (t, n, 3), and second differences of the motion."""
+    position, rotation, read = [], [], []
+    step_ms = round(1e3 * body.model.mj.opt.timestep, 3)
+    for k in range(n_steps):
+        wanted = np.zeros(body.n_dofs)
+        wanted[dof] = 0.3 * math.sin(2.0 * math.pi * frequency_hz * k * step_ms * 1e-3)
+        body.set_command(wanted)
+        read.append(body.stimulus()[:, ACCELERATION])
+        position_m, R_world_cell = cell_poses(body)
+        position.append(position_m)
+        rotation.append(R_world_cell)
+        body.advance(body.t_ns + round(step_ms * 1e6))
+    position, rotation = np.array(position), np.array(rotation)
+    happened = (position[2:] - 2.0 * position[1:-1] + position[:-2]) / (1e-3 * step_ms) ** 2
+    proper = np.einsum("tnji,tnj->tni", rotation[1:-1], happened - body.model.mj.opt.gravity)
+    return np.array(read)[1:-1], proper
+
+
+@pytest.mark.parametrize("joint", ["left_shoulder_pitch", "left_elbow_pitch", "left_wrist_roll"])
+def test_acceleration_is_that_of_the_motion(joint):
+    """Against second differences of the cells' positions; `qacc` reads 1.12 × (shoulder) to 2.1 × (wrist)."""
+    body = body_scenes.hrp2()
+    dof = load(body_scenes.HRP2).body.joints.index(joint)
+    read, happened = sine_motion(body, dof, 4.0, 300)
+    cells = body.cells["left_hand"]
+    read, happened = read[:, cells], happened[:, cells]
+    moving = happened - happened.mean(axis=0)
+    assert np.abs(moving).max() > 0.15, "the cells must really move"
+    error = np.abs(read - happened).max()
+    ratio = float(np.vdot(read - read.mean(axis=0), moving) / np.vdot(moving, moving))
+    assert ratio == pytest.approx(1.0, abs=0.01)
+    assert error < 0.02 * np.abs(moving).max()
+
+
+def test_acceleration_on_a_free_base_is_that_of_its_motion(tmp_path):
+    mjcf = body_scenes.ARM.format(more="", sensors="").replace(
+        '<joint name="turn" axis="0 0 1"/>', '<freejoint name="floats"/>'
+    )
+    patches = (body_scenes.lattice_patch("chest", "base", 2, 2, (0.0, 0.05, 0.0)),)
+    body = body_scenes.body_of(tmp_path, mjcf, patches, ("lift",))
+    read, happened = sine_motion(body, 0, 4.0, 250)
+    reaction = np.abs(happened).max()
+    assert reaction > 0.3, "in free fall, only the reaction to the arm is felt"
+    assert np.abs(read - happened).max() < 0.02 * reaction
+
+
+def test_distance_in_a_narrow_cone_equals_the_native_rangefinder(tmp_path):
+    narrow = CellSpec(proximity=ProximitySpec(half_angle_deg=1e-4))
+    body = with_native_sensors(tmp_path, cells=narrow)
     seen = 0
     for k in range(1, 60):
         body.set_command([0.5 * math.sin(0.2 * k), 0.5 * math.cos(0.2 * k)])
@@ -76,7 +131,7 @@ def test_distance_equals_the_native_rangefinder(tmp_path):
         distance = body.stimulus()[:, DISTANCE]
         _, theirs = native(body)
         theirs = np.where((theirs < 0) | (theirs > REACH_M), np.inf, theirs)
-        np.testing.assert_allclose(distance, theirs, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(distance, theirs, rtol=0, atol=1e-6)
         seen += np.isfinite(distance).sum()
     assert seen > 60
 

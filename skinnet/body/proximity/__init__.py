@@ -1,0 +1,1 @@
+"""Proximity: the nearest point of solids within the field of view of a cell."""
