@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -13,7 +14,7 @@ from skinnet.migration.deployments import FORMAT, FORMAT_KEY
 from skinnet.protocol.channels import CHANNELS, Keys, Role
 from skinnet.run.process_list import process_list
 
-__all__ = ["print_channels", "print_deployment", "resolved_toml"]
+__all__ = ["print_channels", "print_deployment", "print_settling", "resolved_toml"]
 
 
 def print_deployment(console: Console, deployment: Deployment, files: Sequence[Path]) -> None:
@@ -47,6 +48,15 @@ def print_channels(console: Console, robot: str) -> None:
         table.add_row(row.pattern, row.message.__name__, row.sender_name, to, row.period, public)
     senders = ", ".join(role.value for role in Role if role is not Role.LAUNCHER)
     table.add_row("alive/<role>/<name>", "liveliness token", senders, "all", "on change")
+    console.print(table)
+
+
+def print_settling(console: Console, duration_s: float, metrics: dict[str, Any]) -> None:
+    """Print the metrics of a body that settled for `duration_s` [s]; lists as one row per entry."""
+    table = _table(f"settled for {duration_s:g} s at home", "metric", "value")
+    for name, value in metrics.items():
+        for entry in value if isinstance(value, list) else [value]:
+            table.add_row(name, f"{entry:.4g}" if isinstance(entry, float) else str(entry))
     console.print(table)
 
 
