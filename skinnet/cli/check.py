@@ -38,7 +38,8 @@ def check(
 ) -> None:
     """Check a deployment and list its parts.
 
-    All that a run checks is checked, with the model, the skin and the memory.
+    All that a run checks is checked, with the model, the skin and the memory. What of the model's file is
+    left out or overridden is listed.
     """
     if channels and resolved:
         raise UsageError("--channels and --resolved exclude each other: give one of them")
@@ -46,11 +47,15 @@ def check(
     from skinnet.deployment.extends import read_layers
     from skinnet.run.prepare import RunOptions, prepare_run
 
-    deployment = prepare_run(RunOptions(file, tuple(settings or ()))).deployment
+    prepared = prepare_run(RunOptions(file, tuple(settings or ())))
+    deployment = prepared.deployment
     if resolved:
         sys.stdout.write(resolved_toml(deployment, file))
         return
     terminal = console()
     print_deployment(terminal, deployment, [layer.path for layer in reversed(read_layers(file))])
+    for line in prepared.left_out:
+        said = f"left out of {deployment.body.model}: {line}"
+        terminal.print(said, highlight=False, markup=False, soft_wrap=True)
     if channels:
         print_channels(terminal, deployment.robot)

@@ -2,9 +2,11 @@
 
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import added_id
 from skinnet.body.contact.winkler import ContactState
 from skinnet.body.environment.payload import Payload
 from skinnet.body.model import PAYLOAD, BodyModel
@@ -44,7 +46,7 @@ class PayloadGroundTruth:
         self.sliding_distance_m = 0.0
         self._payload, self._sheet_contact = payload, sheet_contact
         self._drop_threshold_m, self._period_ns = drop_threshold_m, period_ns
-        self._body_id = int(model.mj.body(PAYLOAD).id)
+        self._body_id = added_id(model.mj, mujoco.mjtObj.mjOBJ_BODY, PAYLOAD)
         self._t_ns: list[int] = []
         self._poses: list[Floats] = []
         self._sliding_distances_m: list[float] = []
