@@ -40,6 +40,7 @@ class Actuation:
     velocity_rad_s: Floats = field(init=False)
     refused_commands: int = 0
     _target_rad: Floats = field(init=False)
+    _lag_rad: Floats = field(init=False)
     _qpos: Floats = field(init=False)
     _ctrl: Floats = field(init=False)
 
@@ -47,6 +48,7 @@ class Actuation:
         """Set the servo targets to static equilibrium: the servos carry the weight of the arms."""
         self.velocity_rad_s = np.zeros(len(self.model.joint_id))
         self._qpos, self._ctrl = self.data.qpos, self.data.ctrl  # MuJoCo makes a new view at each access
+        self._lag_rad = self.model.torque_range_nm / self.servo.kp_nm_per_rad
         self._target_rad = equilibrium_targets_rad(self.data, self.model.actuator_id)
         self.advance(0.0)
 
@@ -68,7 +70,7 @@ class Actuation:
             self._target_rad,
             self.velocity_rad_s * step_s,
             self.model.range_rad,
-            self.servo.torque_limit_nm / self.servo.kp_nm_per_rad,
+            self._lag_rad,
             self._qpos,
             self.model.qpos_address,
             self._ctrl,
@@ -86,7 +88,7 @@ def _advance(
     target_rad: Floats,
     change_rad: Floats,
     range_rad: Floats,
-    lag_rad: float,
+    lag_rad: Floats,
     qpos: Floats,
     qpos_index: NDArray[np.int64],
     ctrl: Floats,
@@ -95,6 +97,6 @@ def _advance(
     for d in range(len(target_rad)):
         position_rad = qpos[qpos_index[d]]
         target = target_rad[d] + change_rad[d]
-        target = min(max(target, position_rad - lag_rad), position_rad + lag_rad)
+        target = min(max(target, position_rad + lag_rad[d, 0]), position_rad + lag_rad[d, 1])
         target_rad[d] = min(max(target, range_rad[d, 0]), range_rad[d, 1])
         ctrl[ctrl_index[d]] = target_rad[d]

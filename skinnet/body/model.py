@@ -1,6 +1,7 @@
 """Robot model loading: any MJCF, extended by servos, the teacher's finger, payload and stand."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,8 +9,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import FINGER, added_id, builtin_defaults, unused_name
 from skinnet.body.contact.compliant_layer import compliant_layer, delay_rigid_contact
-from skinnet.body.environment.stand_model import OBJECT, STAND, add_stand, place_object, solids_by_geom_name
+from skinnet.body.environment.stand_model import OBJECT, STAND, add_stand, place_object
+from skinnet.body.model_deletions import delete_actuators
+from skinnet.body.model_file import ONE_DOF, compile_spec, lock_joint, model_path, read_model, require_joints
+from skinnet.body.servos import add_servos, enable_servos
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import ObjectModel
@@ -29,14 +34,9 @@ __all__ = [
     "require_body_id",
 ]
 
-FINGER = "teacher_finger"
 PAYLOAD = "payload"
 _NON_ROBOT_BODIES = (FINGER, PAYLOAD, STAND, OBJECT)
 """Bodies that are not part of the robot."""
-_ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-_MODELS = Path(__file__).parent / "models"
-_SWAY_STIFFNESS_RATIO = 10.0
-"""Stiffness ratio of sway joints, which model a balancing lower body, to the arms' servos (assumed)."""
 _FINGER_LENGTH_M = 0.06
 _ALL_CONTACT_BITS = 2**31 - 1
 """Contact bits (contype, conaffinity) of the finger: it collides with every contact geom."""
@@ -57,12 +57,14 @@ class BodyModel:
         qpos_address: (D,) their addresses in `qpos_address`.
         dof_address: (D,) their addresses in `qvel`.
         range_rad: (D, 2) their limits, infinite where the model has none [rad].
+        torque_range_nm: (D, 2) torques that their servos can exert, within the limits of the joints [Nm].
         actuator_id: (D,) ids of their position servos.
         sway_actuator_id: (W,) ids of the servos of the sway joints.
         sway_qpos_address: (W,) addresses of the sway joints in `qpos_address`.
         finger_body_id: Body id of the teacher's finger, a mocap body.
         home_qpos: (nq,) configuration at the start of a run.
         temperature_c: (nbody,) temperature of every body [°C].
+        left_out: What of the model's file is left out or overridden, and why; one line each.
     """
 
     mj: mujoco.MjModel
@@ -70,12 +72,14 @@ class BodyModel:
     qpos_address: Indices
     dof_address: Indices
     range_rad: Floats
+    torque_range_nm: Floats
     actuator_id: Indices
     sway_actuator_id: Indices
     sway_qpos_address: Indices
     finger_body_id: int
     home_qpos: Floats
     temperature_c: Floats
+    left_out: tuple[str, ...]
 
 
 def build_mj_spec(deployment: Deployment, base_dir: Path, *, with_environment: bool = True) -> mujoco.MjSpec:
@@ -91,39 +95,7 @@ def build_mj_spec(deployment: Deployment, base_dir: Path, *, with_environment: b
         DeploymentError: there is no such model, a joint is named twice, the payload's axis is zero, or the
             stand's plate has no length.
     """
-    body = deployment.body
-    path = _model_path(body.model, base_dir)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ModelError(f"{path}: {_one_line(error)}") from error
-    _require_joints(spec, path, body)
-    # Servos come from the deployment; actuators and keyframes of the file would conflict with them.
-    for element in [*spec.actuators, *spec.keys]:
-        spec.delete(element)
-    for name in body.locked:
-        spec.delete(spec.joint(name))
-    servo = body.servo
-    for joint in body.joints:
-        _add_servo(spec, joint, servo.kp_nm_per_rad, servo.kv_nm_s_per_rad, servo.torque_limit_nm)
-    for joint in body.sway.joints:
-        _add_servo(
-            spec,
-            joint,
-            _SWAY_STIFFNESS_RATIO * servo.kp_nm_per_rad,
-            _SWAY_STIFFNESS_RATIO * servo.kv_nm_s_per_rad,
-        )
-    _add_finger(spec, deployment.teacher.tip_radius_m)
-    if with_environment:
-        if deployment.payload is not None:
-            _add_payload(spec, deployment.payload, body.foam.friction)
-        if (placed_object := place_object(deployment)) is not None:
-            add_stand(spec, placed_object)
-    spec.option.timestep = body.timestep_ns / NS_PER_S
-    # Stiff servos on light links need implicit velocity terms; MuJoCo must not reset an unstable step.
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return spec
+    return _build(deployment, base_dir, with_environment=with_environment)[0]
 
 
 def load_model(deployment: Deployment, base_dir: Path, *, with_environment: bool = True) -> BodyModel:
@@ -136,14 +108,14 @@ def load_model(deployment: Deployment, base_dir: Path, *, with_environment: bool
         DeploymentError: the deployment contradicts itself or the model's limits.
     """
     body = deployment.body
-    spec = build_mj_spec(deployment, base_dir, with_environment=with_environment)
-    path = _model_path(body.model, base_dir)
-    mj = _compile(spec, path)
+    spec, left_out = _build(deployment, base_dir, with_environment=with_environment)
+    path = model_path(body.model, base_dir)
+    mj = compile_spec(spec, path)
     require_body_id(mj, body.reference_body, "body.reference_body", path)
     placed_object = place_object(deployment) if with_environment else None
     if placed_object is not None and placed_object.object_model is not None:
         _delay_rigid_contact(spec, mj, deployment, placed_object.object_model, path)
-        mj = _compile(spec, path)
+        mj = compile_spec(spec, path)
     joint = np.array([mj.joint(name).id for name in body.joints], dtype=np.int64)
     sway = np.array([mj.joint(name).id for name in body.sway.joints], dtype=np.int64)
     limited = mj.jnt_limited[joint].astype(bool)[:, None]
@@ -154,13 +126,67 @@ def load_model(deployment: Deployment, base_dir: Path, *, with_environment: bool
         qpos_address=mj.jnt_qposadr[joint].astype(np.int64),
         dof_address=mj.jnt_dofadr[joint].astype(np.int64),
         range_rad=np.where(limited, mj.jnt_range[joint], unlimited),
+        torque_range_nm=_torque_range_nm(mj, joint, body.servo.torque_limit_nm),
         actuator_id=np.array([mj.actuator(name).id for name in body.joints], dtype=np.int64),
         sway_actuator_id=np.array([mj.actuator(name).id for name in body.sway.joints], dtype=np.int64),
         sway_qpos_address=mj.jnt_qposadr[sway].astype(np.int64),
-        finger_body_id=int(mj.body(FINGER).id),
+        finger_body_id=added_id(mj, mujoco.mjtObj.mjOBJ_BODY, FINGER),
         home_qpos=_home_qpos(mj, body, path),
         temperature_c=_temperatures_c(mj, body, path, deployment.teacher.temperature_c),
+        left_out=tuple(left_out),
     )
+
+
+def _build(
+    deployment: Deployment, base_dir: Path, *, with_environment: bool
+) -> tuple[mujoco.MjSpec, list[str]]:
+    """Build the model, and list what of the file is left out of it, one line each."""
+    body = deployment.body
+    path = model_path(body.model, base_dir)
+    spec = read_model(path)
+    require_joints(spec, path, body)
+    left_out = delete_actuators(spec)
+    for name in body.locked:
+        left_out += lock_joint(spec, name)
+    left_out += enable_servos(spec, path)
+    add_servos(spec, body)
+    n_bodies = len(spec.bodies)
+    _add_finger(spec, deployment.teacher.tip_radius_m)
+    if with_environment:
+        if deployment.payload is not None:
+            _add_payload(spec, deployment.payload, body.foam.friction)
+        if (placed_object := place_object(deployment)) is not None:
+            add_stand(spec, placed_object)
+    _keep_added_masses(spec, spec.bodies[n_bodies:], path)
+    spec.option.timestep = body.timestep_ns / NS_PER_S
+    return spec, left_out
+
+
+def _keep_added_masses(spec: mujoco.MjSpec, bodies: Sequence[mujoco.MjsBody], path: Path) -> None:
+    """Give the added `bodies` the masses of their geoms, whatever the file's compiler settings say.
+
+    Raises:
+        ModelError: the file scales all masses to a total.
+    """
+    compiler = spec.compiler
+    if compiler.settotalmass > 0.0 and len(bodies) > 1:
+        raise ModelError(
+            f"{path}: compiler settotalmass = {compiler.settotalmass:g} scales payload, stand and object, "
+            "too; scale the masses in the file instead"
+        )
+    if compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE:
+        # a body with an inertial keeps it, and without one the file would not compile
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    lowest, highest = compiler.inertiagrouprange
+    for geom in (geom for body in bodies for geom in body.geoms):
+        geom.group = min(max(geom.group, lowest), highest)
+
+
+def _torque_range_nm(mj: mujoco.MjModel, joint: Indices, limit_nm: float) -> Floats:
+    """Torques (D, 2) [Nm] that servos of `limit_nm` can exert within the limits of their joints."""
+    limited = mj.jnt_actfrclimited[joint].astype(bool)[:, None]
+    servo_nm = np.array([-limit_nm, limit_nm])
+    return np.where(limited, np.clip(mj.jnt_actfrcrange[joint], -limit_nm, limit_nm), servo_nm)
 
 
 def _delay_rigid_contact(
@@ -171,15 +197,10 @@ def _delay_rigid_contact(
         require_body_id(mj, patch.body, f"patches.{patch.name}.body", path)
     patches = [place_patch(patch, deployment.cells) for patch in deployment.patches]
     layer = compliant_layer(object_model.stiffness_pa_per_m, deployment.body.foam)
-    solids = list(solids_by_geom_name(object_model))
+    body = added_id(mj, mujoco.mjtObj.mjOBJ_BODY, OBJECT)
+    first = int(mj.body_geomadr[body])
+    solids = [mj.geom(geom).name for geom in range(first, first + int(mj.body_geomnum[body]))]
     delay_rigid_contact(spec, mj, patches, solids, layer.max_indentation_m)
-
-
-def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise ModelError(f"{path}: {_one_line(error)}") from error
 
 
 def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices) -> Floats:
@@ -188,6 +209,8 @@ def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices) -> Floats
     joint = mj.actuator_trnid[actuator_id, 0]
     dof = mj.jnt_dofadr[joint]
     load_nm = data.qfrc_bias[dof] - data.qfrc_passive[dof]
+    by_actuators = mj.jnt_actgravcomp[joint].astype(bool)  # else compensation is a passive force
+    load_nm -= np.where(by_actuators, data.qfrc_gravcomp[dof], 0.0)
     targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + load_nm / mj.actuator_gainprm[actuator_id, 0]
     return targets
 
@@ -207,63 +230,27 @@ def require_body_id(mj: mujoco.MjModel, name: str, key: str, source: Path | str)
     return int(index)
 
 
-def _model_path(model: str, base_dir: Path) -> Path:
-    beside = base_dir / model
-    if beside.is_file():
-        return beside
-    shipped = _MODELS / f"{model.removesuffix('.xml')}.xml"
-    if shipped.parent == _MODELS and shipped.is_file():
-        return shipped
-    names = sorted(path.stem for path in _MODELS.glob("*.xml"))
-    hint = f"{did_you_mean(model.removesuffix('.xml'), names)}shipped models: {', '.join(names)}"
-    raise DeploymentError(f'body.model = "{model}": no file {beside}, and no shipped model; {hint}')
-
-
-def _require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
-    named = [("body.joints", name) for name in body.joints]
-    named += [("body.sway.joints", name) for name in body.sway.joints]
-    named += [("body.locked", name) for name in body.locked]
-    seen: set[str] = set()
-    for key, name in named:
-        joint = spec.joint(name)
-        if joint is None:
-            known = [j.name for j in spec.joints if j.type in _ONE_DOF]
-            hint = f"{did_you_mean(name, known)}its hinge and slide joints are {', '.join(known)}"
-            raise ModelError(f'{key}: {path} has no joint "{name}"; {hint}')
-        if joint.type not in _ONE_DOF:
-            kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
-            raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint, not a hinge or slide')
-        if name in seen:
-            raise DeploymentError(
-                f'{key}: joint "{name}" is named twice; a joint may have one role only '
-                "(body.joints, body.sway.joints or body.locked)"
-            )
-        seen.add(name)
-
-
-def _add_servo(spec: mujoco.MjSpec, joint: str, kp: float, kv: float, torque_nm: float | None = None) -> None:
-    actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_position(kp=kp, kv=kv)
-    if torque_nm is not None:
-        actuator.forcelimited = True
-        actuator.forcerange = [-torque_nm, torque_nm]
-
-
 def _add_finger(spec: mujoco.MjSpec, radius_m: float) -> None:
     """Add the finger: a mocap body, spherical tip at its origin, +z away from the contact."""
-    finger = spec.worldbody.add_body(name=FINGER, mocap=True)
+    plain = builtin_defaults(spec)
+    name = unused_name(FINGER, {body.name for body in spec.bodies})
+    finger = spec.worldbody.add_body(name=name, mocap=True)
     ball, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
     finger.add_geom(
+        plain,
         type=ball,
         size=[radius_m, 0, 0],
+        mass=0.0,
         rgba=_FINGER_RGBA,
         contype=_ALL_CONTACT_BITS,
         conaffinity=_ALL_CONTACT_BITS,
     )
     finger.add_geom(
+        plain,
         type=capsule,
         size=[radius_m, 0, 0],
         fromto=[0, 0, 0, 0, 0, _FINGER_LENGTH_M],
+        mass=0.0,
         rgba=_FINGER_RGBA,
         contype=0,
         conaffinity=0,
@@ -277,10 +264,12 @@ def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> 
         raise DeploymentError(f"payload.axis = {list(payload.axis)}: must be a non-zero vector")
     quaternion = np.empty(4)
     mujoco.mju_quatZ2Vec(quaternion, axis / np.linalg.norm(axis))
-    body = spec.worldbody.add_body(name=PAYLOAD, pos=payload.position_m, quat=quaternion)
-    body.add_freejoint(name=PAYLOAD)
+    name = unused_name(PAYLOAD, {body.name for body in spec.bodies})
+    body = spec.worldbody.add_body(name=name, pos=payload.position_m, quat=quaternion)
+    body.add_freejoint(name=unused_name(PAYLOAD, {joint.name for joint in spec.joints}))
     body.add_geom(
-        name=PAYLOAD,
+        builtin_defaults(spec),
+        name=unused_name(PAYLOAD, {geom.name for geom in spec.geoms}),
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[payload.outer_radius_m, 0.5 * payload.length_m, 0],
         mass=payload.mass_kg,
@@ -293,7 +282,7 @@ def _home_qpos(mj: mujoco.MjModel, body: BodySpec, path: Path) -> Floats:
     home: Floats = mj.qpos0.copy()
     for name, angle_rad in body.home_rad.items():
         index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in _ONE_DOF:
+        if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in ONE_DOF:
             raise ModelError(f'body.home_rad: {path} has no hinge or slide joint "{name}" that can move')
         lower, upper = mj.jnt_range[index] if mj.jnt_limited[index] else (-math.inf, math.inf)
         if not lower <= angle_rad <= upper:
@@ -306,11 +295,7 @@ def _home_qpos(mj: mujoco.MjModel, body: BodySpec, path: Path) -> Floats:
 
 def _temperatures_c(mj: mujoco.MjModel, body: BodySpec, path: Path, finger_temperature_c: float) -> Floats:
     temperature_c = np.full(mj.nbody, body.ambient_c)
-    temperature_c[mj.body(FINGER).id] = finger_temperature_c
+    temperature_c[added_id(mj, mujoco.mjtObj.mjOBJ_BODY, FINGER)] = finger_temperature_c
     for name, value_c in body.body_temperature_c.items():
         temperature_c[require_body_id(mj, name, "body.body_temperature_c", path)] = value_c
     return temperature_c
-
-
-def _one_line(error: ValueError) -> str:
-    return " ".join(str(error).split())

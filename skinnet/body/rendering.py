@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import added_id, builtin_defaults
 from skinnet.body.contact.skin_surface import hexagon_m
 from skinnet.body.environment.stand_model import OBJECT, STAND, place_object
 from skinnet.body.model import PAYLOAD, build_mj_spec
@@ -125,7 +126,9 @@ def _render(request: _RenderRequest) -> None:
     if request.position_rad is not None:
         data.qpos[body.model.qpos_address] = request.position_rad
     if request.stand_top_m is not None and presented is not None:
-        data.qpos[model.joint(STAND).qposadr[0]] = request.stand_top_m - presented.start_top_m
+        data.qpos[model.joint(added_id(model, mujoco.mjtObj.mjOBJ_JOINT, STAND)).qposadr[0]] = (
+            request.stand_top_m - presented.start_top_m
+        )
     if request.object_pose is not None:
         _place_object(model, data, request.object_pose)
     data.mocap_pos[:] = body.data.mocap_pos
@@ -140,8 +143,9 @@ def _render(request: _RenderRequest) -> None:
 def _place_object(model: mujoco.MjModel, data: mujoco.MjData, pose: list[float]) -> None:
     """Set the pose (7,) of the free object and of the payload; an object fixed to the stand stays."""
     for name in (OBJECT, PAYLOAD):
-        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0:
-            address = int(model.joint(name).qposadr[0])
+        joint = added_id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if joint >= 0:
+            address = int(model.jnt_qposadr[joint])
             data.qpos[address : address + 7] = pose
 
 
@@ -162,7 +166,7 @@ def _add_cells(
     """Add every cell as two visual prisms: the foam, and on it the cell in its colour."""
     _add_prism(spec, "skin_foam", _CELL_SCALE * side_m, thickness_m - _CELL_THICKNESS_M)
     _add_prism(spec, "skin_cell", _CELL_SCALE * side_m, _CELL_THICKNESS_M)
-    row = 0
+    plain, row = builtin_defaults(spec), 0
     for patch in patches:
         owner = spec.body(patch.body)
         for position_m, R_body_cell in zip(patch.position_m, patch.R_body_cell, strict=True):
@@ -174,6 +178,7 @@ def _add_cells(
                 ("skin_cell", position_m + lift_m, colours[row]),
             ):
                 owner.add_geom(
+                    plain,
                     type=mujoco.mjtGeom.mjGEOM_MESH,
                     meshname=mesh,
                     pos=at_m,
@@ -191,7 +196,7 @@ def _add_elements(
 ) -> None:
     """Add every element as two visual blocks: its foam, wider outwards on round sides, and its face."""
     top_m = thickness_m - _CELL_THICKNESS_M
-    row = 0
+    plain, row = builtin_defaults(spec), 0
     for sheet in sheets:
         surface, half_m = sheet.surface, 0.5 * _CELL_SCALE * math.sqrt(sheet.area_m2)
         for name, radius_m in (("flat", math.inf), ("round", surface.radius_m)):
@@ -206,6 +211,7 @@ def _add_elements(
             shape = "flat" if abs(xi_m[0]) <= surface.flat_half_width_m else "round"
             for part, rgba in (("foam", _SHEET_FOAM_RGBA), ("face", colours[row])):
                 owner.add_geom(
+                    plain,
                     type=mujoco.mjtGeom.mjGEOM_MESH,
                     meshname=f"{sheet.name}_{shape}_{part}",
                     pos=position_m,

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.environment.free_bodies import FREE_BODIES
+from skinnet.body.environment.free_bodies import free_body_ids
 from skinnet.body.model import load_model
 from skinnet.deployment.deployment import Deployment
 
@@ -96,7 +96,7 @@ class VisualModel:
         self._data = mujoco.MjData(mj)
         self._data.qpos[:] = self._model.home_qpos
         self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
-        self.free_links = {name: link for name, link in FREE_BODIES.items() if link in self.links}
+        self.free_links = {name: self.links[i] for name, i in free_body_ids(mj).items()}
         shown = (mj.geom_group < _N_VISIBLE_GROUPS) & (mj.geom_rgba[:, 3] != 0.0)
         drawn = np.flatnonzero(shown & np.isin(mj.geom_type, [*map(int, _GEOM_TYPE_NAMES)]))
         self.shapes = tuple(self._shape(i) for i in drawn.tolist())

@@ -56,8 +56,9 @@ def check(
 ) -> None:
     """Check a deployment and list its parts.
 
-    All that a run checks is checked, with the model, the skin and the memory. With --settle, the body is
-    simulated for some time: forces on the skin, drift of joints, energy, and what of the model was left out.
+    All that a run checks is checked, with the model, the skin and the memory. What of the model's file is
+    left out or overridden is listed. With --settle, the body is simulated for some time: forces on the skin,
+    drift of joints, energy.
     """
     if channels and resolved:
         raise UsageError("--channels and --resolved exclude each other: give one of them")
@@ -84,6 +85,9 @@ def check(
         return
     terminal = console(stderr=json == "-")
     print_deployment(terminal, deployment, [layer.path for layer in reversed(read_layers(file))])
+    for line in prepared.left_out:
+        said = f"left out of {deployment.body.model}: {line}"
+        terminal.print(said, highlight=False, markup=False, soft_wrap=True)
     for line in contact_notices(deployment, prepared.base):
         terminal.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
     if channels:

@@ -47,11 +47,19 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """Valid deployment with the base folder of its relative paths, and the options of the run."""
+    """Valid deployment with the base folder of its relative paths, and the options of the run.
+
+    Attributes:
+        options: Options of the run.
+        deployment: The deployment.
+        base: Folder of its relative paths.
+        left_out: What of the model's file is left out or overridden, and why; one line each.
+    """
 
     options: RunOptions
     deployment: Deployment
     base: Path
+    left_out: tuple[str, ...] = ()
 
 
 def prepare_run(options: RunOptions, seed: int | None = None) -> PreparedRun:
@@ -61,12 +69,14 @@ def prepare_run(options: RunOptions, seed: int | None = None) -> PreparedRun:
         DeploymentError: names file, key, value, what is allowed.
     """
     deployment = load(options.deployment_file, options.settings, seed)
-    validate(deployment, options.deployment_file)
-    return PreparedRun(options, deployment, options.deployment_file.parent.resolve())
+    left_out = validate(deployment, options.deployment_file)
+    return PreparedRun(options, deployment, options.deployment_file.parent.resolve(), left_out)
 
 
-def validate(deployment: Deployment, file: Path) -> None:
+def validate(deployment: Deployment, file: Path) -> tuple[str, ...]:
     """Validate a deployment across its keys, and with its MJCF model and its long-term memory.
+
+    Return what of the model's file is left out or overridden, and why; one line each.
 
     Args:
         deployment: Deployment to validate.
@@ -86,6 +96,7 @@ def validate(deployment: Deployment, file: Path) -> None:
             )
         body = BodySimulation(deployment, file.parent)
         load_memory(deployment, file.parent, body.model.range_rad)
+        return body.model.left_out
     except DeploymentError as error:
         raise DeploymentError(f"{file}: {error}") from None
     except MemoryFileError as error:

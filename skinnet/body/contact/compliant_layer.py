@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import builtin_defaults, unused_name
 from skinnet.deployment.robot import FoamSpec
 from skinnet.skin.placement import PlacedPatch
 
@@ -70,10 +71,11 @@ def delay_rigid_contact(
     links = {geom.id: geom for geom in spec.geoms}
     for index in geoms_under_skin(mj, patches):
         link = links[index]
-        link.name = link.name or f"under_skin_{index}"
+        link.name = link.name or unused_name(f"under_skin_{index}", {geom.name for geom in spec.geoms})
         for name in geom_names:
             slide, spin, roll = spec.geom(name).friction
             spec.add_pair(
+                builtin_defaults(spec),
                 geomname1=link.name,
                 geomname2=name,
                 condim=3,

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import added_id
 from skinnet.body.contact.broad_phase import ActiveCells
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
@@ -40,7 +41,7 @@ def _compliant_layers(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, C
         elastic[PAYLOAD] = CompliantLayer(foam_fraction(payload.sheet_stiffness_pa_per_m, foam))
     if deployment.stand is not None and deployment.object != NO_OBJECT:
         elastic[OBJECT] = compliant_layer(OBJECTS[deployment.object].stiffness_pa_per_m, foam)
-    return {int(mj.body(name).id): yielding for name, yielding in elastic.items()}
+    return {added_id(mj, mujoco.mjtObj.mjOBJ_BODY, name): yielding for name, yielding in elastic.items()}
 
 
 @dataclass

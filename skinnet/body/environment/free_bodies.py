@@ -3,13 +3,20 @@
 import mujoco
 import numpy as np
 
+from skinnet.body.added_elements import FINGER, added_id
 from skinnet.body.environment.stand_model import OBJECT, STAND
-from skinnet.body.model import FINGER, PAYLOAD
+from skinnet.body.model import PAYLOAD
 
-__all__ = ["FREE_BODIES", "FreeBodies"]
+__all__ = ["FreeBodies", "free_body_ids"]
 
-FREE_BODIES = {"finger": FINGER, "payload": PAYLOAD, "stand": STAND, "object": OBJECT}
+_FREE_BODIES = {"finger": FINGER, "payload": PAYLOAD, "stand": STAND, "object": OBJECT}
 """Names of free bodies in messages, mapped to their body names in the model."""
+
+
+def free_body_ids(mj: mujoco.MjModel) -> dict[str, int]:
+    """Find the ids of the free bodies of a model, by their names in messages."""
+    ids = {name: added_id(mj, mujoco.mjtObj.mjOBJ_BODY, body) for name, body in _FREE_BODIES.items()}
+    return {name: index for name, index in ids.items() if index >= 0}
 
 
 class FreeBodies:
@@ -21,12 +28,7 @@ class FreeBodies:
 
     def __init__(self, data: mujoco.MjData) -> None:
         self._data = data
-        mj = data.model
-        self._body: dict[str, int] = {}
-        for name, body in FREE_BODIES.items():
-            index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, body)
-            if index >= 0:
-                self._body[name] = index
+        self._body = free_body_ids(data.model)
 
     def poses(self) -> dict[str, list[float]]:
         """Poses of all free bodies: position [m] and quaternion (w, x, y, z), world, by name."""

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import added_id
 from skinnet.body.model import PAYLOAD
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.payload import PayloadSpec
@@ -29,7 +30,7 @@ class Payload:
         self.released_ns: int | None = None
         self._data, self._spec = data, spec
         self._release_factor = math.exp(-_RELEASE_DAMPING_PER_S * step_s)
-        joint = data.model.joint(PAYLOAD)
+        joint = data.model.joint(added_id(data.model, mujoco.mjtObj.mjOBJ_JOINT, PAYLOAD))
         self._qpos = slice(int(joint.qposadr[0]), int(joint.qposadr[0]) + 7)
         self._qvel = slice(int(joint.dofadr[0]), int(joint.dofadr[0]) + 6)
         self._held_pose: Floats = data.qpos[self._qpos].copy()

@@ -5,6 +5,7 @@ from enum import Enum, auto
 
 import mujoco
 
+from skinnet.body.added_elements import added_id
 from skinnet.body.environment.stand_model import STAND
 from skinnet.deployment.environment.stand import StandSpec
 
@@ -94,7 +95,7 @@ class Stand:
         """Height trajectory above the start pose, at the end of the next step."""
         self._arrives_next_step = False
         self._spec, self._qpos, self._qvel, self._force_n = spec, data.qpos, data.qvel, data.qfrc_applied
-        joint = data.model.joint(STAND)
+        joint = data.model.joint(added_id(data.model, mujoco.mjtObj.mjOBJ_JOINT, STAND))
         self._address, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._mass_kg = float(data.model.dof_M0[self._dof])
         self._due_ns: int | None = None

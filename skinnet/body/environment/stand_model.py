@@ -7,13 +7,14 @@ import mujoco
 import numpy as np
 
 from skinnet import pinned_math
+from skinnet.body.added_elements import builtin_defaults, unused_name
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import NO_OBJECT, OBJECTS, ObjectModel, PrimitiveSolid, Shape
 from skinnet.deployment.environment.stand import StandSpec
 from skinnet.errors import DeploymentError
 from skinnet.random_streams import StreamName, stream_key, uniform
 
-__all__ = ["OBJECT", "STAND", "PlacedObject", "add_stand", "place_object", "solids_by_geom_name"]
+__all__ = ["OBJECT", "STAND", "PlacedObject", "add_stand", "place_object"]
 
 OBJECT = "object"
 STAND = "object_stand"
@@ -105,19 +106,16 @@ def add_stand(spec: mujoco.MjSpec, placed_object: PlacedObject) -> None:
             "plate to clear the floor"
         )
     top_m = placed_object.start_top_m
-    body = spec.worldbody.add_body(name=STAND, pos=[x_m, y_m, top_m], gravcomp=1.0)
-    body.add_joint(name=STAND, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
-    _add_plate(body, placed_object)
+    plain = builtin_defaults(spec)
+    name = unused_name(STAND, {body.name for body in spec.bodies})
+    body = spec.worldbody.add_body(name=name, pos=[x_m, y_m, top_m], gravcomp=1.0)
+    joint_name = unused_name(STAND, {joint.name for joint in spec.joints})
+    body.add_joint(plain, name=joint_name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+    _add_plate(spec, body, placed_object)
     # The column penetrates the floor.
-    spec.add_exclude(bodyname1="world", bodyname2=STAND)
+    spec.add_exclude(bodyname1="world", bodyname2=name)
     if placed_object.object_model is not None:
         _add_object(spec, body, placed_object, placed_object.object_model, top_m)
-
-
-def solids_by_geom_name(object_model: ObjectModel) -> dict[str, PrimitiveSolid]:
-    """Solids of an object, with its base, by geom name."""
-    solids = object_model.solids if object_model.base is None else (*object_model.solids, object_model.base)
-    return {f"{OBJECT}_{i}": solid for i, solid in enumerate(solids)}
 
 
 def _draw(seed: int, stream: str) -> float:
@@ -125,7 +123,7 @@ def _draw(seed: int, stream: str) -> float:
     return 2.0 * uniform(stream_key(seed, StreamName.STAND, stream), np.uint64(0)) - 1.0
 
 
-def _add_plate(body: mujoco.MjsBody, placed_object: PlacedObject) -> None:
+def _add_plate(spec: mujoco.MjSpec, body: mujoco.MjsBody, placed_object: PlacedObject) -> None:
     """Add plate and column; the stand's origin lies below the object's centre, on the top of the plate."""
     stand, x_m = placed_object.stand, placed_object.position_m[0]
     near_m, far_m = stand.plate_edge_x_m - x_m, 0.5 * placed_object.size_m[0] + _PLATE_OVERHANG_M
@@ -135,8 +133,10 @@ def _add_plate(body: mujoco.MjsBody, placed_object: PlacedObject) -> None:
             f"{far_m + x_m:g}"
         )
     half_m, length_m = 0.5 * _PLATE_THICKNESS_M, 0.5 * (placed_object.top_m - _PLATE_THICKNESS_M)
+    plain, used = builtin_defaults(spec), {geom.name for geom in spec.geoms}
     body.add_geom(
-        name=f"{STAND}_plate",
+        plain,
+        name=unused_name(f"{STAND}_plate", used),
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[0.5 * (far_m - near_m), 0.5 * stand.plate_width_m, half_m],
         pos=[0.5 * (near_m + far_m), 0.0, -half_m],
@@ -146,7 +146,8 @@ def _add_plate(body: mujoco.MjsBody, placed_object: PlacedObject) -> None:
         conaffinity=_ALL_CONTACT_BITS,
     )
     body.add_geom(
-        name=f"{STAND}_column",
+        plain,
+        name=unused_name(f"{STAND}_column", used),
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[_COLUMN_RADIUS_M, length_m, 0.0],
         pos=[0.0, 0.0, -_PLATE_THICKNESS_M - length_m],
@@ -171,23 +172,32 @@ def _add_object(
         0.0,
         pinned_math.sin(0.5 * placed_object.yaw_rad),
     ]
+    name = unused_name(OBJECT, {body.name for body in spec.bodies})
     if placed_object.stand.fix_object:
-        body = stand.add_body(name=OBJECT, pos=[0.0, 0.0, half_m], quat=turned)
+        body = stand.add_body(name=name, pos=[0.0, 0.0, half_m], quat=turned)
     else:
-        body = spec.worldbody.add_body(name=OBJECT, pos=[x_m, y_m, top_m + half_m], quat=turned)
-        body.add_freejoint(name=OBJECT)
+        body = spec.worldbody.add_body(name=name, pos=[x_m, y_m, top_m + half_m], quat=turned)
+        body.add_freejoint(name=unused_name(OBJECT, {joint.name for joint in spec.joints}))
     volume_m3 = sum(solid.volume_m3 for solid in object_model.solids)
-    for name, solid in solids_by_geom_name(object_model).items():
+    solids = object_model.solids if object_model.base is None else (*object_model.solids, object_model.base)
+    plain, used = builtin_defaults(spec), {geom.name for geom in spec.geoms}
+    for i, solid in enumerate(solids):
         mass_kg = 0.0 if solid is object_model.base else object_model.mass_kg * solid.volume_m3 / volume_m3
-        _add_solid(body, name, solid, mass_kg, object_model)
+        _add_solid(body, plain, unused_name(f"{OBJECT}_{i}", used), solid, mass_kg, object_model)
 
 
 def _add_solid(
-    body: mujoco.MjsBody, name: str, solid: PrimitiveSolid, mass_kg: float, object_model: ObjectModel
+    body: mujoco.MjsBody,
+    plain: mujoco.MjsDefault,
+    name: str,
+    solid: PrimitiveSolid,
+    mass_kg: float,
+    object_model: ObjectModel,
 ) -> None:
     half_rad = 0.5 * math.radians(solid.yaw_deg)
     radius_m, _, height_m = solid.half_extents_m
     geom = body.add_geom(
+        plain,
         name=name,
         type=_GEOM_TYPES[solid.shape],
         size=[radius_m, height_m, 0.0] if solid.shape is Shape.CYLINDER else solid.half_extents_m,

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import added_id
 from skinnet.body.contact.winkler import ContactState
 from skinnet.body.environment.stand import Stand, StandPhase
 from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject
@@ -100,13 +101,13 @@ class GraspGroundTruth:
         self._period_ns, self._stage = period_ns, ""
         mj = data.model
         there = placed_object.object_model is not None
-        self._body = int(mj.body(OBJECT).id) if there else -1
-        self._dof = int(mj.joint(OBJECT).dofadr[0]) if there and not placed_object.stand.fix_object else -1
+        self._body = added_id(mj, mujoco.mjtObj.mjOBJ_BODY, OBJECT) if there else -1
+        self._dof = int(mj.body_dofadr[self._body]) if there and not placed_object.stand.fix_object else -1
         gravity_m_s2 = float(np.linalg.norm(mj.opt.gravity))
         self._weight_n = gravity_m_s2 * float(mj.body_mass[self._body]) if there else 0.0
         self._max_bare_lift_n = placed_object.stand.bare_weight_fraction * self._weight_n
         self._geom_body = mj.geom_bodyid.tolist()
-        stand_body = int(mj.body(STAND).id)
+        stand_body = added_id(mj, mujoco.mjtObj.mjOBJ_BODY, STAND)
         self._watched_bodies = [stand_body, self._body] if there else [stand_body]
         self._names = [mj.geom(i).name or f"{mj.body(b).name}[{i}]" for i, b in enumerate(self._geom_body)]
         self._wrench = np.zeros(6)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.added_elements import added_id
 from skinnet.body.contact.sheet_foundation import SheetFoundation
 from skinnet.body.environment.payload import Payload
 from skinnet.body.model import PAYLOAD
@@ -54,7 +55,7 @@ class PayloadGroundTruth:
         self.slid_m = self.sliding_distance_m = 0.0
         self._data, self._payload, self._sheet_contact = data, payload, sheets.contact
         self._spec, self._period_ns = spec, period_ns
-        self._body_id = int(data.model.body(PAYLOAD).id)
+        self._body_id = added_id(data.model, mujoco.mjtObj.mjOBJ_BODY, PAYLOAD)
         self._sheet_body_id = sheets.surface.patch_body_id
         self._arms: list[tuple[int, Floats]] = []
         self._supported_ns = 0

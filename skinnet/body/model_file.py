@@ -1,0 +1,158 @@
+"""Robot file as an editable model: read, named throughout, with its joints checked and locked."""
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.body.added_elements import unused_name
+from skinnet.body.model_deletions import delete_joint
+from skinnet.deployment.robot import BodySpec
+from skinnet.errors import DeploymentError, ModelError
+from skinnet.suggestions import did_you_mean
+
+__all__ = ["ONE_DOF", "compile_spec", "lock_joint", "model_path", "read_model", "require_joints"]
+
+ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+Floats = NDArray[np.float64]
+_MODELS = Path(__file__).parent / "models"
+
+
+def model_path(model: str, base_dir: Path) -> Path:
+    """Find the file of `body.model`: relative to `base_dir`, or a shipped model.
+
+    Raises:
+        DeploymentError: there is no such file.
+    """
+    beside = base_dir / model
+    if beside.is_file():
+        return beside
+    shipped = _MODELS / f"{model.removesuffix('.xml')}.xml"
+    if shipped.parent == _MODELS and shipped.is_file():
+        return shipped
+    names = sorted(path.stem for path in _MODELS.glob("*.xml"))
+    hint = f"{did_you_mean(model.removesuffix('.xml'), names)}shipped models: {', '.join(names)}"
+    raise DeploymentError(f'body.model = "{model}": no file {beside}, and no shipped model; {hint}')
+
+
+def read_model(path: Path) -> mujoco.MjSpec:
+    """Read an MJCF or URDF file; bodies and joints without a name get one, by their number: body3, joint0.
+
+    Bodies that are fixed to their parents stay bodies of their own, so that the deployment can name them;
+    MuJoCo would otherwise fuse those of a URDF.
+
+    Raises:
+        ModelError: MuJoCo cannot read the file.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ModelError(f"{path}: {_one_line(error)}") from error
+    spec.compiler.fusestatic = False
+    for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
+        used = {element.name for element in elements}
+        for number, element in enumerate(elements):
+            if not element.name:
+                element.name = unused_name(f"{kind}{number}", used)
+                used.add(element.name)
+    return spec
+
+
+def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """Compile the model of the file `path`.
+
+    Raises:
+        ModelError: it does not compile.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(f"{path}: {_one_line(error)}") from error
+
+
+def require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
+    """Require that the joints that the deployment names exist, have one DoF and one role each.
+
+    Raises:
+        ModelError: a joint is missing, or of another kind.
+        DeploymentError: a joint is named twice.
+    """
+    named = [("body.joints", name) for name in body.joints]
+    named += [("body.sway.joints", name) for name in body.sway.joints]
+    named += [("body.locked", name) for name in body.locked]
+    seen: set[str] = set()
+    for key, name in named:
+        joint = spec.joint(name)
+        if joint is None:
+            known = [j.name for j in spec.joints if j.type in ONE_DOF]
+            hint = f"{did_you_mean(name, known)}its hinge and slide joints are {', '.join(known)}"
+            raise ModelError(f'{key}: {path} has no joint "{name}"; {hint}')
+        if joint.type not in ONE_DOF:
+            kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
+            raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint, not a hinge or slide')
+        if name in seen:
+            raise DeploymentError(
+                f'{key}: joint "{name}" is named twice; a joint may have one role only '
+                "(body.joints, body.sway.joints or body.locked)"
+            )
+        seen.add(name)
+
+
+def lock_joint(spec: mujoco.MjSpec, name: str) -> list[str]:
+    """Fix a hinge or slide joint at zero; list what is left out of the model because it refers to it.
+
+    A joint turns its body by T(q − ref) in the body's frame. With ref ≠ 0 the file draws the body at ref, so
+    its frame, and the joints before it on the same body, move by T(−ref).
+    """
+    joint = spec.joint(name)
+    if joint.ref != 0.0:
+        _move_to_zero(joint)
+    return delete_joint(spec, joint)
+
+
+def _move_to_zero(joint: mujoco.MjsJoint) -> None:
+    body, axis = joint.parent, np.array(joint.axis) / np.linalg.norm(joint.axis)
+    turn, R_turn, shift_m = np.array([1.0, 0.0, 0.0, 0.0]), np.eye(3), np.zeros(3)
+    if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+        shift_m = -joint.ref * axis
+    else:
+        ref_rad = math.radians(joint.ref) if joint.compiler.degree else joint.ref
+        mujoco.mju_axisAngle2Quat(turn, axis, -ref_rad)
+        R_turn = _rotation(turn)
+        shift_m = joint.pos - R_turn @ joint.pos
+    for earlier in body.joints:
+        if earlier.name == joint.name:
+            break
+        earlier.pos = R_turn.T @ (earlier.pos - shift_m)
+        earlier.axis = R_turn.T @ earlier.axis
+    quaternion, turned = _orientation(body), np.empty(4)
+    mujoco.mju_mulQuat(turned, quaternion, turn)
+    body.pos = body.pos + _rotation(quaternion) @ shift_m
+    body.quat = turned
+    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def _orientation(body: mujoco.MjsBody) -> Floats:
+    """Orientation (w, x, y, z) of a body in its frame, however the file gives it."""
+    if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
+        quaternion = np.array(body.quat, dtype=np.float64)
+    else:
+        compiler = body.compiler
+        quaternion = np.array(
+            mujoco.MjSpec.resolve_orientation(
+                degree=compiler.degree, sequence=compiler.eulerseq, orientation=body.alt
+            )
+        )
+    return quaternion / np.linalg.norm(quaternion)
+
+
+def _rotation(quaternion: Floats) -> Floats:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def _one_line(error: ValueError) -> str:
+    return " ".join(str(error).split())
