@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import mujoco
 
@@ -20,7 +21,8 @@ _EQUALITY_OBJECTS = {
 }
 _MAX_LISTED = 8
 
-Element = mujoco.MjsSensor | mujoco.MjsEquality | mujoco.MjsTuple | mujoco.MjsTendon
+Element = Any
+"""A sensor, an equality, a tuple or a tendon of a specification; MuJoCo's types have no stubs."""
 
 
 def delete_actuators(spec: mujoco.MjSpec) -> list[str]:
