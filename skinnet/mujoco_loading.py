@@ -24,3 +24,6 @@ def load_mujoco() -> None:
             importlib.import_module("mujoco")
         finally:
             os.environ[_VARIABLE] = wanted
+
+
+load_mujoco()

@@ -1,5 +1,3 @@
 """Body simulation on MuJoCo: model, servos, skin contact, stimulus, teacher, ground truth."""
 
-from skinnet.mujoco_loading import load_mujoco
-
-load_mujoco()
+import skinnet.mujoco_loading  # noqa: F401 -- before MuJoCo, which may lack its renderer

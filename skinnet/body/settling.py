@@ -139,5 +139,5 @@ class _SettlingRecord:
         wrench, total_n = np.zeros(6), 0.0
         for i in np.flatnonzero(self._has_skin[bodies].any(axis=1)):
             mujoco.mj_contactForce(mj, data, int(i), wrench)
-            total_n += wrench[0]
+            total_n += float(wrench[0])
         return total_n

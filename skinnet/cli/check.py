@@ -3,7 +3,7 @@
 import math
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,8 +16,10 @@ from skinnet.cli.console import (
     write_report,
 )
 from skinnet.clock import NS_PER_S
-from skinnet.deployment.deployment import Deployment
 from skinnet.errors import UsageError
+
+if TYPE_CHECKING:
+    from skinnet.deployment import Deployment
 
 __all__ = ["register"]
 
@@ -98,7 +100,7 @@ def check(
         write_report({"deployment": deployment.name, "settle_s": settle, "metrics": metrics}, json)
 
 
-def _settle(deployment: Deployment, file: Path, duration_s: float) -> dict[str, Any]:
+def _settle(deployment: "Deployment", file: Path, duration_s: float) -> dict[str, Any]:
     """Settle the body for `duration_s` [s], rounded to a whole number of physics steps."""
     from skinnet.body.settling import settle
 

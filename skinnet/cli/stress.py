@@ -91,6 +91,7 @@ def stress(
     from skinnet.output_folder import new_folder, own_folder
     from skinnet.run.environment import environment
     from skinnet.run.prepare import RunOptions, prepare_run
+    from skinnet.tools.stress.points import derive_deployment, sweep_points
     from skinnet.tools.stress.sweep import SWEEP_FILES, run_sweep
     from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 
@@ -110,6 +111,8 @@ def stress(
     if duration_s is not None:
         given["duration_s"] = duration_s
     spec = _stress_spec(deployment, given)
+    for point in sweep_points(deployment, spec):  # refuses what cannot be swept before anything is written
+        derive_deployment(deployment, point, spec)
     stem = Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     resolved = resolved_json(deployment)
     terminal = console(stderr=json == "-")

@@ -16,9 +16,9 @@ from typing import Protocol, runtime_checkable
 from skinnet.clock import WallClockPace
 from skinnet.errors import NameTakenError, ProtocolError, UpstreamLostError
 from skinnet.protocol.channels import ALIVE, EXTERNAL, RECORDER, Keys
-from skinnet.runtime.patience import Patience
 from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.upstream import Upstream
+from skinnet.runtime.upstream_timeouts import UpstreamTimeouts
 from skinnet.transport.interface import Delivery, PublicSession
 from skinnet.transport.loop_transport import LoopTransport
 
@@ -126,7 +126,7 @@ class _Loop:
         self.process = process
         self.transport = transport
         self.keys = keys
-        self.patience = Patience(process.name, deadline_s, process.tolerated_losses)
+        self.timeouts = UpstreamTimeouts(process.name, deadline_s, process.tolerated_losses)
         self.present: set[str] = set()
         self.gone: set[str] = set()
         self._checked_s = time.monotonic()
@@ -150,7 +150,7 @@ class _Loop:
                 if not missing:
                     return
                 # every missing upstream still owes one period end at least
-                timeout_s = self.patience.timeout_s(missing, self.gone)
+                timeout_s = self.timeouts.timeout_s(missing, self.gone)
                 await self._receive(missing, timeout_s, len(missing))
             else:
                 wait_s = pace.wait_s(self.process.due_ns())
@@ -168,8 +168,8 @@ class _Loop:
         passed_s, self._checked_s = now_s - self._checked_s, now_s
         for up, watermark_ns in zip(missing, before_ns, strict=True):
             if up.watermark_ns > watermark_ns:
-                self.patience.reset(up)
-            elif self.patience.is_over(up, passed_s, gone=(gone := up.process in self.gone)):
+                self.timeouts.reset(up)
+            elif self.timeouts.is_over(up, passed_s, gone=(gone := up.process in self.gone)):
                 self.drop_upstream(up, silent=not gone)
 
     def missing(self, needs: Mapping[str, int]) -> list[Upstream]:
@@ -213,7 +213,7 @@ class _Loop:
         upstream.lost = True
         self.process.on_upstream_lost(upstream)
         self.process.counters["lost_upstreams"] += 1
-        reason = self.patience.silence_text(upstream) if silent else "is gone"
+        reason = self.timeouts.silence_text(upstream) if silent else "is gone"
         text = f"{upstream.process} (source of {upstream.name}) {reason}"
         if upstream.process not in self.process.tolerated_losses:
             raise UpstreamLostError(f"{self.process.name}: {text}", upstream.process, silent=silent)

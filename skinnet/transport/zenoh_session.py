@@ -81,14 +81,14 @@ class ZenohSession:
     @classmethod
     def open_hub(cls, endpoint: str, deadline_s: float = 0.0) -> "ZenohSession":
         """Open a peer that listens: the hub of a loop with this deadline, or of observers."""
-        return cls("peer", endpoint, _patience(deadline_s))
+        return cls("peer", endpoint, _lease(deadline_s))
 
     @classmethod
     def open_member(
         cls, endpoint: str, deadline_s: float = 0.0, timeout_s: float = HUB_TIMEOUT_S
     ) -> "ZenohSession":
         """Open a client of the hub of a loop with this deadline, which may listen later."""
-        return cls("client", endpoint, _patience(deadline_s) | _connect_timeout(timeout_s))
+        return cls("client", endpoint, _lease(deadline_s) | _connect_timeout(timeout_s))
 
     @classmethod
     def open_client(cls, endpoint: str, timeout_s: float = _CONNECT_TIMEOUT_S) -> "ZenohSession":
@@ -282,7 +282,7 @@ class _PendingQuery:
         self._query.drop()
 
 
-def _patience(deadline_s: float) -> dict[str, Any]:
+def _lease(deadline_s: float) -> dict[str, Any]:
     """Settings by which a loop with this deadline finds a process silent before Zenoh takes it for dead."""
     deadline_ms = round(min(1000.0 * deadline_s, _MAX_MS))
     close_ms = max(_WAIT_BEFORE_CLOSE_MS, _WAIT_BEFORE_CLOSE_DEADLINES * deadline_ms)

@@ -67,7 +67,7 @@ def test_the_contracts_of_imports_hold() -> None:
         ),
         ("mujoco", ("skinnet/body/", "controller/nursing/kinematics/robot_model.py")),
         ("typer", ("skinnet/cli/",)),
-        ("numba", ("skinnet/compilation.py",)),
+        ("numba", ("skinnet/compilation.py", "skinnet/run/arithmetic.py")),
         ("sqlite3", ("skinnet/memory/",)),
     ],
 )
@@ -99,7 +99,8 @@ def test_a_module_offers_what_exists_and_says_what_it_is_for(module: str) -> Non
     if offered is None:  # a package that only holds others
         assert file.name == "__init__.py"
         names = [n for n in ast.parse(file.read_text(encoding="utf-8")).body if not isinstance(n, ast.Expr)]
-        assert all(isinstance(n, ast.Assign) for n in names)  # a version at most
+        first = [n for n in names if ast.unparse(n) == "import skinnet.mujoco_loading"]
+        assert all(isinstance(n, ast.Assign) or n in first for n in names)  # a version at most
         return
     assert len(set(offered)) == len(offered)
     assert [name for name in offered if not hasattr(loaded, name)] == []
@@ -116,6 +117,7 @@ def test_modules_are_small() -> None:
     """80 to 300 lines are advice; above 350 needs a reason: a schema, a kernel, a state machine have one."""
     reasons = {
         "skinnet/network/kernel.py",
+        "skinnet/body/contact/winkler.py",
         "cells/formation/cell_agent.py",
     }
     sizes = {str(f.relative_to(ROOT)): len(f.read_text(encoding="utf-8").splitlines()) for f in FILES}

@@ -9,6 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
+import skinnet.mujoco_loading  # noqa: F401 -- before MuJoCo, which may lack its renderer
+
+# isort: split
 import mujoco
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Benchmark network in ns-3: builds and runs the program in tests/ns3 of a checkout."""
+"""Benchmark network in ns-3: builds and runs the program in tests/data/ns3 of a checkout."""
 
 import shutil
 import subprocess
@@ -12,7 +12,7 @@ from skinnet.tools.bench.workload import Workload
 
 __all__ = ["OUTPUTS", "Ns3Run", "build", "run", "write_inputs"]
 
-_SOURCE = Path(__file__).parents[3] / "tests" / "ns3" / "skin_network.cc"
+_SOURCE = Path(__file__).parents[3] / "tests" / "data" / "ns3" / "skin_network.cc"
 OUTPUTS = ("ns3_delivered.csv", "ns3_drops.csv", "ns3_counters.csv")
 _LIBRARIES = ("ns3-point-to-point", "ns3-network", "ns3-core")
 
@@ -39,7 +39,7 @@ def build(folder: Path) -> tuple[Path | None, str]:
     """Build the ns-3 program in `folder`; return its path, or None and the reason."""
     compiler = shutil.which("g++")
     if not _SOURCE.is_file():
-        return None, "the program comes with the source of skinnet, in tests/ns3; run from a checkout"
+        return None, "the program comes with the source of skinnet, in tests/data/ns3; run from a checkout"
     if compiler is None:
         return None, "no g++; on Debian: apt-get install g++ libns3-dev"
     program = folder / "skin_network"

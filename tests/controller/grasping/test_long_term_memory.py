@@ -17,6 +17,7 @@ from controller.selforganisation.sensory_motor_map import SensoryMotorMap
 from skinnet.errors import MemoryFileError
 from skinnet.memory.contents import KeyPose, MemoryContents
 from skinnet.memory.sqlite_store import read_memory, write_memory
+from skinnet.output_folder import OwnedFolder, RunIdentity
 from skinnet.run import in_process
 from skinnet.run.context import RunContext
 from skinnet.run.in_process import run_in_process
@@ -153,10 +154,9 @@ async def test_nodes_learn_where_the_run_folder_is(tmp_path: Path, monkeypatch: 
         raise MemoryFileError("enough")
 
     monkeypatch.setattr(in_process, "build_process", build_process)
+    folder = OwnedFolder(tmp_path / "run", RunIdentity("run", "0" * 64), -1)
     with pytest.raises(MemoryFileError, match="enough"):
-        await run_in_process(
-            RunContext(small(), tmp_path, tmp_path / "run", ProgressDisplay(Console(quiet=True)))
-        )
+        await run_in_process(RunContext(small(), tmp_path, folder, ProgressDisplay(Console(quiet=True))))
     assert asked == [("skinnet.body", tmp_path / "run")]
 
 

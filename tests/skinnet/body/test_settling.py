@@ -36,7 +36,7 @@ MODEL = """
 def settled(folder: Path, mass_kg: float, height_m: float = 0.575) -> dict[str, Any]:
     """Metrics of a box that settles on a plate with 10 × 10 cells for 1 s."""
     (folder / "scene.xml").write_text(MODEL.format(mass_kg=mass_kg, height_m=height_m))
-    skin = lattice_patch("top", "base", 10, 10, origin_m=(-0.11, -0.10, 0.02))
+    skin = lattice_patch("top", "base", 10, 10, origin_m=(0.0, 0.0, 0.02))
     return settle(deployment_of((skin,), ("elbow",)), folder, 1000 * MS)
 
 

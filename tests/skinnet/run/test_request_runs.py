@@ -56,7 +56,7 @@ def test_the_conversation_of_a_user_with_a_run(tmp_path: Path) -> None:
         assert re.fullmatch(rf"refused: {REFUSED}; state listen at \d+\.\d+ s", said)
         assert request(endpoint, "go", "--robot", "leg") == (
             2,
-            f"skinnet: {endpoint}: no robot leg takes requests there; a run prints its endpoint",
+            f"skinnet: {endpoint}: no robot leg serves requests there; give the observer endpoint that a run prints",
         )
         assert request(endpoint, "go", "x" * 257) == (
             1,
@@ -152,9 +152,7 @@ def test_a_second_controller_refuses_to_start(tmp_path: Path) -> None:
             assert twin.stderr is not None
             assert twin.stdout.read() == ""
             (said,) = twin.stderr.read().splitlines()
-        assert said.startswith(
-            "controller: ERROR controller: there is a process of this name in the loop already"
-        )
+        assert said.startswith("controller: ERROR controller: a process of this name is already in the loop")
         assert not (tmp_path / "twin" / "parts").exists()
         ticks_ns = [asked(session, "skinnet/arm/controller/request/go")["t_ns"] for _ in range(3)]
         assert ticks_ns == sorted(set(ticks_ns))

@@ -92,7 +92,7 @@ def test_a_cell_tells_what_it_feels(opened: Visit, robot: Pushed) -> None:
     opened.tab("Patches")
     opened.page.hover(".sk-patches .c5")
     said = opened.styled(".sk-patches .sk-tip", "content", "7.0 °C", "::after")
-    assert "torso/5 · force 0.00 1.00 2.00 · near 3.00 · +4.00 +5.00 +6.00 g · 7.0 °C" in said
+    assert "torso/5 · force 0.00 1.00 2.00 · proximity 3.00 · +4.00 +5.00 +6.00 g · 7.0 °C" in said
 
 
 def test_colours_follow_the_chosen_modality(opened: Visit, live: Served, robot: Pushed) -> None:
@@ -113,13 +113,15 @@ def test_the_network_shows_what_is_cut_and_dead(opened: Visit, live: Served, rob
     opened.tab("Network")
     opened.until("() => document.body.innerText.includes('74 of 74 cells')")
     robot.push(topology(live.atlas, "torso", 9, cut=(2,), version=2))
-    opened.until("() => ['1 cut', '1 out'].every((word) => document.body.innerText.includes(word))")
+    opened.until(
+        "() => ['1 broken links', '1 unreachable cells'].every((word) => document.body.innerText.includes(word))"
+    )
     opened.styled(".sk-net .w2", "backgroundImage", "224, 49, 49")
     assert opened.style(".sk-net .w3", "backgroundImage") == "none"
     opened.styled(".sk-net .n9", "boxShadow", "224, 49, 49")
     assert opened.style(".sk-net .n8", "boxShadow") == "none"
     opened.page.hover(".sk-net .w2")
-    opened.styled(".sk-net .sk-tip", "content", "cut", "::after")
+    opened.styled(".sk-net .sk-tip", "content", "broken", "::after")
 
 
 def test_events_charts_and_processes_are_there(opened: Visit, robot: Pushed) -> None:
@@ -130,7 +132,7 @@ def test_events_charts_and_processes_are_there(opened: Visit, robot: Pushed) -> 
     opened.page.wait_for_selector("text=latency from sample to delivery", timeout=LONG_MS)
     opened.until("() => document.querySelectorAll('.uplot canvas').length == 3")
     opened.tab("Processes")
-    opened.page.wait_for_selector("text=body a second", timeout=LONG_MS)
+    opened.page.wait_for_selector("text=body per second", timeout=LONG_MS)
 
 
 def test_the_controller_shows_its_state_and_why(opened: Visit, robot: Pushed) -> None:

@@ -17,6 +17,7 @@ def cells(network: dict[str, Any] | None = None, **facts: Any) -> ProcessResult:
     histogram[[300, 900]] = 99, 1
     usual = {
         "network": network or {"event": EVENT, "config": CONFIG},
+        "level_repeats": 3,
         "formation_packets": 7,
         "formation_retransmitted": 2,
         "formation_dropped": 1,
@@ -39,6 +40,7 @@ def test_counts_are_summed_over_kinds_and_processes() -> None:
     assert metrics["network.in_flight"] == 6
     assert metrics["network.conserved"] is True
     assert metrics["network.data_packets"] == 200
+    assert metrics["network.level_repeats"] == 6
     assert metrics["network.data_dropped"] == 14
     assert metrics["network.dropped.loss"] == 12
     assert metrics["network.dropped.queue_full"] == 4

@@ -1,4 +1,4 @@
-"""Patience with upstreams: how long each missing one has been waited for, and when it counts as lost.
+"""Timeouts of upstreams: how long each missing one has been waited for, and when it counts as lost.
 
 An upstream is silent if its process is there but sends no period end for the run's deadline, and gone if the
 process has left the loop. Waits are counted in slices, so that a process that was itself paused, or kept from
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Set
 from skinnet.protocol.channels import RECORDER
 from skinnet.runtime.upstream import Upstream
 
-__all__ = ["Patience"]
+__all__ = ["UpstreamTimeouts"]
 
 _LIVELINESS_GRACE_S = 0.2
 """Grace period [s]: the loss of a token may overtake the last messages, which come through another thread."""
@@ -21,8 +21,8 @@ _MAX_SLICE_S = 60.0
 """Slices of a limit, and the longest one [s]."""
 
 
-class Patience:
-    """Patience of one process with its upstreams.
+class UpstreamTimeouts:
+    """Timeouts of the upstreams of one process.
 
     Args:
         name: Name of the process.
