@@ -56,7 +56,8 @@ def test_the_conversation_of_a_user_with_a_run(tmp_path: Path) -> None:
         assert re.fullmatch(rf"refused: {REFUSED}; state listen at \d+\.\d+ s", said)
         assert request(endpoint, "go", "--robot", "leg") == (
             2,
-            f"skinnet: {endpoint}: no robot leg serves requests there; give the observer endpoint that a run prints",
+            f"skinnet: {endpoint}: no robot leg serves requests there; "
+            "give the observer endpoint that a run prints",
         )
         assert request(endpoint, "go", "x" * 257) == (
             1,
