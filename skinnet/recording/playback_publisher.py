@@ -115,7 +115,7 @@ def publish_recording(
             session.declare_queryable(expression, lambda query: query.reply_values(playback.latched.copy()))
         somebody = threading.Event()
         session.declare_matching_listener(f"{keys.prefix}**", lambda there: somebody.set() if there else None)
-        log(f"publishing at {listen}; subscribe with any Zenoh client to {keys.prefix}**")
+        log(f"watch with any Zenoh client: connect to {listen}, subscribe to {keys.prefix}**")
         if wait_for_subscriber:
             somebody.wait()
         return _play(playback, session)
