@@ -151,6 +151,7 @@ def test_without_its_controller_the_robot_holds_what_it_holds(tmp_path: Path) ->
 
 
 @pytest.mark.processes
+@pytest.mark.long
 def test_without_the_skin_of_an_arm_it_sets_the_object_down(tmp_path: Path) -> None:
     figures = _lost(tmp_path, "pull", lambda process: child(process, "right"), "cells")
     assert figures["grasp.cancelled_by"] == "skin lost"

@@ -97,6 +97,7 @@ def test_a_run_that_is_over_first_says_so() -> None:
     assert said == ["the run ended before its page was ready"]
 
 
+@pytest.mark.long
 def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:
     with launched(ARM, tmp_path, "--view", settings=LASTING) as process:
         wait_for(process, "page of")
