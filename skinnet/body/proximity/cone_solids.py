@@ -5,11 +5,11 @@ All functions work in the frame of the sensor as those of `cone_pieces`. A solid
 to the nearest point in view, zero when the sensor is inside, infinity when nothing is in view.
 
 Round solids are families of slices: a capsule of balls, a cylinder of rectangles, an ellipsoid of segments.
-The rank of the slices has one minimum, which a golden-section search finds (Kiefer, 1953);
-each has one place where it calls, since the compiler copies what is called.
+The rank of the slices has one minimum, which a golden-section search finds (Kiefer, 1953).
 """
 
 import math
+from typing import NamedTuple
 
 from skinnet.body.proximity.cone_pieces import OUT_OF_VIEW, ball_rank, facet_rank, segment_rank
 from skinnet.compilation import compiled_without_nrt
@@ -26,6 +26,45 @@ _STEPS = 40
 """Slices that a search tries: the place of the nearest is then known to 1e-8 of the solid's size."""
 _INNER_STEPS = 30
 """Slices in a search within another: 1e-6 of the solid's size."""
+
+
+class _Bracket(NamedTuple):
+    """Bracket of a golden-section search [m, or of the semi-axis]: places s < t between low and high.
+
+    `at_s` and `at_t` are the ranks there, NaN until they are known.
+    """
+
+    low: float
+    high: float
+    s: float
+    t: float
+    at_s: float
+    at_t: float
+    is_s_next: bool
+
+
+@compiled_without_nrt
+def _bracket(low: float, high: float) -> _Bracket:
+    """Bracket from `low` to `high`, of which no place was tried."""
+    width = high - low
+    return _Bracket(low, high, high - _GOLDEN * width, low + _GOLDEN * width, math.nan, math.nan, True)
+
+
+@compiled_without_nrt
+def _narrow(bracket: _Bracket, rank: float) -> _Bracket:
+    """Note the `rank` at the place that was next; narrow the bracket once both places are known."""
+    low, high, s, t, at_s, at_t, is_s = bracket
+    if is_s:
+        at_s = rank
+    else:
+        at_t = rank
+    if math.isnan(at_t):
+        return _Bracket(low, high, s, t, at_s, at_t, False)
+    if at_s <= at_t:
+        high, t, at_t = t, s, at_s
+        return _Bracket(low, high, high - _GOLDEN * (high - low), t, at_s, at_t, True)
+    low, s, at_s = s, t, at_t
+    return _Bracket(low, high, s, low + _GOLDEN * (high - low), at_s, at_t, False)
 
 
 @compiled_without_nrt
@@ -53,26 +92,12 @@ def capsule_distance_m(
     distance = math.sqrt(x * x + y * y + z * z)
     if distance <= radius or z >= cosine * distance:
         return max(distance - radius, 0.0)
-    low, high, best = -half, half, math.inf
-    s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_s = at_t = math.nan
-    for step in range(_STEPS):
-        is_s = step == 0
-        if step > 1:
-            is_s = at_s <= at_t
-            if is_s:
-                high, t, at_t = t, s, at_s
-                s = high - _GOLDEN * (high - low)
-            else:
-                low, s, at_s = s, t, at_t
-                t = low + _GOLDEN * (high - low)
-        x = s if is_s else t
+    bracket, best = _bracket(-half, half), math.inf
+    for _ in range(_STEPS):
+        x = bracket.s if bracket.is_s_next else bracket.t
         rank = ball_rank(cx + x * wx, cy + x * wy, cz + x * wz, radius, cosine, sine)
         best = min(best, rank)
-        if is_s:
-            at_s = rank
-        else:
-            at_t = rank
+        bracket = _narrow(bracket, rank)
     return _in_view(best)
 
 
@@ -173,26 +198,12 @@ def cylinder_distance_m(
     distance = math.sqrt(x * x + y * y + z * z)
     if z >= cosine * distance:  # the foot of the perpendicular; also if the sensor is inside
         return distance
-    low, high, best = -radius, radius, math.inf
-    s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_s = at_t = math.nan
-    for step in range(_STEPS):
-        is_s = step == 0
-        if step > 1:
-            is_s = at_s <= at_t
-            if is_s:
-                high, t, at_t = t, s, at_s
-                s = high - _GOLDEN * (high - low)
-            else:
-                low, s, at_s = s, t, at_t
-                t = low + _GOLDEN * (high - low)
-        x = s if is_s else t
+    bracket, best = _bracket(-radius, radius), math.inf
+    for _ in range(_STEPS):
+        x = bracket.s if bracket.is_s_next else bracket.t
         rank = _cylinder_slice(cx, cy, cz, ux, uy, uz, vx, vy, vz, wx, wy, wz, radius, half, x, cosine, sine)
         best = min(best, rank)
-        if is_s:
-            at_s = rank
-        else:
-            at_t = rank
+        bracket = _narrow(bracket, rank)
     return _in_view(best)
 
 
@@ -232,26 +243,12 @@ def _ellipse_rank(
     cosine: float,
 ) -> float:
     """Rank of the ellipse with semi-axes v and w [m] times `scale`."""
-    low, high, best = -scale, scale, math.inf
-    s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_s = at_t = math.nan
-    for step in range(_INNER_STEPS):
-        is_s = step == 0
-        if step > 1:
-            is_s = at_s <= at_t
-            if is_s:
-                high, t, at_t = t, s, at_s
-                s = high - _GOLDEN * (high - low)
-            else:
-                low, s, at_s = s, t, at_t
-                t = low + _GOLDEN * (high - low)
-        x = s if is_s else t
+    bracket, best = _bracket(-scale, scale), math.inf
+    for _ in range(_INNER_STEPS):
+        x = bracket.s if bracket.is_s_next else bracket.t
         rank = _chord(cx, cy, cz, vx, vy, vz, wx, wy, wz, scale, x, cosine)
         best = min(best, rank)
-        if is_s:
-            at_s = rank
-        else:
-            at_t = rank
+        bracket = _narrow(bracket, rank)
     return best
 
 
@@ -281,25 +278,11 @@ def ellipsoid_distance_m(
         return 0.0
     ux, uy, uz, vx, vy, vz = a * ux, a * uy, a * uz, b * vx, b * vy, b * vz
     wx, wy, wz = c * wx, c * wy, c * wz
-    low, high, best = -1.0, 1.0, math.inf
-    s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_s = at_t = math.nan
-    for step in range(_INNER_STEPS):
-        is_s = step == 0
-        if step > 1:
-            is_s = at_s <= at_t
-            if is_s:
-                high, t, at_t = t, s, at_s
-                s = high - _GOLDEN * (high - low)
-            else:
-                low, s, at_s = s, t, at_t
-                t = low + _GOLDEN * (high - low)
-        x = s if is_s else t
+    bracket, best = _bracket(-1.0, 1.0), math.inf
+    for _ in range(_INNER_STEPS):
+        x = bracket.s if bracket.is_s_next else bracket.t
         scale = math.sqrt(max(1.0 - x * x, 0.0))
         rank = _ellipse_rank(cx + x * ux, cy + x * uy, cz + x * uz, vx, vy, vz, wx, wy, wz, scale, cosine)
         best = min(best, rank)
-        if is_s:
-            at_s = rank
-        else:
-            at_t = rank
+        bracket = _narrow(bracket, rank)
     return _in_view(best)
