@@ -27,6 +27,7 @@ from skinnet.errors import ModelError
 __all__ = [
     "ContactScene",
     "build_contact_scene",
+    "flat_mesh_error",
     "may_intersect_sphere",
     "ray_distance_m",
     "solids_near_patch",
@@ -138,12 +139,16 @@ def _hulls(mj: mujoco.MjModel, meshes: Indices) -> ConvexHulls:
     try:
         return build_convex_hulls([hull_vertices_m(mj, int(mj.geom_dataid[index])) for index in meshes])
     except ValueError as error:
-        index = int(meshes[error.args[0]])
-        raise ModelError(
-            f"{geom_label(mj, index)}: its mesh is flat and has no convex hull, which is what MuJoCo "
-            "collides and skin feels; give it a thickness, use a box, or make it visual (contype and "
-            "conaffinity 0)"
-        ) from error
+        raise flat_mesh_error(mj, int(meshes[error.args[0]])) from error
+
+
+def flat_mesh_error(mj: mujoco.MjModel, geom: int) -> ModelError:
+    """Error for a geom whose mesh is flat."""
+    return ModelError(
+        f"{geom_label(mj, geom)}: its mesh is flat and has no convex hull, which is what MuJoCo "
+        "collides and skin feels; give it a thickness, use a box, or make it visual (contype and "
+        "conaffinity 0)"
+    )
 
 
 def _refuse_felt_flexes(mj: mujoco.MjModel, surface: SkinSurface) -> None:

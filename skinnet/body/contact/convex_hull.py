@@ -21,7 +21,14 @@ from scipy.spatial import ConvexHull, QhullError
 
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = ["ConvexHulls", "build_convex_hulls", "hull_entry", "hull_vertices_m", "is_apart_from_hull"]
+__all__ = [
+    "ConvexHulls",
+    "build_convex_hulls",
+    "hull_entry",
+    "hull_of",
+    "hull_vertices_m",
+    "is_apart_from_hull",
+]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -94,14 +101,26 @@ def build_convex_hulls(vertices_m: Sequence[Floats]) -> ConvexHulls:
     )
 
 
-def _hull(points_m: Floats) -> tuple[Floats, Floats, Floats, Indices, Indices]:
-    """Centre, planes, lines, neighbours and start triangles of one hull, as in `ConvexHulls`."""
+def hull_of(points_m: Floats) -> tuple[ConvexHull, Indices, Indices]:
+    """Convex hull of points (v, 3) [m], its triangles (t, 3), and the triangles beside these (t, 3).
+
+    Triangles are rows of the points, counter-clockwise from outside; neighbour k lies opposite to corner k.
+
+    Raises:
+        QhullError: the points lie in a plane.
+    """
     hull = ConvexHull(points_m)
     triangle, neighbour = hull.simplices.astype(np.int64), hull.neighbors.astype(np.int64)
     corner_m = hull.points[triangle]
     normal = np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0])
     inwards = np.einsum("ti,ti->t", normal, hull.equations[:, :3]) < 0.0
     triangle[inwards, 1:], neighbour[inwards, 1:] = triangle[inwards, :0:-1], neighbour[inwards, :0:-1]
+    return hull, triangle, neighbour
+
+
+def _hull(points_m: Floats) -> tuple[Floats, Floats, Floats, Indices, Indices]:
+    """Centre, planes, lines, neighbours and start triangles of one hull, as in `ConvexHulls`."""
+    hull, triangle, neighbour = hull_of(points_m)
     corner_m = hull.points[triangle]
     end_m = np.roll(corner_m, -1, axis=1)
     centre_m = hull.points[hull.vertices].mean(axis=0)

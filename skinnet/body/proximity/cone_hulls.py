@@ -5,11 +5,10 @@ import math
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
+from skinnet.body.contact.convex_hull import hull_of, hull_vertices_m
 from skinnet.body.proximity.cone_pieces import ball_rank, facet_rank
 from skinnet.compilation import compiled_without_nrt
-from skinnet.errors import ModelError
 
 __all__ = ["N_FACET_COLUMNS", "hull_distance_m", "hull_facets_m"]
 
@@ -18,23 +17,13 @@ N_FACET_COLUMNS = 13
 
 
 def hull_facets_m(mj: mujoco.MjModel, mesh: int) -> NDArray[np.float64]:
-    """Triangles (t, 13) [m] of the convex hull of a mesh, which is what MuJoCo collides.
+    """Triangles (t, 13) [m] of the convex hull of a mesh, which is the one that skin feels.
 
     Raises:
-        ModelError: the mesh is flat.
+        QhullError: the mesh is flat.
     """
-    points_m = mj.mesh_vert[mj.mesh_vertadr[mesh] :][: mj.mesh_vertnum[mesh]].astype(np.float64)
-    try:
-        hull = ConvexHull(points_m)
-    except QhullError as error:
-        raise ModelError(
-            f'mesh "{mj.mesh(mesh).name}" is flat and has no convex hull, which is what MuJoCo collides and '
-            "skin feels; give it a thickness, use a box, or make it visual (contype and conaffinity 0)"
-        ) from error
-    corner_m = points_m[hull.simplices]
-    normal = np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0])
-    inwards = np.einsum("ti,ti->t", normal, hull.equations[:, :3]) < 0.0
-    corner_m[inwards, 1:] = corner_m[inwards, :0:-1]
+    hull, triangle, _ = hull_of(hull_vertices_m(mj, mesh))
+    corner_m = hull.points[triangle]
     centre_m = corner_m.mean(axis=1)
     radius_m = np.linalg.norm(corner_m - centre_m[:, None], axis=2).max(axis=1)
     edge_m = corner_m[:, 1:] - corner_m[:, :1]

@@ -6,9 +6,10 @@ from typing import NamedTuple, Self
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import QhullError
 
 from skinnet.body.contact import ray_casting as geometry
-from skinnet.body.contact.contact_scene import ContactScene, may_intersect_sphere
+from skinnet.body.contact.contact_scene import ContactScene, flat_mesh_error, may_intersect_sphere
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.proximity.cone_hulls import N_FACET_COLUMNS, hull_distance_m, hull_facets_m
@@ -59,7 +60,7 @@ class FieldOfView(NamedTuple):
         is_narrow = cosine > 0.5  # the ball through the apex and the rim is smaller than that about the apex
         none = np.zeros((0, N_FACET_COLUMNS))
         facets = [
-            hull_facets_m(mj, int(mj.geom_dataid[geom])) if kind == geometry.MESH else none
+            _facets_m(mj, int(geom)) if kind == geometry.MESH else none
             for geom, kind in zip(scene.geom_id, scene.geom_type, strict=True)
         ]
         return cls(
@@ -71,6 +72,14 @@ class FieldOfView(NamedTuple):
             first_facet=np.cumsum([0, *map(len, facets)]).astype(np.int64),
             facets_m=np.concatenate([none, *facets]),
         )
+
+
+def _facets_m(mj: mujoco.MjModel, geom: int) -> Floats:
+    """Triangles (t, 13) [m] of the hull of a mesh geom."""
+    try:
+        return hull_facets_m(mj, int(mj.geom_dataid[geom]))
+    except QhullError as error:
+        raise flat_mesh_error(mj, geom) from error
 
 
 @compiled_without_nrt

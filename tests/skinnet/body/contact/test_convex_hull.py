@@ -12,6 +12,7 @@ from skinnet.body.contact.convex_hull import (
     hull_vertices_m,
     is_apart_from_hull,
 )
+from skinnet.body.proximity.cone_hulls import hull_facets_m
 
 
 def clipped(hulls, row: int, origin, direction) -> float:
@@ -134,3 +135,14 @@ def test_points_in_a_plane_have_no_hull():
     flat = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     with pytest.raises(ValueError, match="1"):
         build_convex_hulls([shapes()["few"], flat])
+
+
+def test_what_is_seen_is_the_hull_that_is_felt():
+    """Proximity and contact share the triangles of the hull that MuJoCo collides."""
+    mj = bracket(mesh='maxhullvert="5"')
+    felt = {tuple(vertex) for vertex in hull_vertices_m(mj, 0)}
+    facets_m = hull_facets_m(mj, 0)
+    corners_m = np.concatenate([facets_m[:, :3], *(facets_m[:, :3] + facets_m[:, k : k + 3] for k in (3, 6))])
+    seen = {tuple(corner) for corner in facets_m[:, :3]}
+    assert seen <= felt
+    np.testing.assert_allclose(np.unique(corners_m.round(9), axis=0), sorted(felt), atol=1e-8)
