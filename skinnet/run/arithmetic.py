@@ -8,9 +8,9 @@ and solutions come from a BLAS that chooses its kernel by the CPU as well.
 import hashlib
 import platform
 from functools import cache
+from importlib.metadata import version
 from typing import Any
 
-import numba
 import numpy as np
 
 from skinnet import pinned_math
@@ -48,7 +48,7 @@ def arithmetic() -> dict[str, str]:
         "blas": hashlib.sha256(b"".join(product.tobytes() for product in products)).hexdigest(),
         "mujoco": hashlib.sha256(roll_out()).hexdigest(),
     }
-    whole = repr((sorted(parts.items()), platform.machine(), np.__version__, numba.__version__))
+    whole = repr((sorted(parts.items()), platform.machine(), version("numpy"), version("numba")))
     parts["all"] = hashlib.sha256(whole.encode()).hexdigest()
     return {name: digest[:16] for name, digest in parts.items()}
 

@@ -67,7 +67,7 @@ def test_the_contracts_of_imports_hold() -> None:
         ),
         ("mujoco", ("skinnet/body/", "controller/nursing/kinematics/robot_model.py")),
         ("typer", ("skinnet/cli/",)),
-        ("numba", ("skinnet/compilation.py", "skinnet/run/arithmetic.py")),
+        ("numba", ("skinnet/compilation.py",)),
         ("sqlite3", ("skinnet/memory/",)),
     ],
 )
@@ -117,7 +117,6 @@ def test_modules_are_small() -> None:
     """80 to 300 lines are advice; above 350 needs a reason: a schema, a kernel, a state machine have one."""
     reasons = {
         "skinnet/network/kernel.py",
-        "skinnet/body/contact/winkler.py",
         "cells/formation/cell_agent.py",
     }
     sizes = {str(f.relative_to(ROOT)): len(f.read_text(encoding="utf-8").splitlines()) for f in FILES}

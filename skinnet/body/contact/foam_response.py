@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import cell_axis, point_above_cell
-from skinnet.body.contact.winkler import SHEAR_STIFFNESS_RATIO, ContactProblem
+from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = ["PairResponse", "add_pairs", "add_response", "elastic_energy_j", "no_pairs"]

@@ -11,6 +11,7 @@ from skinnet.body.added_elements import added_id
 from skinnet.body.contact.broad_phase import ActiveCells
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
+from skinnet.body.contact.foam import Foam
 from skinnet.body.contact.link_thickness import start_depths_m
 from skinnet.body.contact.loaded_points import no_loaded_points
 from skinnet.body.contact.point_kinematics import Motion, motion_views
@@ -19,7 +20,6 @@ from skinnet.body.contact.winkler import (
     RAY_START_DEPTH_M,
     ContactProblem,
     ContactState,
-    Foam,
     Workspace,
     compute_contact,
 )

@@ -6,9 +6,8 @@ samples its foam at s points. Where a solid penetrates the face of the foam by t
     p = max(0, k d + c ḋ),    d ≤ thickness.
 
 An elastic solid is a second spring in series: k and c are scaled by the foam's fraction of d, the solid's
-face recedes by the rest, and d may exceed the thickness by as much. Friction is shear of the foam: a spring
-and damper with half of k and c (the ratio of shear to normal stiffness of a foam with Poisson's ratio 0,
-assumed) that slides at μ p. Forces act on both bodies, equal and opposite, at the same point. When the foam
+face recedes by the rest, and d may exceed the thickness by as much. Friction is shear of the foam
+(`foam`). Forces act on both bodies, equal and opposite, at the same point. When the foam
 is fully compressed, MuJoCo's own contact takes over at the rigid surface.
 """
 
@@ -27,6 +26,7 @@ from skinnet.body.contact.contact_scene import (
     world_to_solid,
 )
 from skinnet.body.contact.convex_hull import hull_entry
+from skinnet.body.contact.foam import Foam, friction_force
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import (
     Motion,
@@ -39,8 +39,7 @@ from skinnet.body.contact.ray_casting import MESH, entry_distance_m
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = ["RAY_START_DEPTH_M", "SHEAR_STIFFNESS_RATIO", "ContactProblem", "ContactState", "Foam"]
-__all__ += ["Workspace", "compute_contact"]
+__all__ = ["RAY_START_DEPTH_M", "ContactProblem", "ContactState", "Workspace", "compute_contact"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -50,24 +49,7 @@ RAY_START_DEPTH_M = 0.004
 _MIN_APPROACH_M_S = 0.02
 """Speed [m/s] that a body at rest may reach in a step."""
 _MAX_REACH_M = 0.01
-SHEAR_STIFFNESS_RATIO = 0.5
-"""Ratio of the foam's shear to its normal stiffness, and so for damping."""
-
-
-class Foam(NamedTuple):
-    """Material of the foam layer, the same for all cells.
-
-    Attributes:
-        thickness_m: Distance from the rigid surface to the outer face [m].
-        stiffness_pa_per_m: Foundation stiffness k [Pa/m].
-        damping_pa_s_per_m: Damping c [Pa s/m].
-        friction: Friction coefficient μ.
-    """
-
-    thickness_m: float
-    stiffness_pa_per_m: float
-    damping_pa_s_per_m: float
-    friction: float
+"""Largest distance [m] from the face of the foam at which solids are sought for the coming step."""
 
 
 class ContactState(NamedTuple):
@@ -298,7 +280,7 @@ def _compute_cell_contact(
         slip_x, slip_y = vx * xx + vy * xy + vz * xz, vx * yx + vy * yy + vz * yz
         shear_x = contact.shear_m[cell, s, 0] + slip_x * step_s
         shear_y = contact.shear_m[cell, s, 1] + slip_y * step_s
-        along_x, along_y, shear_x, shear_y, slid_m = _friction_force(
+        along_x, along_y, shear_x, shear_y, slid_m = friction_force(
             foam, share * area, normal_n, slip_x, slip_y, shear_x, shear_y
         )
         contact.shear_m[cell, s, 0], contact.shear_m[cell, s, 1] = shear_x, shear_y
@@ -326,35 +308,3 @@ def _add_point(points: LoadedPoints, cell: int, s: int, k: int, depth_m: float, 
     points.cell[m], points.sample[m], points.solid[m] = cell, s, k
     points.depth_m[m], points.height_m[m] = depth_m, height_m
     points.total[0] = m + 1
-
-
-@compiled_without_nrt
-def _friction_force(
-    foam: Foam,
-    area: float,
-    normal_n: float,
-    slip_x: float,
-    slip_y: float,
-    shear_x: float,
-    shear_y: float,
-) -> tuple[float, float, float, float, float]:
-    """Friction force (2) [N], shear displacement (2) [m] and sliding distance [m], plane of the cell.
-
-    Elastic-plastic Coulomb friction: the shear displacement (shear_x, shear_y) [m] grows with the slip
-    velocity (slip_x, slip_y) [m/s] until the force reaches μ N; beyond, the solid slides at constant
-    displacement. So a body at rest on a slope stays at rest.
-    """
-    stiffness = SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
-    damping = SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
-    fx, fy = -stiffness * shear_x - damping * slip_x, -stiffness * shear_y - damping * slip_y
-    limit_n, slid_m = foam.friction * normal_n, 0.0
-    # the first test is cheap and mostly decides
-    if abs(fx) + abs(fy) > limit_n and pinned_math.hypot(fx, fy) > limit_n:
-        force_n = pinned_math.hypot(fx, fy)
-        fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
-        held = foam.friction * normal_n / stiffness
-        stretch = pinned_math.hypot(shear_x, shear_y)
-        if stretch > held:
-            slid_m = stretch - held
-            shear_x, shear_y = shear_x * held / stretch, shear_y * held / stretch
-    return fx, fy, shear_x, shear_y, slid_m

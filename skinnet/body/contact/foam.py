@@ -1,0 +1,63 @@
+"""Foam of the skin: its material, and its friction.
+
+Friction is shear of the foam: a spring and damper with half of k and c (the ratio of shear to normal
+stiffness of a foam with Poisson's ratio 0, assumed) that slides at μ p.
+"""
+
+from typing import NamedTuple
+
+from skinnet import pinned_math
+from skinnet.compilation import compiled_without_nrt
+
+__all__ = ["SHEAR_STIFFNESS_RATIO", "Foam", "friction_force"]
+
+SHEAR_STIFFNESS_RATIO = 0.5
+"""Ratio of the foam's shear stiffness and damping to the normal ones; assumed."""
+
+
+class Foam(NamedTuple):
+    """Material of the foam layer, the same for all cells.
+
+    Attributes:
+        thickness_m: Distance from the rigid surface to the outer face [m].
+        stiffness_pa_per_m: Foundation stiffness k [Pa/m].
+        damping_pa_s_per_m: Damping c [Pa s/m].
+        friction: Friction coefficient μ.
+    """
+
+    thickness_m: float
+    stiffness_pa_per_m: float
+    damping_pa_s_per_m: float
+    friction: float
+
+
+@compiled_without_nrt
+def friction_force(
+    foam: Foam,
+    area: float,
+    normal_n: float,
+    slip_x: float,
+    slip_y: float,
+    shear_x: float,
+    shear_y: float,
+) -> tuple[float, float, float, float, float]:
+    """Friction force (2) [N], shear displacement (2) [m] and sliding distance [m], plane of the cell.
+
+    Elastic-plastic Coulomb friction: the shear displacement (shear_x, shear_y) [m] grows with the slip
+    velocity (slip_x, slip_y) [m/s] until the force reaches μ N; beyond, the solid slides at constant
+    displacement. So a body at rest on a slope stays at rest.
+    """
+    stiffness = SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
+    damping = SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
+    fx, fy = -stiffness * shear_x - damping * slip_x, -stiffness * shear_y - damping * slip_y
+    limit_n, slid_m = foam.friction * normal_n, 0.0
+    # the first test is cheap and mostly decides
+    if abs(fx) + abs(fy) > limit_n and pinned_math.hypot(fx, fy) > limit_n:
+        force_n = pinned_math.hypot(fx, fy)
+        fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
+        held = foam.friction * normal_n / stiffness
+        stretch = pinned_math.hypot(shear_x, shear_y)
+        if stretch > held:
+            slid_m = stretch - held
+            shear_x, shear_y = shear_x * held / stretch, shear_y * held / stretch
+    return fx, fy, shear_x, shear_y, slid_m
