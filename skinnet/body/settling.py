@@ -32,8 +32,8 @@ def settle(
 
     Returns:
         By name: `settle.force_n.<patch or sheet>`, the sum of normal forces, mean of the last 0.1 s [N];
-        `settle.unsensed_n`, the same of MuJoCo's own contacts with bodies that carry skin, which no cell
-        feels; `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
+        `settle.unsensed_n`, the load of the rigid shell under skin (`UnsensedForce`), likewise;
+        `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
         `settle.drift_rad.<joint>` of the controlled joints; `settle.energy_ratio`, the largest total energy
         (kinetic, potential, foam) over that of the start, None where that is zero; `settle.left_out`, what of
         the model's file is left out or overridden.
@@ -64,7 +64,6 @@ class _SettlingRecord:
 
     simulation: BodySimulation
     n_averaged: int = 0
-    peak_unsensed_n: float = 0.0
     unsensed_sum_n: float = 0.0
     _force_sum_n: Floats = field(init=False)
     _pressure_sum_kpa: Floats = field(init=False)
@@ -78,9 +77,6 @@ class _SettlingRecord:
         self._start_m = data.xpos[:, 2].copy()
         self._rise_m = np.zeros(mj.nbody)
         self._start_rad = simulation.joints()
-        self._has_skin = np.zeros(mj.nbody, dtype=np.bool_)
-        for foundation in (simulation.cell_foundation, simulation.sheet_foundation):
-            self._has_skin[foundation.surface.body_id] = True
         self._force_sum_n = np.zeros(simulation.n_cells)
         self._pressure_sum_kpa = np.zeros(simulation.n_elements)
         self._start_j = self._largest_j = self._energy_j()
@@ -91,11 +87,9 @@ class _SettlingRecord:
         pressure_kpa = simulation.pressures()  # evaluates the contact of the present state
         self._rise_m = np.maximum(self._rise_m, simulation.data.xpos[:, 2] - self._start_m)
         self._largest_j = max(self._largest_j, self._energy_j())
-        unsensed_n = self._unsensed_n()
-        self.peak_unsensed_n = max(self.peak_unsensed_n, unsensed_n)
         if is_averaged:
             self.n_averaged += 1
-            self.unsensed_sum_n += unsensed_n
+            self.unsensed_sum_n += simulation.unsensed_force.now_n
             self._force_sum_n += simulation.cell_foundation.contact.force_n.sum(axis=1)
             self._pressure_sum_kpa += pressure_kpa
 
@@ -112,7 +106,7 @@ class _SettlingRecord:
             metrics[f"settle.force_n.{sheet.name}"] = float(force_n) / n
             start = end
         metrics["settle.unsensed_n"] = self.unsensed_sum_n / n
-        metrics["settle.peak_unsensed_n"] = self.peak_unsensed_n
+        metrics["settle.peak_unsensed_n"] = simulation.unsensed_force.peak_n
         for name, body in self._free_bodies.items():
             metrics[f"settle.rise_mm.{name}"] = 1e3 * float(self._rise_m[body])
         drift_rad = simulation.joints() - self._start_rad
@@ -128,16 +122,3 @@ class _SettlingRecord:
         mujoco.mj_energyPos(mj, data)
         mujoco.mj_energyVel(mj, data)
         return float(data.energy.sum()) + self.simulation.dynamics.elastic_energy_j
-
-    def _unsensed_n(self) -> float:
-        """Normal force of MuJoCo's own contacts with bodies that carry skin: its cells do not feel it [N]."""
-        mj, data = self.simulation.model.mj, self.simulation.data
-        if not data.ncon:
-            return 0.0
-        geom = data.contact.geom
-        bodies = np.where(geom >= 0, mj.geom_bodyid[geom], 0)  # a flex has no geom
-        wrench, total_n = np.zeros(6), 0.0
-        for i in np.flatnonzero(self._has_skin[bodies].any(axis=1)):
-            mujoco.mj_contactForce(mj, data, int(i), wrench)
-            total_n += float(wrench[0])
-        return total_n

@@ -19,6 +19,8 @@ from skinnet.clock import NS_PER_S
 from skinnet.errors import UsageError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from skinnet.deployment import Deployment
 
 __all__ = ["register"]
@@ -95,14 +97,21 @@ def check(
     if channels:
         print_channels(terminal, deployment.robot)
     if settle is not None:
-        metrics = _settle(deployment, file, settle)
+        metrics = _settle(terminal, deployment, file, settle)
         print_settling(terminal, settle, metrics)
         write_report({"deployment": deployment.name, "settle_s": settle, "metrics": metrics}, json)
 
 
-def _settle(deployment: "Deployment", file: Path, duration_s: float) -> dict[str, Any]:
-    """Settle the body for `duration_s` [s], rounded to a whole number of physics steps."""
+def _settle(terminal: "Console", deployment: "Deployment", file: Path, duration_s: float) -> dict[str, Any]:
+    """Settle the body for `duration_s` [s], rounded to a whole number of physics steps; show the progress."""
+    from rich.progress import Progress
+
     from skinnet.body.settling import settle
 
     step_ns = deployment.body.timestep_ns
-    return settle(deployment, file.parent, max(round(duration_s * NS_PER_S / step_ns), 1) * step_ns)
+    duration_ns = max(round(duration_s * NS_PER_S / step_ns), 1) * step_ns
+    with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
+        task = progress.add_task("settling", total=1.0)
+        return settle(
+            deployment, file.parent, duration_ns, lambda fraction: progress.update(task, completed=fraction)
+        )

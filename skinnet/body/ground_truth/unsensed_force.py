@@ -26,12 +26,11 @@ class UnsensedForce:
         """Initialise for the cells of `surfaces`, under foam of `thickness_m` [m]."""
         self.now_n = self.peak_n = self.mean_n = 0.0
         self._n = 0
-        self._mj, self._surfaces, self._thickness_m = mj, surfaces, thickness_m
+        self._mj, self._thickness_m = mj, thickness_m
         self._geom_body = mj.geom_bodyid.copy()
-        covered = np.zeros(mj.nbody, dtype=np.bool_)
-        for surface in surfaces:
-            covered[surface.patch_body_id] = True
-        self._on_covered_body = covered[self._geom_body]
+        self._cells_of_body = _cells_by_body(surfaces)
+        covered = np.isin(self._geom_body, list(self._cells_of_body))
+        self._on_covered_body = np.append(covered, False)  # a flex has -1 for its geom
         self._wrench = np.zeros(6)
 
     def observe(self, data: mujoco.MjData) -> None:
@@ -57,12 +56,21 @@ class UnsensedForce:
         if not self._on_covered_body[geom]:
             return False
         local_m = data.xmat[body].reshape(3, 3).T @ (point_m - data.xpos[body])
-        for surface in self._surfaces:
-            rows = np.flatnonzero(surface.body_id == body)
-            offset_m = np.einsum("nij,ni->nj", surface.R_body_cell[rows], local_m - surface.position_m[rows])
-            # points lie inside a cell; a cell reaches as far again beyond the outermost of them
-            reach_m = 1.3 * float(np.hypot(*surface.sample_m.T).max())
+        for position_m, R_body_cell, reach_m in self._cells_of_body[body]:
+            offset_m = np.einsum("nij,ni->nj", R_body_cell, local_m - position_m)
             beside = np.hypot(offset_m[:, 0], offset_m[:, 1]) <= reach_m
             if np.any(beside & (np.abs(offset_m[:, 2]) <= self._thickness_m)):
                 return True
         return False
+
+
+def _cells_by_body(surfaces: Sequence[SkinSurface]) -> dict[int, list[tuple[Floats, Floats, float]]]:
+    """Cells of each covered body, by surface: centres (n, 3) [m], rotations (n, 3, 3), and reach [m]."""
+    cells: dict[int, list[tuple[Floats, Floats, float]]] = {}
+    for surface in surfaces:
+        for body in np.unique(surface.body_id).tolist():
+            rows = np.flatnonzero(surface.body_id == body)
+            # points lie inside a cell; a cell reaches as far again beyond the outermost of them
+            reach_m = 1.3 * float(np.hypot(*surface.sample_m.T).max())
+            cells.setdefault(body, []).append((surface.position_m[rows], surface.R_body_cell[rows], reach_m))
+    return cells
