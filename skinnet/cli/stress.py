@@ -91,7 +91,7 @@ def stress(
     from skinnet.output_folder import new_folder, own_folder
     from skinnet.run.environment import environment
     from skinnet.run.prepare import RunOptions, prepare_run
-    from skinnet.tools.stress.points import derive_deployment, sweep_points
+    from skinnet.tools.stress.points import derive_points
     from skinnet.tools.stress.sweep import SWEEP_FILES, run_sweep
     from skinnet.tools.stress.sweep_metrics import print_table, sweep_metrics
 
@@ -111,8 +111,7 @@ def stress(
     if duration_s is not None:
         given["duration_s"] = duration_s
     spec = _stress_spec(deployment, given)
-    for point in sweep_points(deployment, spec):  # refuses what cannot be swept before anything is written
-        derive_deployment(deployment, point, spec)
+    points = derive_points(deployment, spec)  # refuses what cannot be swept before anything is written
     stem = Path("runs") / f"stress-{file.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     resolved = resolved_json(deployment)
     terminal = console(stderr=json == "-")
@@ -120,7 +119,7 @@ def stress(
     folder = new_folder(stem) if out is None else out
     with own_folder(folder, "skinnet stress", resolved, SWEEP_FILES) as owned:
         write_bytes(folder / "deployment.json", resolved)
-        results = run_sweep(file, deployment, spec, folder, resume=resume, progress=print_line)
+        results = run_sweep(file, points, spec, folder, resume=resume, progress=print_line)
         report = {
             "format": FORMAT,
             "deployment": deployment.name,

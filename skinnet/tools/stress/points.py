@@ -20,7 +20,7 @@ from skinnet.network.faults.fault_schedule import check_targets
 from skinnet.skin.gateway_placement import with_placed_gateways
 from skinnet.skin.placement import place_patches
 
-__all__ = ["LISTEN", "Point", "derive_deployment", "noise_sigma", "sweep_points"]
+__all__ = ["LISTEN", "Point", "derive_deployment", "derive_points", "noise_sigma", "sweep_points"]
 
 LISTEN = "listen"
 """Stage name: the only stage that a point's controller runs."""
@@ -101,6 +101,15 @@ def _first_patches(patches: tuple[PatchSpec, ...], cells: int) -> tuple[PatchSpe
 
 def _n_cells(patches: tuple[PatchSpec, ...], cells: int) -> int:
     return sum(patch.n_cells for patch in _first_patches(patches, cells))
+
+
+def derive_points(deployment: Deployment, spec: StressSpec) -> list[tuple[Point, Deployment]]:
+    """Points of the sweep `spec` in their order, each with its deployment.
+
+    Raises:
+        DeploymentError: the sweep has no such points, or a point is not a valid deployment.
+    """
+    return [(point, derive_deployment(deployment, point, spec)) for point in sweep_points(deployment, spec)]
 
 
 def derive_deployment(deployment: Deployment, point: Point, spec: StressSpec) -> Deployment:

@@ -1,7 +1,7 @@
 """Sweep of a stress test: runs its points in sequence and keeps the finished ones."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from skinnet.run.process_list import process_list
 from skinnet.run.progress import ProgressDisplay
 from skinnet.tools.stress.measurement import measure_point
 from skinnet.tools.stress.other_load import OtherLoad
-from skinnet.tools.stress.points import Point, derive_deployment, sweep_points
+from skinnet.tools.stress.points import Point
 
 __all__ = ["SWEEP_FILES", "PointResult", "run_sweep"]
 
@@ -45,30 +45,25 @@ class PointResult:
 
 def run_sweep(
     file: Path,
-    deployment: Deployment,
+    points: Sequence[tuple[Point, Deployment]],
     spec: StressSpec,
     out: Path,
     *,
     resume: bool,
     progress: Callable[[str], None],
 ) -> list[PointResult]:
-    """Run every point of `spec` in a folder of its own below `out`; a failed point does not end the sweep.
+    """Run every point in a folder of its own below `out`; a failed point does not end the sweep.
 
     Args:
         file: The deployment's file; paths in it start from its folder.
-        deployment: Deployment to vary.
-        spec: Sweep to run.
+        points: Points and their deployments (`derive_points`).
+        spec: Sweep that they belong to.
         out: Folder of the sweep, which the caller owns.
         resume: Keep the points in `out` that are finished and were made from the same deployment.
         progress: Callback for progress, one line at a time.
-
-    Raises:
-        DeploymentError: a point is not a valid deployment; then nothing has run.
     """
-    points = sweep_points(deployment, spec)
-    derived = [derive_deployment(deployment, point, spec) for point in points]
     results = []
-    for number, (point, what) in enumerate(zip(points, derived, strict=True), start=1):
+    for number, (point, what) in enumerate(points, start=1):
         head = f"{number}/{len(points)} {point.name}"
         folder, mark = out / point.name, _fingerprint(what, file)
         result = _load_finished(folder, mark, point) if resume else None

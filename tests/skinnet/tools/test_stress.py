@@ -29,7 +29,7 @@ from skinnet.runtime.process_result import ProcessResult
 from skinnet.runtime.usage import USAGE_ROW, UsageTrace
 from skinnet.tools.stress.measurement import MeasurementWindow, measure_point, usage_within
 from skinnet.tools.stress.plots import draw_plots
-from skinnet.tools.stress.points import Point, derive_deployment, noise_sigma, sweep_points
+from skinnet.tools.stress.points import Point, derive_deployment, derive_points, noise_sigma, sweep_points
 from skinnet.tools.stress.sweep import PointResult, run_sweep
 from skinnet.tools.stress.sweep_metrics import delta_at_published, nearest_delta, sweep_metrics
 
@@ -133,10 +133,14 @@ def test_thresholds_follow_the_noise_of_the_sensors() -> None:
     assert cells.proximity.delta / sigma["proximity"] == pytest.approx(3.0)
 
 
-def test_what_cannot_be_is_refused_before_anything_runs(tmp_path: Path) -> None:
+def test_what_cannot_be_is_refused_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
     def refused(deployment: Deployment, said: str, **spec: Any) -> None:
         with pytest.raises(DeploymentError, match=said):
-            run_sweep(ARM, deployment, StressSpec(**spec), tmp_path, resume=False, progress=print)
+            derive_points(deployment, StressSpec(**spec))
 
     refused(row_of_patches(), "has 18 cells, at most that", cells=(6, 19))
     refused(row_of_patches(), "gateways: give 1 to", gateways=(1, 100))
@@ -292,18 +296,13 @@ def test_a_sweep_goes_on_where_it_was_killed(
 
     monkeypatch.setattr(skinnet.tools.stress.sweep, "run_once", fail)
     told: list[str] = []
-    kept = run_sweep(ARM, deployment, spec, out, resume=True, progress=told.append)
+    points = derive_points(deployment, spec)
+    kept = run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
     assert [result.failure for result in kept] == [None, None]
     assert kept[0].metrics == json.loads((out / "c15-periodic-s0.5" / "point.json").read_text())["metrics"]
     # another seed makes other points
-    other = run_sweep(
-        ARM,
-        prepare_run(RunOptions(ARM, (*SCRIPTED, "seed=2"))).deployment,
-        spec,
-        out,
-        resume=True,
-        progress=told.append,
-    )
+    points = derive_points(prepare_run(RunOptions(ARM, (*SCRIPTED, "seed=2"))).deployment, spec)
+    other = run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
     assert all(result.failure for result in other)
     assert other[0].failure == "cells0 was killed by signal 9; its last lines: two"
     figures = sweep_metrics(deployment, spec, [kept[0], other[1]])
