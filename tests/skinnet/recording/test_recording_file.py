@@ -6,10 +6,12 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -216,24 +218,39 @@ LIMIT_BYTES = 65_536
 """Size of a file at which writing fails, as on a disk that is full."""
 
 
-def limited(line: list[str]) -> subprocess.CompletedProcess[str]:
-    """A command, and all that it starts, for which no file can grow beyond the limit."""
+def full_in_process(out: Path, settings: tuple[str, ...]) -> tuple[int, str]:
+    """Exit code and errors of a run in one process, no file of which can grow beyond the limit."""
+    line = command(ARM, "--no-plots", "--record", "--out", str(out), "--in-process", settings=settings)
     shell = ["bash", "-c", f'ulimit -f {LIMIT_BYTES // 1024}; exec "$@"', "limited", *line]
-    return subprocess.run(shell, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(shell, capture_output=True, text=True, check=False, timeout=120)
+    return done.returncode, done.stderr
 
 
-def test_a_full_disk_ends_the_run_or_only_the_record(tmp_path: Path) -> None:
-    """In one process: among several, results of processes, which are larger, would meet the limit first."""
-    arguments = ("--in-process",)
-    line = command(ARM, "--no-plots", "--record", "--out", str(tmp_path), *arguments, settings=SHORT_ARM)
-    done = limited(line)
-    assert done.returncode == 1, done.stderr
-    assert FULL in done.stderr
-    assert "Traceback" not in done.stderr
-    spared = (*SHORT_ARM, 'run.tolerated_losses=["recorder"]')
-    line = command(ARM, "--no-plots", "--record", "--out", str(tmp_path), *arguments, settings=spared)
-    done = limited(line)
-    assert done.returncode == 0, done.stderr
+def full_in_processes(out: Path, settings: tuple[str, ...]) -> tuple[int, str]:
+    """Exit code and errors of a run in processes, whose recorder cannot write any more from a moment on."""
+    with launched(ARM, out, "--record", settings=settings) as process:
+        wait_for(process, "structure")
+        child(process, "recorder").rlimit(psutil.RLIMIT_FSIZE, (LIMIT_BYTES, LIMIT_BYTES))
+        _, errors = process.communicate(timeout=120)
+    return process.returncode, errors
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("full", "settings"),
+    [(full_in_processes, ("run.pace=realtime", "run.max_s=4.0")), (full_in_process, SHORT_ARM)],
+    ids=["processes", "in process"],
+)
+def test_a_full_disk_ends_the_run_or_only_the_record(
+    tmp_path: Path, full: Callable[[Path, tuple[str, ...]], tuple[int, str]], settings: tuple[str, ...]
+) -> None:
+    code, errors = full(tmp_path, settings)
+    assert code == 1, errors
+    assert FULL in errors
+    assert "Traceback" not in errors
+    spared = (*settings, 'run.tolerated_losses=["recorder"]')
+    code, errors = full(tmp_path, spared)
+    assert code == 0, errors
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["outcome"] == "completed_with_losses"
     assert [fault["process"] for fault in summary["process_failures"]] == ["recorder"]
