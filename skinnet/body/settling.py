@@ -34,9 +34,9 @@ def settle(
         By name: `settle.force_n.<patch or sheet>`, the sum of normal forces, mean of the last 0.1 s [N];
         `settle.unsensed_n`, the load of the rigid shell under skin (`UnsensedForce`), likewise;
         `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
-        `settle.drift_rad.<joint>` of the controlled joints; `settle.energy_ratio`, the largest total energy
-        (kinetic, potential, foam) over that of the start, None where that is zero; `settle.left_out`, what of
-        the model's file is left out or overridden.
+        `settle.drift_rad.<joint>` of the controlled joints; `settle.energy_ratio`, the largest energy of all that
+        can move (kinetic, potential above z = 0 of the world, foam) over that of the start, None unless that
+        is above zero; `settle.left_out`, what of the model's file is left out or overridden.
 
     Raises:
         ModelError: the simulation became unstable.
@@ -79,6 +79,10 @@ class _SettlingRecord:
         self._start_rad = simulation.joints()
         self._force_sum_n = np.zeros(simulation.n_cells)
         self._pressure_sum_kpa = np.zeros(simulation.n_elements)
+        is_fixed = mj.body_weldid == 0
+        weight_n = mj.body_mass[is_fixed, None] * mj.opt.gravity
+        self._fixed_j = -float((weight_n * data.xipos[is_fixed]).sum())
+        simulation.pressures()  # evaluates the contact at the start: foam may be compressed there
         self._start_j = self._largest_j = self._energy_j()
 
     def observe(self, *, is_averaged: bool) -> None:
@@ -117,8 +121,8 @@ class _SettlingRecord:
         return metrics
 
     def _energy_j(self) -> float:
-        """Total energy now: kinetic, potential of gravity and springs, and that of the foam [J]."""
+        """Energy of all that can move: kinetic, potential of gravity and springs, and of the foam [J]."""
         mj, data = self.simulation.model.mj, self.simulation.data
         mujoco.mj_energyPos(mj, data)
         mujoco.mj_energyVel(mj, data)
-        return float(data.energy.sum()) + self.simulation.dynamics.elastic_energy_j
+        return float(data.energy.sum()) - self._fixed_j + self.simulation.dynamics.elastic_energy_j

@@ -63,6 +63,13 @@ def test_a_box_that_falls_does_not_rise_above_its_start(tmp_path: Path) -> None:
     assert metrics["settle.energy_ratio"] <= 1.01
 
 
+def test_foam_that_is_compressed_at_the_start_has_its_energy_then(tmp_path: Path) -> None:
+    """A light box that starts 7 mm deep in the foam is thrown up by what the foam had stored."""
+    metrics = settled(tmp_path, 0.05, height_m=0.565)
+    assert metrics["settle.rise_mm.box"] > 10.0
+    assert 0.99 < metrics["settle.energy_ratio"] <= 1.01
+
+
 def test_the_command_prints_and_writes_it() -> None:
     file = DEPLOYMENTS / "two_link_arm.toml"
     line = [sys.executable, "-m", "skinnet.cli", "check", str(file), "--settle", "0.05"]
