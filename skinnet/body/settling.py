@@ -34,9 +34,9 @@ def settle(
         By name: `settle.force_n.<patch or sheet>`, the sum of normal forces, mean of the last 0.1 s [N];
         `settle.unsensed_n`, the load of the rigid shell under skin (`UnsensedForce`), likewise;
         `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
-        `settle.drift_rad.<joint>` of the controlled joints; `settle.energy_ratio`, the largest energy of all that
-        can move (kinetic, potential above z = 0 of the world, foam) over that of the start, None unless that
-        is above zero; `settle.left_out`, what of the model's file is left out or overridden.
+        `settle.drift_rad.<joint>` of the controlled joints; `settle.energy_ratio`, the largest energy of
+        all that can move (kinetic, potential above z = 0 of the world, foam) over that of the start, None
+        unless that is above zero; `settle.left_out`, what of the model's file is left out or overridden.
 
     Raises:
         ModelError: the simulation became unstable.
