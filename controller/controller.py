@@ -5,6 +5,7 @@ configured to stream full readings only while a stage needs them: all cells to e
 react.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,11 +48,23 @@ class Controller:
         spec: Program, stages and limits.
         cell_input: Input of the events and streams of all patches.
         n_cells: S, over all patches.
+        dof_names: (D,) names of the DoFs for messages; their numbers unless given.
+        cell_names: (S,) names of the cells likewise.
     """
 
-    def __init__(self, spec: ControllerSpec, cell_input: CellInput, n_cells: int) -> None:
+    def __init__(
+        self,
+        spec: ControllerSpec,
+        cell_input: CellInput,
+        n_cells: int,
+        *,
+        dof_names: Sequence[str] = (),
+        cell_names: Sequence[str] = (),
+    ) -> None:
         self.cell_input = cell_input
-        self.self_model = SelfModel(min_row_norm=spec.map.min_row_norm)
+        self.self_model = SelfModel(
+            min_row_norm=spec.map.min_row_norm, dof_names=dof_names, cell_names=cell_names
+        )
         self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""
         self.tactile_state = TactileState(n_cells)

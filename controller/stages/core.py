@@ -1,7 +1,7 @@
 """Decision core of a program of stages: the controller connected to the events and readings of the cells."""
 
 from collections import deque
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -34,14 +34,23 @@ class StageCore:
     Args:
         spec: Program, stages and limits.
         cell_counts: Number of cells of each patch, by name, in order.
+        dof_names: (D,) names of the DoFs for messages; their numbers unless given.
     """
 
     result_role = "controller"
 
-    def __init__(self, spec: ControllerSpec, cell_counts: dict[str, int]) -> None:
+    def __init__(
+        self, spec: ControllerSpec, cell_counts: dict[str, int], dof_names: Sequence[str] = ()
+    ) -> None:
         self._spec = spec
         self._cells = [(patch, cell) for patch, n_cells in cell_counts.items() for cell in range(n_cells)]
-        self.controller = Controller(spec, CellInput(cell_counts), len(self._cells))
+        self.controller = Controller(
+            spec,
+            CellInput(cell_counts),
+            len(self._cells),
+            dof_names=dof_names,
+            cell_names=[f"{patch}/{cell}" for patch, cell in self._cells],
+        )
         self._cell_input = self.controller.cell_input
         self._topologies: dict[str, deque[Topology]] = {patch: deque() for patch in cell_counts}
         self._unformed_patches = set(cell_counts)
@@ -192,7 +201,8 @@ def build_stage_core(deployment: Deployment, base: Path, out: Path | None) -> St
         MemoryFileError: the file that the deployment names is invalid or of another robot.
     """
     _warm_up(deployment)
-    core = StageCore(deployment.controller, {patch.name: patch.n_cells for patch in deployment.patches})
+    cell_counts = {patch.name: patch.n_cells for patch in deployment.patches}
+    core = StageCore(deployment.controller, cell_counts, deployment.body.joints)
     core.controller.memory = LongTermMemory.open(deployment, base, out, core.controller.self_model)
     return core
 
