@@ -19,6 +19,7 @@ from skinnet.deployment.extends import (
     read_layers,
     value_at,
 )
+from skinnet.deployment.number_ranges import reject_out_of_range
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
@@ -89,6 +90,7 @@ def _convert(document: dict[str, Any], source_of: Callable[[str], str]) -> Deplo
     """Convert a document of the present format; `source_of` names the source of a key in errors."""
     try:
         reject_non_finite(document)
+        reject_out_of_range(document)
         return msgspec.convert(document, Deployment)
     except DeploymentError as error:
         text = str(error)

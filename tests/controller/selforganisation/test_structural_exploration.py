@@ -141,7 +141,8 @@ def test_a_dead_cell_and_a_stuck_joint_are_reported() -> None:
     assert not found.activity[:, 3].any()
     text = "\n".join(found.problems)
     assert "cell 3 measured with too few samples" in text
-    assert "DoF 3 did not complete its step in run 1: DoF 3 rested up to 0.100 rad from the target" in text
+    assert "DoF 3 did not complete its step before the timeout in run 0" in text
+    assert "DoF 3 rested up to 0.100 rad from the target" in text
     assert "DoF 3 moves no cell" in text
 
 
@@ -239,7 +240,8 @@ def test_joints_that_do_not_rest_are_named_and_their_steps_not_believed() -> Non
     found = shake(until_s=np.inf)
     assert found.unmeasured == (0, 1)
     assert not found.activity.any()
-    says = "DoF {} did not complete its step in run {}: DoF wrist did not come to rest, so it is not measured"
-    expected = [says.format(dof, run) for run in (1, 2) for dof in ("elbow", "wrist")]
+    says = "DoF {} did not complete its step before the timeout in run {}: DoF wrist did not come to rest, "
+    says += "so it is not measured"
+    expected = [says.format(dof, run) for run in (0, 1) for dof in ("elbow", "wrist")]
     assert list(found.problems[:4]) == expected
     assert "cells arm/0, hand/0 measured with too few samples" in found.problems
