@@ -152,7 +152,8 @@ class PointToPoint:
 
     def swing_rad(self) -> NDArray[np.float64]:
         """Peak-to-peak motion (D,) over the time in which rest is judged."""
-        return np.ptp([position_rad for _, position_rad in self._history], axis=0)
+        swing_rad: NDArray[np.float64] = np.ptp([position_rad for _, position_rad in self._history], axis=0)
+        return swing_rad
 
     def _record(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
         self._history.append((t_ns, position_rad.astype(np.float64)))

@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterable
+from typing import TypeAlias
 
 import mujoco
 
@@ -20,7 +21,7 @@ _EQUALITY_OBJECTS = {
 }
 _MAX_LISTED = 8
 
-Element = mujoco.MjsSensor | mujoco.MjsEquality | mujoco.MjsTuple | mujoco.MjsTendon
+Element: TypeAlias = mujoco.MjsSensor | mujoco.MjsEquality | mujoco.MjsTuple | mujoco.MjsTendon
 
 
 def delete_actuators(spec: mujoco.MjSpec) -> list[str]:
