@@ -5,6 +5,7 @@ configured to stream full readings only while a stage needs them: all cells to e
 react.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,8 @@ class Controller:
         cell_input: Input of the events and streams of all patches.
         n_cells: S, over all patches.
         level_thresholds: Thresholds with which the cells start; None if full readings are not to tell levels.
+        dof_names: (D,) names of the DoFs for messages; their numbers unless given.
+        cell_names: (S,) names of the cells likewise.
     """
 
     def __init__(
@@ -56,9 +59,14 @@ class Controller:
         cell_input: CellInput,
         n_cells: int,
         level_thresholds: LevelThresholds | None = None,
+        *,
+        dof_names: Sequence[str] = (),
+        cell_names: Sequence[str] = (),
     ) -> None:
         self.cell_input = cell_input
-        self.self_model = SelfModel(min_row_norm=spec.map.min_row_norm)
+        self.self_model = SelfModel(
+            min_row_norm=spec.map.min_row_norm, dof_names=dof_names, cell_names=cell_names
+        )
         self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""
         self.tactile_state = TactileState(n_cells, level_thresholds=level_thresholds)

@@ -1,5 +1,6 @@
 """Self-model of the robot: structure, sensory-motor maps, key poses and touch areas."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +26,8 @@ class SelfModel:
         poses: Key poses by name, positions (D,) [rad].
         areas: Touch areas by label, cell indices (n,) in ascending order.
         parameters: Tuned state parameters by name.
+        dof_names: Names of the DoFs in messages; their numbers without.
+        cell_names: Names of the cells in messages likewise.
     """
 
     min_row_norm: float
@@ -34,6 +37,8 @@ class SelfModel:
     poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     areas: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
+    dof_names: Sequence[str] = ()
+    cell_names: Sequence[str] = ()
 
     def result(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return facts and arrays of the exploration, for the results of a run."""

@@ -30,7 +30,9 @@ def restore_self_model(memory: MemoryContents, self_model: SelfModel) -> None:
     if memory.activity is not None:
         unknown = np.zeros(memory.robot.shape, dtype=np.bool_)
         unknown[memory.unmeasured] = True
-        self_model.structure = find_structure(memory.activity, unknown)
+        self_model.structure = find_structure(
+            memory.activity, unknown, dof_names=self_model.dof_names, cell_names=self_model.cell_names
+        )
     for name, pose in memory.poses.items():
         self_model.poses[name] = pose.position_rad
         if pose.weights is not None:

@@ -257,7 +257,14 @@ class TeachAndGrasp:
         if self.state is State.ATTEND:
             self._area_teaching = AreaTeaching(self._argument, self._tactile_state, self._spec.contact_level)
         if self.state is State.REMEMBER:
-            self._exploration = MapExploration(self._map_config, self._n_dofs, self._n_cells, t_ns)
+            self._exploration = MapExploration(
+                self._map_config,
+                self._n_dofs,
+                self._n_cells,
+                t_ns,
+                dof_names=self._self_model.dof_names,
+                cell_names=self._self_model.cell_names,
+            )
         self._touch_events = self._new_touch_events(t_ns)
 
     def _new_touch_events(self, t_ns: int) -> TouchEventDetector:

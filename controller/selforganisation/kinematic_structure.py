@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["KinematicStructure", "activity_matrix", "count_wrong_entries", "find_structure", "format_numbers"]
+__all__ = ["KinematicStructure", "activity_matrix", "count_wrong_entries", "find_structure", "format_members"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +64,9 @@ def find_structure(
     activity: NDArray[np.bool_],
     unknown: NDArray[np.bool_] | None = None,
     problems: Sequence[str] = (),
+    *,
+    dof_names: Sequence[str] = (),
+    cell_names: Sequence[str] = (),
 ) -> KinematicStructure:
     """Find body parts, joints and their kinematic tree from an activity matrix.
 
@@ -71,6 +74,8 @@ def find_structure(
         activity: (S, D) from `activity_matrix`.
         unknown: (S, D) unmeasured entries; their cells belong to no part.
         problems: problems of the measurement, listed first in the structure's problems.
+        dof_names: (D,) names of the DoFs in the problems; their numbers unless given.
+        cell_names: (S,) names of the cells likewise.
     """
     unknown = np.zeros_like(activity) if unknown is None else unknown
     unmeasured = np.logical_or.reduce(unknown, axis=1)
@@ -80,16 +85,18 @@ def find_structure(
     order = np.argsort(joint_parts.sum(axis=0), kind="stable")
     parts = tuple(parts[p] for p in order)
     part_activity = joint_parts.T[order]
-    parent_part, parent_joint, broken = _find_tree(part_activity, parts, joints)
+    parent_part, parent_joint, broken = _find_tree(part_activity, parts, joints, dof_names, cell_names)
 
     found = list(problems)
     if unmeasured.any():
-        found.append(f"{format_numbers('cell', np.flatnonzero(unmeasured))} measured with too few samples")
+        found.append(
+            f"{format_members('cell', np.flatnonzero(unmeasured), cell_names)} measured with too few samples"
+        )
     idle = np.flatnonzero(~part_dofs.any(axis=0))
     if len(idle):
         found.append(
-            f"{format_numbers('DoF', idle)} moves no cell: no skin distal to it, or its axis is parallel "
-            "to gravity"
+            f"{format_members('DoF', idle, dof_names)} moves no cell: no skin distal to it, or its axis is "
+            "parallel to gravity"
         )
     return KinematicStructure(
         activity=activity,
@@ -129,7 +136,11 @@ def _group_equal_rows(
 
 
 def _find_tree(
-    part_activity: NDArray[np.bool_], parts: tuple[tuple[int, ...], ...], joints: tuple[tuple[int, ...], ...]
+    part_activity: NDArray[np.bool_],
+    parts: tuple[tuple[int, ...], ...],
+    joints: tuple[tuple[int, ...], ...],
+    dof_names: Sequence[str],
+    cell_names: Sequence[str],
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Find parent and joint of each part, and list the violations of a tree.
 
@@ -150,16 +161,23 @@ def _find_tree(
             parent_joint[part] = int(np.flatnonzero(missing[candidates[0]])[0])
         else:
             which = "has no parent" if not len(candidates) else f"has {len(candidates)} possible parents"
-            problems.append(f"the part of {format_numbers('cell', parts[part])} {which}")
+            problems.append(f"the part of {format_members('cell', parts[part], cell_names)} {which}")
     for joint, dofs in enumerate(joints):
         children = parent_joint.count(joint)
         if children > 1:
-            problems.append(f"the joint of {format_numbers('DoF', dofs)} leads to {children} parts")
+            problems.append(
+                f"the joint of {format_members('DoF', dofs, dof_names)} leads to {children} parts"
+            )
     return tuple(parent_part), tuple(parent_joint), problems
 
 
-def format_numbers(noun: str, numbers: Sequence[int] | NDArray[np.int64], max_listed: int = 8) -> str:
-    """Format a shortened list of numbers, such as 'cells 3, 4, 5, … (20)'."""
+def format_members(
+    noun: str,
+    numbers: Sequence[int] | NDArray[np.int64],
+    names: Sequence[str] = (),
+    max_listed: int = 8,
+) -> str:
+    """Format a shortened list of members by name, or by number without names: 'cells 3, 4, 5, … (20)'."""
     plural = f"{noun}s" if len(numbers) > 1 else noun
     more = f", … ({len(numbers)})" if len(numbers) > max_listed else ""
-    return f"{plural} {', '.join(str(n) for n in numbers[:max_listed])}{more}"
+    return f"{plural} {', '.join(names[n] if names else str(n) for n in numbers[:max_listed])}{more}"

@@ -1,14 +1,15 @@
 """Sensory-motor map exploration: the motion program that measures cell deflections [M14, III.B]."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import PositionControl
-from controller.selforganisation.kinematic_structure import format_numbers
+from controller.selforganisation.exploration import MotionState, PointToPoint, PositionControl
+from controller.selforganisation.kinematic_structure import format_members
 from controller.selforganisation.lock_in import LockIn
 from skinnet import pinned_math
 
@@ -34,6 +35,8 @@ class MapExplorationConfig:
     """Number of periods of each ramp, before and after."""
     settle_ns: int = 250_000_000
     position_control: PositionControl = field(default_factory=PositionControl)
+    rest_timeout_ns: int = 5_000_000_000
+    """Time [ns] after which DoFs that do not come to rest are reported, and the next sine begins."""
     min_samples: int = 25
     """Samples per sine below which a cell counts as not measured; 250 are due at 250 Hz in 1 s."""
     min_motion_fraction: float = 0.2
@@ -59,7 +62,7 @@ class MapExploration:
     """Exploration program: applies a velocity sine to each DoF in turn and measures deflections [M14, III.B].
 
     The envelope of the sine is symmetric over a whole number of periods: velocity and acceleration begin and
-    end at zero, and the position returns to its start; position control between sines removes the residual.
+    end at zero, and the position returns to its start; what is left at rest is corrected between sines.
 
     A deflection is the part of a cell's acceleration that is in phase with the *measured* joint acceleration,
     which rejects servo lag, servo gain and all quadrature components. Centripetal acceleration, at twice the
@@ -68,10 +71,21 @@ class MapExploration:
     4 Hz like a lever arm of up to 16 mm, at 8 Hz of 4 mm. The other joints are assumed to be at rest.
     """
 
-    def __init__(self, config: MapExplorationConfig, n_dofs: int, n_cells: int, start_ns: int) -> None:
-        """Start at `start_ns`, with D = `n_dofs` and S = `n_cells`."""
+    def __init__(
+        self,
+        config: MapExplorationConfig,
+        n_dofs: int,
+        n_cells: int,
+        start_ns: int,
+        *,
+        dof_names: Sequence[str] = (),
+        cell_names: Sequence[str] = (),
+    ) -> None:
+        """Start at `start_ns`, with D = `n_dofs` and S = `n_cells`; messages use the names that are given."""
         self._config = config
         self._n_dofs, self._n_cells = n_dofs, n_cells
+        self._dof_names, self._cell_names = dof_names, cell_names
+        self._motion = PointToPoint(config.position_control, n_dofs)
         self._ramp_ns = round(1e9 * config.ramp_periods / config.frequency_hz)
         self._sine_ns = round(1e9 * config.periods / config.frequency_hz) + 2 * self._ramp_ns
         self._phase_start_ns = start_ns
@@ -113,11 +127,13 @@ class MapExploration:
         """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
         if not len(self._home_rad):
             self._home_rad = position_rad.astype(np.float64)
+            self._motion.retarget(self._home_rad)
         self._advance(t_ns)
+        correction = self._motion.velocity(t_ns, position_rad)
         if self._done:
             return np.zeros(self._n_dofs)
         if not self._exciting:
-            return self._config.position_control.velocity(self._home_rad, position_rad)
+            return correction
         velocity = np.zeros(self._n_dofs)
         velocity[self._dof] = self._sine((t_ns - self._phase_start_ns) * 1e-9)
         return velocity
@@ -147,7 +163,8 @@ class MapExploration:
         if self._exciting and elapsed_ns >= self._sine_ns:
             self._exciting = False
             self._phase_start_ns = t_ns
-        elif not (self._exciting or self._done) and elapsed_ns >= self._config.settle_ns:
+            self._motion.settle()
+        elif not (self._exciting or self._done) and self._has_settled(elapsed_ns):
             if self._dof >= 0:
                 self._reduce_to_deflections()
             self._dof += 1
@@ -157,6 +174,25 @@ class MapExploration:
             measured_ns = self._sine_ns - 2 * self._ramp_ns if self._exciting else 0
             self._window_ns = (t_ns + self._ramp_ns, t_ns + self._ramp_ns + measured_ns)
             self._reset_lock_ins()
+
+    def _has_settled(self, elapsed_ns: int) -> bool:
+        """Return True once the settling time is over with all DoFs at rest; report those that do not rest."""
+        config, motion = self._config, self._motion
+        if elapsed_ns < config.settle_ns:
+            return False
+        if motion.state in (MotionState.ARRIVED, MotionState.STUCK):
+            return True
+        if elapsed_ns < config.rest_timeout_ns:
+            return False
+        if self._dof + 1 < self._n_dofs:
+            before = f"before the sine of {self._dof_text([self._dof + 1])}"
+        else:
+            before = "after the last sine"
+        self._problems.append(f"{self._dof_text(motion.restless())} did not come to rest {before}")
+        return True
+
+    def _dof_text(self, dofs: Sequence[int] | NDArray[np.int64]) -> str:
+        return format_members("DoF", dofs, self._dof_names)
 
     def _sine(self, t_s: float) -> float:
         """Return the velocity [rad/s] at `t_s` after the start of the sine."""
@@ -180,8 +216,8 @@ class MapExploration:
         motion_rad = complex(self._joint.amplitude(config.min_samples)[0, 0])
         if not abs(motion_rad) >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
             self._problems.append(
-                f"DoF {dof} did not follow its sine: its amplitude is below the minimum fraction of the "
-                "command"
+                f"{self._dof_text([dof])} did not follow its sine: its amplitude is below the minimum "
+                "fraction of the command"
             )
             return
         per_acceleration = self._cells.amplitude(config.min_samples) / (-(angular_hz**2) * motion_rad)
@@ -189,6 +225,7 @@ class MapExploration:
         blind = np.isnan(deflection_m).any(axis=1)
         if blind.any():
             self._problems.append(
-                f"DoF {dof}: {format_numbers('cell', np.flatnonzero(blind))} with too few samples"
+                f"{self._dof_text([dof])}: "
+                f"{format_members('cell', np.flatnonzero(blind), self._cell_names)} with too few samples"
             )
         self._deflection_m[~blind, dof] = deflection_m[~blind]

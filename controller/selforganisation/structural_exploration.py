@@ -1,5 +1,6 @@
 """Structural self-exploration: the motion program that measures gravity before and after each step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -7,11 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import PositionControl
+from controller.selforganisation.exploration import MotionState, PointToPoint, PositionControl
 from controller.selforganisation.kinematic_structure import (
     KinematicStructure,
     activity_matrix,
     find_structure,
+    format_members,
 )
 
 __all__ = ["StructuralExploration", "StructuralExplorationConfig"]
@@ -27,20 +29,25 @@ class StructuralExplorationConfig:
     threshold_g: float = 0.01
     position_control: PositionControl = field(default_factory=PositionControl)
     move_timeout_ns: int = 5_000_000_000
-    """Time [ns] after which a DoF that has not completed its step is reported and skipped."""
+    """Time [ns] after which a motion that has not come to rest at its target has failed."""
+    max_attempts: int = 2
+    """Attempts at a step; what fails the last one is reported."""
     min_samples: int = 25
     """Samples per window below which a cell counts as not measured; 250 are due at 250 Hz in 1 s."""
 
 
 class _Phase(Enum):
+    RETURN = -1
     BEFORE = 0
     MOVE = 1
-    SETTLE = 2
-    AFTER = 3
+    AFTER = 2
+    LAST = 3
     DONE = 4
 
 
 _RUNS = 2
+_Window = tuple[int, int, int]
+"""Side (before, after), run and DoF of an average."""
 
 
 class StructuralExploration:
@@ -48,18 +55,35 @@ class StructuralExploration:
 
     In the first run every DoF stays at its step, which tilts the axes of the next ones off gravity. Targets
     are absolute, the pose at the first tick and that plus the step, hence no drift.
+
+    A step counts only between two measured rests: all DoFs are still throughout the averages before and after
+    it. Else it is repeated; if that fails as well, the DoF is among the problems, and unless it was still its
+    measurements are dropped.
     """
 
-    def __init__(self, config: StructuralExplorationConfig, n_dofs: int, n_cells: int, start_ns: int) -> None:
-        """Start at `start_ns`, with D = `n_dofs` and S = `n_cells`."""
+    def __init__(
+        self,
+        config: StructuralExplorationConfig,
+        n_dofs: int,
+        n_cells: int,
+        start_ns: int,
+        *,
+        dof_names: Sequence[str] = (),
+        cell_names: Sequence[str] = (),
+    ) -> None:
+        """Start at `start_ns`, with D = `n_dofs` and S = `n_cells`; messages use the names that are given."""
         self._config = config
         self._n_dofs, self._n_cells = n_dofs, n_cells
-        self._start_ns = self._phase_start_ns = self._move_start_ns = start_ns
+        self._dof_names, self._cell_names = dof_names, cell_names
+        self._start_ns = self._phase_start_ns = start_ns
         self._phase = _Phase.BEFORE if n_dofs else _Phase.DONE
-        self._step = 0
+        self._step, self._attempt = 0, 1
+        self._progress = 0.0
+        self._motion = PointToPoint(config.position_control, n_dofs)
         self._home_rad: NDArray[np.float64] | None = None
-        self._target_rad = np.zeros(n_dofs)
-        self._windows = [(start_ns, (0, 0, 0))]
+        self._origin_rad = np.zeros(n_dofs)
+        self._extremes_rad = np.zeros((2, n_dofs))
+        self._windows: list[tuple[int, _Window]] = [(start_ns, (0, 0, 0))]
         self._sum_g = np.zeros((2, _RUNS, n_dofs, n_cells, 3))
         self._count = np.zeros((2, _RUNS, n_dofs, n_cells), dtype=np.int64)
         self._failed_steps: list[str] = []
@@ -77,8 +101,7 @@ class StructuralExploration:
     @property
     def progress(self) -> float:
         """Completed fraction of the program, 0 to 1."""
-        steps = _RUNS * self._n_dofs
-        return 1.0 if self.done else (self._step + self._phase.value / _Phase.DONE.value) / steps
+        return 1.0 if self.done else self._progress
 
     @cached_property
     def result(self) -> KinematicStructure:
@@ -93,17 +116,22 @@ class StructuralExploration:
         count = np.where(enough, self._count, 1)[..., None]
         before_g, after_g = np.where(enough[..., None], self._sum_g / count, np.nan)
         active, unknown = activity_matrix(before_g, after_g, self._config.threshold_g)
-        return find_structure(active, unknown, self._failed_steps)
+        return find_structure(
+            active, unknown, self._failed_steps, dof_names=self._dof_names, cell_names=self._cell_names
+        )
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
         if self._home_rad is None:
             self._home_rad = position_rad.astype(np.float64)
-            self._target_rad = self._home_rad.copy()
+            self._extremes_rad[:] = position_rad
+            self._motion.retarget(self._home_rad)
         if t_ns < self._start_ns or self.done:
             return np.zeros(self._n_dofs)
+        self._extremes_rad[0] = np.minimum(self._extremes_rad[0], position_rad)
+        self._extremes_rad[1] = np.maximum(self._extremes_rad[1], position_rad)
         self._advance(t_ns, position_rad)
-        return self._config.position_control.velocity(self._target_rad, position_rad)
+        return self._motion.velocity(t_ns, position_rad)
 
     def add_samples(
         self, cells: NDArray[np.int64], t_sampled_ns: NDArray[np.int64], acceleration_g: NDArray[np.float64]
@@ -120,52 +148,115 @@ class StructuralExploration:
             self._count[window] += np.bincount(rows, minlength=self._n_cells)
 
     def _advance(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
-        config = self._config
-        run, dof = divmod(self._step, self._n_dofs)
+        config, motion = self._config, self._motion
         elapsed_ns = t_ns - self._phase_start_ns
+        timed_out = elapsed_ns >= config.move_timeout_ns
         match self._phase:
-            case _Phase.BEFORE if elapsed_ns >= config.average_ns:
-                assert self._home_rad is not None
-                self._target_rad[dof] = self._home_rad[dof] + (config.step_rad if run == 0 else 0.0)
-                self._move_start_ns = t_ns
-                self._enter(_Phase.MOVE, t_ns)
-            case _Phase.MOVE:
-                arrived = (
-                    abs(self._target_rad[dof] - position_rad[dof]) <= config.position_control.tolerance_rad
-                )
-                if not arrived and elapsed_ns >= config.move_timeout_ns:
-                    self._failed_steps.append(
-                        f"DoF {dof} did not complete its step before the timeout in run {run}"
-                    )
-                    self._target_rad[dof] = position_rad[dof]
-                if arrived or elapsed_ns >= config.move_timeout_ns:
-                    self._enter(_Phase.SETTLE, t_ns)
-            case _Phase.SETTLE if self._has_settled(t_ns):
-                self._open_window(1, t_ns)
-                self._enter(_Phase.AFTER, t_ns)
-            case _Phase.AFTER if self._step == _RUNS * self._n_dofs - 1:
-                # rests once more, until the last samples arrive
-                if elapsed_ns >= config.average_ns + config.settle_ns:
-                    self._enter(_Phase.DONE, t_ns)
-            case _Phase.AFTER if elapsed_ns >= config.average_ns:
-                self._step += 1
-                self._open_window(0, t_ns)
+            case _Phase.RETURN if motion.state is MotionState.ARRIVED or timed_out:
+                self._open_window(0, t_ns, position_rad)
                 self._enter(_Phase.BEFORE, t_ns)
+            case _Phase.BEFORE if elapsed_ns >= config.average_ns:
+                self._origin_rad = motion.target_rad
+                if self._was_still():
+                    motion.begin(self._step_target_rad())
+                    self._enter(_Phase.MOVE, t_ns)
+                else:
+                    self._fail(t_ns, position_rad)
+            case _Phase.MOVE if self._has_settled(t_ns):
+                self._open_window(1, t_ns, position_rad)
+                self._enter(_Phase.AFTER, t_ns)
+            case _Phase.MOVE if timed_out:
+                self._fail(t_ns, position_rad)
+            case _Phase.AFTER if elapsed_ns >= config.average_ns:
+                if self._was_still() and motion.state is MotionState.ARRIVED:
+                    self._next_step(t_ns, position_rad)
+                else:
+                    self._fail(t_ns, position_rad)
+            case _Phase.LAST if elapsed_ns >= config.settle_ns:
+                self._enter(_Phase.DONE, t_ns)
             case _:
                 pass
 
     def _has_settled(self, t_ns: int) -> bool:
-        """Return True once the settling time is over: counted from the start of the move, half of it at rest.
+        """Return True once all DoFs rest and the settling time is over: half of it at rest.
 
         28 steps, each 0.5 s of settling and two averages of 1.0 s, are the 70 s of [M14], which leaves no
         extra time for the moves.
         """
-        settle_ns = self._config.settle_ns
-        return t_ns - self._move_start_ns >= settle_ns and t_ns - self._phase_start_ns >= settle_ns // 2
+        motion, settle_ns = self._motion, self._config.settle_ns
+        return (
+            motion.state in (MotionState.ARRIVED, MotionState.STUCK)
+            and t_ns - self._phase_start_ns >= settle_ns
+            and t_ns - motion.last_command_ns >= settle_ns // 2
+        )
+
+    def _was_still(self) -> bool:
+        """Return True if no DoF has moved since the window was opened."""
+        return not self._moving_dofs().size
+
+    def _moving_dofs(self) -> NDArray[np.int64]:
+        swing_rad = self._extremes_rad[1] - self._extremes_rad[0]
+        return np.flatnonzero(swing_rad > self._config.position_control.tolerance_rad)
+
+    def _step_target_rad(self) -> NDArray[np.float64]:
+        assert self._home_rad is not None
+        run, dof = divmod(self._step, self._n_dofs)
+        target_rad = self._motion.target_rad.copy()
+        target_rad[dof] = self._home_rad[dof] + (self._config.step_rad if run == 0 else 0.0)
+        return target_rad
+
+    def _next_step(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
+        if self._step == _RUNS * self._n_dofs - 1:
+            # rests once more, until the last samples arrive
+            self._enter(_Phase.LAST, t_ns)
+            return
+        self._step, self._attempt = self._step + 1, 1
+        self._open_window(0, t_ns, position_rad)
+        self._enter(_Phase.BEFORE, t_ns)
+
+    def _fail(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
+        """Repeat the step from the pose before it; after the last attempt report it and continue."""
+        motion = self._motion
+        if self._attempt < self._config.max_attempts:
+            self._attempt += 1
+            motion.begin(self._origin_rad)
+            self._enter(_Phase.RETURN, t_ns)
+            return
+        run, dof = divmod(self._step, self._n_dofs)
+        moving, behind = self._moving_dofs(), motion.behind(position_rad)
+        if moving.size or self._phase is not _Phase.AFTER:
+            moving = moving if moving.size else motion.restless()
+            why = f"{self._dof_text(moving)} did not come to rest, so it is not measured"
+            self._drop_measurement()
+        else:
+            error_rad = np.abs(motion.target_rad - position_rad).max()
+            why = f"{self._dof_text(behind)} rested up to {error_rad:.3f} rad from the target"
+            target_rad = motion.target_rad.copy()
+            target_rad[dof] = position_rad[dof]
+            motion.retarget(target_rad)
+        self._failed_steps.append(
+            f"{self._dof_text([dof])} did not complete its step in run {run + 1}: {why}"
+        )
+        self._next_step(t_ns, position_rad)
+
+    def _dof_text(self, dofs: Sequence[int] | NDArray[np.int64]) -> str:
+        return format_members("DoF", dofs, self._dof_names)
+
+    def _drop_measurement(self) -> None:
+        """Drop the averages of the present step, and samples of it that are still to come."""
+        run, dof = divmod(self._step, self._n_dofs)
+        self._count[:, run, dof] = 0
+        self._windows = [entry for entry in self._windows if entry[1][1:] != (run, dof)]
 
     def _enter(self, phase: _Phase, t_ns: int) -> None:
         self._phase, self._phase_start_ns = phase, t_ns
+        done = max(0, phase.value) / _Phase.DONE.value
+        self._progress = max(self._progress, (self._step + done) / (_RUNS * self._n_dofs))
 
-    def _open_window(self, side: int, t_ns: int) -> None:
+    def _open_window(self, side: int, t_ns: int, position_rad: NDArray[np.float64]) -> None:
+        """Begin the average before (0) or after (1) the present step; all DoFs must be still from here on."""
         run, dof = divmod(self._step, self._n_dofs)
-        self._windows = [self._windows[-1], (t_ns, (side, run, dof))]
+        window = (side, run, dof)
+        self._sum_g[window], self._count[window] = 0.0, 0
+        self._windows = [*(entry for entry in self._windows[-1:] if entry[1] != window), (t_ns, window)]
+        self._extremes_rad[:] = position_rad

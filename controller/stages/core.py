@@ -1,7 +1,7 @@
 """Decision core of a program of stages: the controller connected to the events and readings of the cells."""
 
 from collections import deque
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -38,17 +38,29 @@ class StageCore:
         spec: Program, stages and limits.
         cell_counts: Number of cells of each patch, by name, in order.
         cells: Specification of the cells, for the thresholds of their levels; None if it is not known.
+        dof_names: (D,) names of the DoFs for messages; their numbers unless given.
     """
 
     result_role = "controller"
 
     def __init__(
-        self, spec: ControllerSpec, cell_counts: dict[str, int], cells: CellSpec | None = None
+        self,
+        spec: ControllerSpec,
+        cell_counts: dict[str, int],
+        cells: CellSpec | None = None,
+        *,
+        dof_names: Sequence[str] = (),
     ) -> None:
         self._spec = spec
         self._cells = [(patch, cell) for patch, n_cells in cell_counts.items() for cell in range(n_cells)]
-        level_thresholds = None if cells is None else LevelThresholds.from_spec(cells)
-        self.controller = Controller(spec, CellInput(cell_counts), len(self._cells), level_thresholds)
+        self.controller = Controller(
+            spec,
+            CellInput(cell_counts),
+            len(self._cells),
+            None if cells is None else LevelThresholds.from_spec(cells),
+            dof_names=dof_names,
+            cell_names=[f"{patch}/{cell}" for patch, cell in self._cells],
+        )
         self._cell_input = self.controller.cell_input
         self._topologies: dict[str, deque[Topology]] = {patch: deque() for patch in cell_counts}
         self._unformed_patches = set(cell_counts)
@@ -201,7 +213,7 @@ def build_stage_core(deployment: Deployment, base: Path, out: Path | None) -> St
     """
     _warm_up(deployment)
     cell_counts = {patch.name: patch.n_cells for patch in deployment.patches}
-    core = StageCore(deployment.controller, cell_counts, deployment.cells)
+    core = StageCore(deployment.controller, cell_counts, deployment.cells, dof_names=deployment.body.joints)
     core.controller.memory = LongTermMemory.open(deployment, base, out, core.controller.self_model)
     return core
 

@@ -20,7 +20,6 @@ from controller.stages.passive import PassiveStage
 from controller.touch.posture import PoseTarget, PostureControl
 from controller.touch.tactile_state import TactileState
 from skinnet.deployment.controller.controller import ControllerSpec
-from skinnet.deployment.controller.exploration import MapExplorationSpec, StructureExplorationSpec
 from skinnet.deployment.controller.stages import StageSpec
 
 __all__ = ["ExplorationStage", "PostureStage", "Stage", "make_stage"]
@@ -189,14 +188,15 @@ def make_stage(
 ) -> Stage:
     """Build the stage of `spec`, starting at `t_ns`; `home_rad` (D,) is the initial pose."""
     n_dofs = len(home_rad)
+    names = {"dof_names": self_model.dof_names, "cell_names": self_model.cell_names}
     match spec.kind:
         case "structure":
-            exploration = StructuralExploration(_structure_config(control.structure), n_dofs, n_cells, t_ns)
-            return ExplorationStage(exploration, self_model, memory)
+            structure_config = _structure_config(control)
+            structure = StructuralExploration(structure_config, n_dofs, n_cells, t_ns, **names)
+            return ExplorationStage(structure, self_model, memory)
         case "map":
-            return ExplorationStage(
-                MapExploration(_map_config(control.map), n_dofs, n_cells, t_ns), self_model, memory
-            )
+            explored = MapExploration(_map_config(control), n_dofs, n_cells, t_ns, **names)
+            return ExplorationStage(explored, self_model, memory)
         case "posture":
             pose = home_rad if spec.pose == "home" else np.array(control.poses_rad[spec.pose])
             return PostureStage(PoseTarget(spec.pose, pose, spec.speed_rad_s, spec.tolerance_rad))
@@ -207,25 +207,33 @@ def make_stage(
             return PassiveStage(spec.duration_s, t_ns)
         case "teach_and_grasp":
             return TeachAndGrasp(
-                control, self_model, memory, _map_config(control.map), tactile_state, n_dofs, n_cells, t_ns
+                control, self_model, memory, _map_config(control), tactile_state, n_dofs, n_cells, t_ns
             )
 
 
-def _structure_config(spec: StructureExplorationSpec) -> StructuralExplorationConfig:
+def _structure_config(control: ControllerSpec) -> StructuralExplorationConfig:
+    spec = control.structure
     return StructuralExplorationConfig(
         step_rad=spec.step_rad,
         average_ns=round(spec.averaging_s * 1e9),
         settle_ns=round(spec.settle_s * 1e9),
         threshold_g=spec.threshold_g,
-        position_control=PositionControl(speed_rad_s=spec.speed_rad_s),
+        position_control=PositionControl(speed_rad_s=spec.speed_rad_s, delay_ns=_feedback_delay_ns(control)),
         min_samples=max(1, round(25 * spec.averaging_s)),
     )
 
 
-def _map_config(spec: MapExplorationSpec) -> MapExplorationConfig:
+def _map_config(control: ControllerSpec) -> MapExplorationConfig:
+    spec = control.map
     return MapExplorationConfig(
         amplitude_rad_s=spec.amplitude_rad_s,
         frequency_hz=spec.frequency_hz,
         periods=spec.periods,
         settle_ns=round(spec.settle_s * 1e9),
+        position_control=PositionControl(delay_ns=_feedback_delay_ns(control)),
     )
+
+
+def _feedback_delay_ns(control: ControllerSpec) -> int:
+    """Time [ns] from a command to the tick that sees its effect."""
+    return control.command_delay_ns + control.period_ns

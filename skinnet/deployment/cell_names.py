@@ -19,15 +19,17 @@ __all__ = [
     "parse_port",
 ]
 
-CellName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+$")]
+CellName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+(?!\n)$")]
 """Cell: "patch/cell"."""
-PortName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+:[0-3]$")]
+PortName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+/[0-9]+:[0-3](?!\n)$")]
 """Port of a cell: "patch/cell:port"."""
-CellRange = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?$")]
+CellRange = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(/[0-9]+(-[0-9]+)?)?(?!\n)$")]
 """Range of cells: all of "patch", one as in "patch/3", or several as in "patch/3-7", ends included."""
-CellPattern = Annotated[str, Meta(pattern=r"^([A-Za-z0-9_\-]+|\*)/([0-9]+|\*)$")]
+CellPattern = Annotated[str, Meta(pattern=r"^([A-Za-z0-9_\-]+|\*)/([0-9]+|\*)(?!\n)$")]
 """Pattern of cells: "patch/cell", where * matches any."""
-FaultTarget = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-*]+(/(?!0[0-9])[0-9*]+)?(:(?!0[0-9])[0-9*]+)?$")]
+FaultTarget = Annotated[
+    str, Meta(pattern=r"^[A-Za-z0-9_\-*]+(/(?!0[0-9])[0-9*]+)?(:(?!0[0-9])[0-9*]+)?(?!\n)$")
+]
 """Target of a fault: patch, process, "patch/cell", "patch/cell:port" or "patch:gateway"; * matches any."""
 
 

@@ -4,6 +4,7 @@ import copy
 import re
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from skinnet.deployment.extends import (
     read_layers,
     value_at,
 )
+from skinnet.deployment.number_ranges import reject_out_of_range
 from skinnet.deployment.schema_errors import describe_error, reject_non_finite
 from skinnet.errors import DeploymentError, FormatError
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY, current_name, translate
@@ -89,6 +91,7 @@ def _convert(document: dict[str, Any], source_of: Callable[[str], str]) -> Deplo
     """Convert a document of the present format; `source_of` names the source of a key in errors."""
     try:
         reject_non_finite(document)
+        _reject_out_of_range(document)
         return msgspec.convert(document, Deployment)
     except DeploymentError as error:
         text = str(error)
@@ -96,6 +99,19 @@ def _convert(document: dict[str, Any], source_of: Callable[[str], str]) -> Deplo
         text = describe_error(document, str(error))
     key = _LEADING_KEY.match(text)
     raise DeploymentError(f"{source_of(key[0] if key else '')}: {text}")
+
+
+def _reject_out_of_range(document: dict[str, Any]) -> None:
+    """Reject numbers that are out of range; what the schema says of the same document comes first.
+
+    The schema knows the bounds of a key, the ranges only what its unit can represent.
+    """
+    try:
+        reject_out_of_range(document)
+    except DeploymentError:
+        with suppress(ArithmeticError):  # of derived values: that is what the ranges are for
+            msgspec.convert(document, Deployment)
+        raise
 
 
 def _source_of(layers: tuple[Layer, ...], merged: dict[str, Any], document: dict[str, Any], key: str) -> str:

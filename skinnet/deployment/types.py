@@ -20,9 +20,9 @@ __all__ = [
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+$", min_length=1, max_length=64)]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_\-]+(?!\n)$", min_length=1, max_length=64)]
 StageName = Annotated[
-    str, Meta(pattern=r"^[A-Za-z0-9_\-]+(\.[A-Za-z0-9_\-]+)?$", min_length=1, max_length=129)
+    str, Meta(pattern=r"^[A-Za-z0-9_\-]+(\.[A-Za-z0-9_\-]+)?(?!\n)$", min_length=1, max_length=129)
 ]
 """Stage of the program, or with a dot one of its states: "stage.state"."""
 Vector3 = tuple[float, float, float]

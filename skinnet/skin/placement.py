@@ -29,6 +29,11 @@ _WIRE_FRACTION = 1.15
 _FACING_COSINE = math.cos(math.radians(35.0))
 """Cosine of the greatest angle between a port and a neighbour that it faces."""
 
+_OPPOSITE_COSINE = math.cos(math.radians(170.0))
+"""Cosine of the angle between normals beyond which cells of one patch lie on opposite sides of a link."""
+_SAME_SIDE_COSINE = -0.5
+"""Least cosine of the angle between the normals of neighbours: cells back to back share no edge."""
+
 
 @dataclass(frozen=True)
 class PlacedPatch:
@@ -81,7 +86,7 @@ def place_patch(patch: PatchSpec, cells: CellSpec) -> PlacedPatch:
     else:
         position_m, rotation = _explicit_poses(patch.name, patch.cells)
     pitch = pitch_m(cells.side_m)
-    _require_no_overlap(patch.name, position_m, pitch)
+    _require_no_overlap(patch.name, position_m, rotation, pitch)
     wires = _wires(position_m, rotation, pitch)
     interfaces = np.array([(i.cell, i.port) for i in patch.interfaces], dtype=np.int64).reshape(-1, 2)
     _require_free_interfaces(patch.name, len(position_m), wires, interfaces)
@@ -173,10 +178,12 @@ def _explicit_poses(
     return position_m, np.array(rotation)
 
 
-def _require_no_overlap(name: str, position_m: NDArray[np.float64], pitch: float) -> None:
-    pairs = sorted(cKDTree(position_m).query_pairs(_OVERLAP_FRACTION * pitch))
-    if pairs:
-        a, b = pairs[0]
+def _require_no_overlap(
+    name: str, position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float
+) -> None:
+    for a, b in sorted(cKDTree(position_m).query_pairs(_OVERLAP_FRACTION * pitch)):
+        if rotation[a, :, 2] @ rotation[b, :, 2] < _OPPOSITE_COSINE:  # back to back on a thin link
+            continue
         distance = float(np.linalg.norm(position_m[a] - position_m[b]))
         raise DeploymentError(
             f"patches.{name}: cells {a} and {b} overlap, their centres are {distance * 1e3:.1f} mm apart; "
@@ -185,18 +192,31 @@ def _require_no_overlap(name: str, position_m: NDArray[np.float64], pitch: float
 
 
 def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float) -> NDArray[np.int64]:
-    """Return wires (m, 4) between ports that face each other across a shared edge."""
+    """Return wires (m, 4) between ports that face each other across a shared edge, one wire a port.
+
+    Where several neighbours face a port, it is wired to the one that lies straightest ahead of both ports.
+    """
     ports = np.array([[pinned_math.cos(a), pinned_math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
-    wires = []
+    candidates = []
     for a, b in sorted(cKDTree(position_m).query_pairs(_WIRE_FRACTION * pitch)):
+        if rotation[a, :, 2] @ rotation[b, :, 2] < _SAME_SIDE_COSINE:
+            continue
         towards = position_m[b] - position_m[a]
         towards = towards / np.linalg.norm(towards)
         along_a = (rotation[a] @ ports.T).T @ towards
         along_b = (rotation[b] @ ports.T).T @ -towards
         port_a, port_b = int(np.argmax(along_a)), int(np.argmax(along_b))
-        if along_a[port_a] > _FACING_COSINE and along_b[port_b] > _FACING_COSINE:
+        straightness = float(min(along_a[port_a], along_b[port_b]))
+        if straightness > _FACING_COSINE:
+            # equal up to rounding counts as equal: then the lower numbers win on every machine
+            candidates.append((-round(straightness, 6), a, port_a, b, port_b))
+    wires: list[tuple[int, int, int, int]] = []
+    wired: set[tuple[int, int]] = set()
+    for _, a, port_a, b, port_b in sorted(candidates):
+        if (a, port_a) not in wired and (b, port_b) not in wired:
             wires.append((a, port_a, b, port_b))
-    return np.array(wires, dtype=np.int64).reshape(-1, 4)
+            wired |= {(a, port_a), (b, port_b)}
+    return np.array(sorted(wires), dtype=np.int64).reshape(-1, 4)
 
 
 def resolve_bridges(specs: Iterable[BridgeSpec], placed: Sequence[PlacedPatch]) -> tuple[Bridge, ...]:

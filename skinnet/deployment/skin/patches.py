@@ -8,6 +8,9 @@ from skinnet.deployment.types import Name, Positive, Table, Vector3
 
 __all__ = ["CellPoseSpec", "InterfaceSpec", "LatticeSpec", "PatchSpec"]
 
+_MAX_CELLS = 20_000
+"""Greatest number of cells in a patch: twice the largest skin that the simulator is designed for."""
+
 
 class LatticeSpec(Table, frozen=True, kw_only=True):
     """Hexagonal lattice of `rows` × `columns` cells on a plane or around a cylinder.
@@ -29,6 +32,13 @@ class LatticeSpec(Table, frozen=True, kw_only=True):
     """Direction in which rows stack, of any length."""
     radius_m: Positive | None = None
     """Radius of the cylinder; a plane unless given."""
+
+    def __post_init__(self) -> None:
+        n_cells = self.columns * self.rows
+        if n_cells > _MAX_CELLS:
+            raise ValueError(
+                f"columns × rows = {self.columns} × {self.rows}: a patch has at most {_MAX_CELLS} cells"
+            )
 
 
 class CellPoseSpec(Table, frozen=True, kw_only=True):

@@ -141,7 +141,7 @@ def test_a_dead_cell_and_a_stuck_joint_are_reported() -> None:
     assert not found.activity[:, 3].any()
     text = "\n".join(found.problems)
     assert "cell 3 measured with too few samples" in text
-    assert "DoF 3 did not complete its step before the timeout in run 0" in text
+    assert "DoF 3 did not complete its step in run 1: DoF 3 rested up to 0.100 rad from the target" in text
     assert "DoF 3 moves no cell" in text
 
 
@@ -208,3 +208,38 @@ def test_progress_rises_to_one_and_the_result_waits_for_it() -> None:
     assert seen[0] == 0.0
     assert seen[-1] == 1.0
     assert program.result.unmeasured == (0,)  # no sample ever came
+
+
+def shake(until_s: float) -> KinematicStructure:
+    """Structure of two DoFs and one cell that DoF 1 moves; the wrist shakes until a time."""
+    names = ("elbow", "wrist")
+    program = StructuralExploration(
+        StructuralExplorationConfig(), 2, 2, 0, dof_names=names, cell_names=("arm/0", "hand/0")
+    )
+    position, t_ns = np.zeros(2), 0
+    while not program.done:
+        swing = 0.005 * np.sin(2.0 * np.pi * 3.0 * t_ns * 1e-9) if t_ns < until_s * 1e9 else 0.0
+        velocity = program.step(t_ns, position + np.array([0.0, swing]))
+        position = position + velocity * TICK_NS * 1e-9
+        tilted = rotation(np.array([1.0, 0.0, 0.0]), position[1] + swing) @ np.array([0.0, 0.0, 1.0])
+        program.add_samples(np.array([0, 1]), np.full(2, t_ns), np.array([[0.0, 0.0, 1.0], tilted]))
+        t_ns += TICK_NS
+    return program.result
+
+
+def test_a_step_without_rest_is_repeated() -> None:
+    found = shake(until_s=3.0)
+    assert found.problems == (
+        "DoF elbow moves no cell: no skin distal to it, or its axis is parallel to gravity",
+    )
+    assert found.activity.tolist() == [[False, False], [False, True]]
+
+
+def test_joints_that_do_not_rest_are_named_and_their_steps_not_believed() -> None:
+    found = shake(until_s=np.inf)
+    assert found.unmeasured == (0, 1)
+    assert not found.activity.any()
+    says = "DoF {} did not complete its step in run {}: DoF wrist did not come to rest, so it is not measured"
+    expected = [says.format(dof, run) for run in (1, 2) for dof in ("elbow", "wrist")]
+    assert list(found.problems[:4]) == expected
+    assert "cells arm/0, hand/0 measured with too few samples" in found.problems

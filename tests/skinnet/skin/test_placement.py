@@ -180,6 +180,28 @@ def test_overlapping_cells_are_refused() -> None:
         place_patch(patch(lattice(2, 1, radius_m=0.0085)), CELLS)
 
 
+def test_cells_back_to_back_in_one_patch_do_not_overlap_and_share_no_wire() -> None:
+    """Both sides of a plate of 4 mm, the back one shifted as far as a neighbour would be."""
+    for shift_m in (0.0, 0.5 * PITCH_M, PITCH_M):
+        sides = tuple(
+            CellPoseSpec(position_m=(x, 0.0, z), normal=(0, 0, math.copysign(1.0, z)), x_axis=(1, 0, 0))
+            for x, z in ((0.0, 0.002), (shift_m, -0.002))
+        )
+        assert not len(place_patch(patch(cells=sides), CELLS).wires)
+
+
+def test_of_two_neighbours_at_30_degrees_one_gets_the_port() -> None:
+    def at(angle_deg: float) -> CellPoseSpec:
+        c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+        axis = (-c, -s, 0.0)  # its port 0 faces the first cell
+        return CellPoseSpec(position_m=(PITCH_M * c, PITCH_M * s, 0), normal=(0, 0, 1), x_axis=axis)
+
+    first = CellPoseSpec(position_m=(0, 0, 0), normal=(0, 0, 1), x_axis=(1, 0, 0))
+    for angles, winner in (((30.0, -30.0), 1), ((30.0, -29.0), 2), ((28.0, -31.0), 1)):
+        wires = place_patch(patch(cells=(first, *map(at, angles)), ends=((0, 2),)), CELLS).wires
+        assert [row for row in wires.tolist() if row[:2] == [0, 0]] == [[0, 0, winner, 0]]
+
+
 def test_patches_of_one_body_may_not_overlap_but_lie_back_to_back() -> None:
     one, other = patch(lattice(2, 2)), patch(lattice(2, 2, origin_m=(0.01, 0, 0)), name="q")
     with pytest.raises(DeploymentError, match=r"patches\.q: cell \d overlaps cell \d of p on b"):
