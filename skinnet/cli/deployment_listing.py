@@ -52,11 +52,11 @@ def print_channels(console: Console, robot: str) -> None:
 
 
 def print_settling(console: Console, duration_s: float, metrics: dict[str, Any]) -> None:
-    """Print the metrics of a body that settled for `duration_s` [s]; lists as one row per entry."""
+    """Print the numbers of a body that settled for `duration_s` [s]; what is left out is listed before."""
     table = _table(f"settled for {duration_s:g} s at home", "metric", "value")
     for name, value in metrics.items():
-        for entry in value if isinstance(value, list) else [value]:
-            table.add_row(name, f"{entry:.4g}" if isinstance(entry, float) else str(entry))
+        if not isinstance(value, list):
+            table.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
     console.print(table)
 
 

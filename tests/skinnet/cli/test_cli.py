@@ -29,9 +29,11 @@ from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.suggestions import known_names
 
 
-def skinnet(*arguments: str) -> subprocess.CompletedProcess[str]:
+def skinnet(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     line = [sys.executable, "-m", "skinnet.cli", *arguments]
-    return subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
+    return subprocess.run(
+        line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT, env=os.environ | environment
+    )
 
 
 BAD = {
@@ -168,6 +170,24 @@ def test_check_shows_what_matters_first(tmp_path: Path) -> None:
     assert "skin/<patch>" not in done.stdout
 
 
+def test_check_settles_the_body(tmp_path: Path) -> None:
+    """Every name is legible on a terminal of 80 columns, and the file has what is printed."""
+    report = tmp_path / "settled.json"
+    done = skinnet(
+        "check",
+        str(ROOT / "deployments/two_link_arm.toml"),
+        "--settle",
+        "0.01",
+        "--json",
+        str(report),
+        COLUMNS="80",
+    )
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads(report.read_text())["metrics"]
+    assert {"settle.energy_ratio", "settle.unsensed_n", "settle.force_n.fore_link"} <= metrics.keys()
+    assert all(name in done.stdout for name in metrics if name != "settle.left_out"), done.stdout
+
+
 def test_check_prints_the_resolved_deployment(tmp_path: Path) -> None:
     done = skinnet(
         "check", str(TOUCH), "--resolved", "--set", "run.max_s=7.5", "--set", "cells.force.noise=0.0"
@@ -254,6 +274,9 @@ def test_help_imports_nothing_heavy() -> None:
         (("run", str(TOUCH), "--view", "--keep", "--seeds", "1-2"), "--keep and --seeds exclude each other"),
         (("run", str(TOUCH), "--seed", "1", "--seeds", "1-2"), "--seed and --seeds exclude each other"),
         (("check", str(TOUCH), "--channels", "--resolved"), "--channels and --resolved exclude each other"),
+        (("check", str(TOUCH), "--json", "-"), "--json writes the metrics of --settle: give both"),
+        (("check", str(TOUCH), "--settle", "0"), "--settle 0: must be above 0 and at most"),
+        (("check", str(TOUCH), "--settle", "nan"), "--settle nan: must be above 0 and at most"),
     ],
 )
 def test_options_that_contradict_each_other(arguments: tuple[str, ...], said: str) -> None:
