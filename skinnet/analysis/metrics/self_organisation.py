@@ -19,7 +19,11 @@ _MIN_COMPARED_WEIGHT = 0.1
 def structure_metrics(
     deployment: Deployment, controller: ProcessResult, reference: ModelReference
 ) -> dict[str, Any]:
-    """Metrics of structural exploration: wrong entries of the activity matrix, size of the tree, duration."""
+    """Metrics of structural exploration: wrong entries of the activity matrix, size of the tree, duration.
+
+    A tree that lacks a joint is a tree: `structure.is_tree` tells that the parts fit together,
+    `structure.wrong_entries` that they are those of the model.
+    """
     if "structure" not in controller.facts:
         return {}
     found = controller.facts["structure"]
@@ -30,7 +34,7 @@ def structure_metrics(
         "structure.entries": int(activity.size),
         "structure.body_parts": len(found["parts"]),
         "structure.joints": len(found["joints"]),
-        "structure.is_tree": not found["problems"],
+        "structure.is_tree": _is_tree(found, activity),
         "structure.problems": list(found["problems"]),
         "structure.duration_s": sum(span.end_ns - span.start_ns for span in spans) * 1e-9,
     }
@@ -61,6 +65,15 @@ def map_metrics(
         "smm.excluded_cells": int(np.count_nonzero(~kept)),
         "smm.problems": list(controller.facts["map_problems"]),
     }
+
+
+def _is_tree(found: dict[str, Any], activity: NDArray[np.bool_]) -> bool:
+    """True if one part rests, all others have one parent, and no joint leads to two of them."""
+    roots = [part for part, parent in enumerate(found["parent_part"]) if parent < 0]
+    joints = [joint for joint in found["parent_joint"] if joint >= 0]
+    if len(roots) != 1 or len(set(joints)) < len(joints):
+        return False
+    return not activity[list(found["parts"][roots[0]])].any()
 
 
 def _normal_fraction(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
