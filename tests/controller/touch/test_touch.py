@@ -5,7 +5,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -398,13 +398,19 @@ def test_no_input_gets_past_the_limits(
 
 
 @settings(deadline=None)
-@given(velocity=st.lists(st.floats(-50, 50), min_size=D, max_size=D).map(np.array))
-def test_the_speed_limit_keeps_the_direction_and_lets_the_rest_through(velocity: Floats) -> None:
-    clamp = SafetyClamp(SafetyLimits(speed_rad_s=1.0), D, PERIOD_NS)
+@given(
+    velocity=st.lists(st.floats(-50, 50), min_size=D, max_size=D).map(np.array),
+    limit_rad_s=st.sampled_from([0.3, 1.0, 20.0]),
+)
+@example(velocity=np.full(D, 0.2), limit_rad_s=0.3)
+def test_the_speed_limit_keeps_the_direction_and_lets_the_rest_through(
+    velocity: Floats, limit_rad_s: float
+) -> None:
+    clamp = SafetyClamp(SafetyLimits(speed_rad_s=limit_rad_s), D, PERIOD_NS)
     out = clamp.clamp(0, velocity, np.zeros(D), 0, 0)
     largest = np.abs(velocity).max()
-    np.testing.assert_allclose(out, velocity / max(1.0, largest), atol=1e-12)
-    assert clamp.counters.clamped == (largest > 1.0)
+    np.testing.assert_allclose(out, velocity / max(1.0, largest / limit_rad_s), atol=1e-12)
+    assert clamp.counters.clamped == (largest > limit_rad_s)
 
 
 def test_rounding_does_not_exceed_the_limit() -> None:
