@@ -1,0 +1,159 @@
+"""The covering of one link: what fits, what may not be, and what a limit does, on primitives and a hull."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from link_models import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    PITCH_M,
+    PLATE,
+    SIDE_M,
+    SMALL_CUBE,
+    SPHERE,
+    TEE,
+    ground_of,
+    hull_of_points,
+    model_of,
+)
+from scipy.spatial import cKDTree
+
+from skinnet.covering.covering_metrics import covering_metrics
+from skinnet.covering.link_covering import LinkCovering, LinkGround, cover_ground
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
+from skinnet.skin.placement import place_patch
+
+NONE = (np.zeros((0, 3)), np.zeros((0, 3, 3)))
+HULL_ASSET, HULL = hull_of_points()
+CELL_M2 = 1.5 * 3**0.5 * SIDE_M**2
+
+
+def wires_of(position_m: np.ndarray, R: np.ndarray) -> int:
+    cells = tuple(
+        CellPoseSpec(position_m=tuple(p), normal=tuple(q[:, 2]), x_axis=tuple(q[:, 0]))
+        for p, q in zip(position_m, R, strict=True)
+    )
+    return len(place_patch(PatchSpec(name="p", body="link", cells=cells), CellSpec(side_m=SIDE_M)).wires)
+
+
+def measured(of: LinkGround, position_m: np.ndarray, R: np.ndarray) -> dict:
+    return covering_metrics(of.ground, position_m, R, wires_of(position_m, R), SIDE_M, 0.012)
+
+
+@cache
+def covering_of(geoms: str, asset: str = "") -> LinkCovering:
+    return cover_ground(ground_of(model_of(geoms, asset)), *NONE, None)
+
+
+@pytest.mark.parametrize(
+    ("geoms", "asset", "within", "wired"),
+    [
+        (BOX, "", 0.9, 0.5),
+        (CYLINDER, "", 0.93, 0.55),
+        (CAPSULE, "", 0.95, 0.6),
+        (SPHERE, "", 0.9, 0.55),
+        (HULL, HULL_ASSET, 0.92, 0.6),
+        (TEE, "", 0.9, 0.5),
+        (PLATE, "", 0.9, 0.5),
+        (SMALL_CUBE, "", 0.8, 0.0),
+    ],
+)
+def test_a_link_is_covered_without_fault(geoms: str, asset: str, within: float, wired: float) -> None:
+    made = covering_of(geoms, asset)
+    found = measured(made.of, made.position_m, made.R_body_cell)
+    assert (found["overlaps"], found["piercing"], found["buried"]) == (0, 0, 0)
+    assert found["within_0_6_pitch"] >= within
+    assert found["wired"] >= wired
+    assert found["gap_mm_p95"] < 6.5
+
+
+def test_cells_of_a_sphere_lie_on_it_and_face_outwards() -> None:
+    made = covering_of(SPHERE)
+    radius_m = np.linalg.norm(made.position_m, axis=1)
+    assert np.abs(radius_m - 0.06).max() < 1e-3
+    assert ((made.position_m * made.R_body_cell[:, :, 2]).sum(axis=1) / radius_m).min() > 0.99
+
+
+def test_a_plate_has_cells_on_both_sides_back_to_back() -> None:
+    made = covering_of(PLATE)
+    flat = np.abs(made.R_body_cell[:, 2, 2]) > 0.99
+    up = made.R_body_cell[:, 2, 2] > 0.0
+    area = 0.12 * 0.12 / CELL_M2
+    assert (flat & up).sum() > 0.6 * area
+    assert (flat & ~up).sum() > 0.6 * area
+
+
+def test_no_two_hexagons_share_a_point() -> None:
+    """Each cell's corners and middles of edges lie outside the prism of every other cell."""
+    made = covering_of(HULL, HULL_ASSET)
+    angles = np.radians(np.arange(0.0, 360.0, 10.0))
+    reach = np.where(np.arange(36) % 6 == 3, SIDE_M, SIDE_M * 3**0.5 / 2) - 0.001
+    rim = np.column_stack([reach * np.cos(angles), reach * np.sin(angles), np.zeros(36)])
+    for i, j in cKDTree(made.position_m).query_pairs(2 * SIDE_M):
+        for a, b in ((i, j), (j, i)):
+            world = rim @ made.R_body_cell[a].T + made.position_m[a]
+            x, y, z = ((world - made.position_m[b]) @ made.R_body_cell[b]).T
+            apothem_m = SIDE_M * 3**0.5 / 2 - 0.001
+            inside = (np.abs(x) < apothem_m) & (0.5 * np.abs(x) + 3**0.5 / 2 * np.abs(y) < apothem_m)
+            assert not (inside & (z > 0.0) & (z < 0.002)).any()
+
+
+def test_the_metrics_name_what_is_wrong() -> None:
+    made = covering_of(CYLINDER)
+    position_m, R = made.position_m.copy(), made.R_body_cell.copy()
+    good = measured(made.of, position_m, R)
+    position_m[0] -= 0.003 * R[0, :, 2]
+    assert measured(made.of, position_m, R)["buried"] == 1
+    position_m[0] += 0.023 * R[0, :, 2]
+    assert measured(made.of, position_m, R)["gap_mm_p95"] >= good["gap_mm_p95"]
+    near = int(cKDTree(made.position_m).query(made.position_m[5], 2)[1][1])
+    position_m, R = made.position_m.copy(), made.R_body_cell.copy()
+    position_m[near] = position_m[5] + 0.8 * PITCH_M * R[5, :, 0]
+    R[near] = R[5]
+    found = covering_metrics(made.of.ground, position_m, R, 0, SIDE_M, 0.012)
+    assert found["overlaps"] >= 1
+    assert found["piercing"] >= 1
+    assert found["wired"] == 0.0
+    half = covering_metrics(made.of.ground, position_m[::2].copy(), R[::2].copy(), 0, SIDE_M, 0.012)
+    assert half["within_0_6_pitch"] < 0.75 * good["within_0_6_pitch"]
+
+
+def test_cells_keep_off_cells_that_are_there() -> None:
+    of = ground_of(model_of(CYLINDER))
+    whole = covering_of(CYLINDER)
+    there = whole.position_m[:, 2] > 0.0
+    fixed = whole.position_m[there], np.ascontiguousarray(whole.R_body_cell[there])
+    rest = cover_ground(of, *fixed, None)
+    assert len(rest.position_m) > 0.6 * (~there).sum()
+    both = np.concatenate([fixed[0], rest.position_m]), np.concatenate([fixed[1], rest.R_body_cell])
+    found = covering_metrics(of.ground, *both, 0, SIDE_M, 0.012)
+    assert (found["overlaps"], found["piercing"]) == (0, 0)
+
+
+def test_max_cells_bounds_a_compact_patch() -> None:
+    few = cover_ground(ground_of(model_of(CYLINDER)), *NONE, 7)
+    assert len(few.position_m) == 7
+    assert np.ptp(few.position_m, axis=0).max() < 3.5 * PITCH_M
+
+
+def test_a_margin_keeps_hexagons_off_creases() -> None:
+    margin_m = 0.004
+    made = cover_ground(ground_of(model_of(BOX), margin_m=margin_m), *NONE, None)
+    assert len(made.position_m) >= 6 * 7
+    corner = np.array([[0.5 * 3**0.5 * SIDE_M, 0.5 * SIDE_M, 0.0], [0.0, SIDE_M, 0.0]])
+    for p, R in zip(made.position_m, made.R_body_cell, strict=True):
+        face = int(np.argmax(np.abs(p)))
+        assert abs(R[face, 2]) > 0.999
+        others = [k for k in range(3) if k != face]
+        for point in np.concatenate([corner, -corner]):
+            assert np.abs((p + R @ point)[others]).max() < 0.05 - margin_m + 0.002  # samples are 3 mm apart
+
+
+def test_the_same_link_gets_the_same_cells() -> None:
+    again = cover_ground(ground_of(model_of(TEE)), *NONE, None)
+    made = covering_of(TEE)
+    assert (again.position_m == made.position_m).all()
+    assert (again.R_body_cell == made.R_body_cell).all()
