@@ -13,6 +13,7 @@ from skinnet.cli import (
     bench,
     bridge,
     check,
+    cover,
     memory,
     migrate,
     network,
@@ -56,6 +57,7 @@ _BAD_INPUT_ERRORS = (
 _COMMANDS = (
     run,
     check,
+    cover,
     plan,
     stress,
     report,

@@ -59,7 +59,8 @@ def plan(
     The budget has link loads, latencies, cell voltages, and the fewest sufficient gateways.
     """
     from skinnet.cli.plan_table import print_plan
-    from skinnet.deployment import load, resolved_json
+    from skinnet.covering.covered_deployment import load_covered
+    from skinnet.deployment import resolved_json
     from skinnet.deployment.checks import check
     from skinnet.files import write_json
     from skinnet.output_folder import new_folder, own_folder
@@ -76,7 +77,7 @@ def plan(
         "idle_event_rate_hz": idle_events_hz,
     }
     options = tuple(f"plan.{key}={value}" for key, value in given.items() if value is not None)
-    deployment = load(file, (*(settings or ()), *options))
+    deployment = load_covered(file, (*(settings or ()), *options))
     try:
         check(deployment)
         if not deployment.patches:

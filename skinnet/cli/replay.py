@@ -148,13 +148,13 @@ def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) ->
     """Build the recorded deployment, or load another one, with the changed settings."""
     import msgspec
 
-    from skinnet.deployment import load
+    from skinnet.covering.covered_deployment import load_covered
     from skinnet.deployment.checks import check
     from skinnet.deployment.load import apply_override, from_document
     from skinnet.migration.deployments import FORMAT, FORMAT_KEY, translate
 
     if changes.file is not None:
-        deployment = load(changes.file, changes.settings)
+        deployment = load_covered(changes.file, changes.settings)
     else:
         current, _ = translate(msgspec.json.decode(msgspec.json.encode(raw)), str(path))
         changed = {FORMAT_KEY: FORMAT, **current}

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from skinnet.compilation import compiled_without_nrt
 from skinnet.covering.felt_solids import FeltSolids, first_entry_m
 from skinnet.covering.sample_search import SurfaceSamples
-from skinnet.deployment.skin.covers import RegionSpec
+from skinnet.deployment.skin.covers import CoverRegionSpec
 
 __all__ = ["creases", "in_region", "mark_reached"]
 
@@ -20,7 +20,9 @@ _CREASE_REACH = 1.5
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def in_region(samples: SurfaceSamples, solids: FeltSolids, region: RegionSpec, geom_ids: list[int]) -> Bools:
+def in_region(
+    samples: SurfaceSamples, solids: FeltSolids, region: CoverRegionSpec, geom_ids: list[int]
+) -> Bools:
     """Samples (n,) in all parts of `region`; `geom_ids` are those of the geoms that it names, if any."""
     point_m = samples.point_m
     inside = np.ones(len(point_m), dtype=np.bool_)

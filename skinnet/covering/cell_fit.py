@@ -186,7 +186,7 @@ def set_axes(R: Floats, nx: float, ny: float, nz: float, ux: float, uy: float, u
 
 @compiled_without_nrt
 def _largest(values: Floats) -> float:
-    most = values[0]
+    most: float = values[0]
     for i in range(1, len(values)):
         most = max(most, values[i])
     return most

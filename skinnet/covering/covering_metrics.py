@@ -47,7 +47,7 @@ def covering_metrics(
     alike = (R_body_cell[a, :, 2] * R_body_cell[b, :, 2]).sum(axis=1)
     neighbours = int(((off_m <= _WIRE_FRACTION * pitch) & (alike >= _SAME_SIDE_COSINE)).sum())
     pierced_m = [
-        piercing_m(R_body_cell[i], R_body_cell[j], *(position_m[j] - position_m[i]), side_m, _PLATE_M)
+        _piercing_m(R_body_cell[i], R_body_cell[j], position_m[j] - position_m[i], side_m)
         for i, j in pairs.tolist()
     ]
     points, weights = hexagon_grid(_RINGS)
@@ -71,6 +71,11 @@ def covering_metrics(
         "gap_mm_p95": round(_MM_PER_M * float(np.percentile(gaps_m, 95)), 2),
         "wired": round(n_wires / max(neighbours, 1), 4),
     }
+
+
+def _piercing_m(R: Floats, R_other: Floats, offset_m: Floats, side_m: float) -> float:
+    x, y, z = offset_m.tolist()
+    return piercing_m(R, R_other, x, y, z, side_m, _PLATE_M)
 
 
 def _covered_m2(ground: Ground, position_m: Floats, R_body_cell: Floats, pitch: float) -> float:

@@ -4,7 +4,7 @@ A link is a body with all that is welded to it, as these move as one.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -77,7 +77,7 @@ class FeltSolids(NamedTuple):
     sphere_m: Floats
 
 
-Model = mujoco.MjModel
+Model: TypeAlias = mujoco.MjModel
 """MuJoCo's model, of which the other modules of covering know nothing but what this one tells."""
 
 
@@ -150,7 +150,8 @@ def felt_solids(mj: Model, link: Link) -> FeltSolids:
     mujoco.mj_kinematics(mj, data)
     R_world_body, origin_m = data.xmat[link.body_id].reshape(3, 3), data.xpos[link.body_id]
     position_m = np.zeros((len(geoms), 3))
-    rotation, vertices_m = np.zeros((len(geoms), 3, 3)), []
+    rotation = np.zeros((len(geoms), 3, 3))
+    vertices_m: list[Floats] = []
     hull = np.full(len(geoms), -1, dtype=np.int64)
     for row, geom in enumerate(geoms):
         position_m[row] = _rounded(_turned_back(R_world_body, data.geom_xpos[geom] - origin_m))
@@ -171,7 +172,7 @@ def felt_solids(mj: Model, link: Link) -> FeltSolids:
         ) from None
     size_m = mj.geom_size[geoms].astype(np.float64)
     sphere_m = np.column_stack([position_m, _bounding_radii_m(mj, geoms, size_m)])
-    for row in np.flatnonzero(hull >= 0):
+    for row in np.flatnonzero(hull >= 0).tolist():
         points_m = vertices_m[hull[row]]
         centre_m = 0.5 * (points_m.min(axis=0) + points_m.max(axis=0))
         sphere_m[row] = (*centre_m, np.sqrt(((points_m - centre_m) ** 2).sum(axis=1).max()))

@@ -65,7 +65,8 @@ def _extent(R: Floats, side_m: float, u: float, v: float, w: float) -> float:
     x = R[0, 0] * u + R[1, 0] * v + R[2, 0] * w
     y = R[0, 1] * u + R[1, 1] * v + R[2, 1] * w
     a, b = _HALF_SQRT3 * x, 0.5 * y
-    return side_m * max(abs(y), max(abs(a + b), abs(a - b)))
+    half_m: float = side_m * max(abs(y), max(abs(a + b), abs(a - b)))
+    return half_m
 
 
 @compiled_without_nrt
@@ -154,4 +155,5 @@ def _overlap(
         + abs(R_b[0, 2] * u + R_b[1, 2] * v + R_b[2, 2] * w)
     )
     wide_m = _extent(R_a, side_m, u, v, w) + _extent(R_b, side_m, u, v, w)
-    return wide_m + thick_m - abs(x * u + y * v + z * w)
+    overlap_m: float = wide_m + thick_m - abs(x * u + y * v + z * w)
+    return overlap_m

@@ -39,9 +39,9 @@ _SAMPLES_PER_PITCH = 8.0
 _SEEDS = 2
 _ANGLES_DEG = (0.0, 30.0, 15.0, 45.0)
 """Angles of the first rows to the axis of the link; the last two only on links of few cells."""
-_SEEDS_OF_FEW = 8
-_FEW_CELLS, _VERY_FEW_CELLS = 300, 60
-_ROUNDS = 40
+_SEEDS_OF_FEW = 4
+_FEW_CELLS, _VERY_FEW_CELLS = 300, 40
+_ROUNDS = 24
 _COMPONENT_COST, _WIRE_GAIN = 0.5, 0.15
 """Score of a lattice in cells: every component costs so many, every wire is worth so many."""
 _RINGS = (5, 8)

@@ -44,8 +44,8 @@ def sample_surface(solids: FeltSolids, spacing_m: float) -> SurfaceSamples:
             first = last
         else:
             drawn = _on_primitive(int(solids.kind[k]), solids.size_m[k], cell_m2)
-            drawn = (*(_turned(solids.R_body_solid[k], part) for part in drawn[:2]), drawn[2])
-            drawn = (drawn[0] + solids.position_m[k], drawn[1], drawn[2])
+            R = solids.R_body_solid[k]
+            drawn = _turned(R, drawn[0]) + solids.position_m[k], _turned(R, drawn[1]), drawn[2]
         points.append(drawn[0])
         normals.append(drawn[1])
         areas.append(drawn[2])

@@ -26,6 +26,7 @@ from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.deployment.network import BoardNetworkSpec, BridgeSpec, NetworkSpec, PowerSpec
 from skinnet.deployment.robot import BodySpec
 from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.covers import CoverSpec
 from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.deployment.skin.sheets import BoardSpec, SheetSpec, SurfaceSpec
 from skinnet.deployment.types import Name, Table
@@ -56,7 +57,9 @@ class Deployment(Table, frozen=True, kw_only=True):
     network: NetworkSpec = field(default_factory=NetworkSpec)
     """Links between cells."""
     patches: tuple[PatchSpec, ...] = ()
-    """HEX-o-SKIN cells; at least one patch or one tactile sheet."""
+    """HEX-o-SKIN cells; at least one patch, cover or tactile sheet."""
+    cover: tuple[CoverSpec, ...] = ()
+    """Covers of links with cells, which become patches before a run."""
     surfaces: tuple[SurfaceSpec, ...] = ()
     """Surfaces that carry tactile sheets."""
     sheets: tuple[SheetSpec, ...] = ()

@@ -5,7 +5,7 @@ differ from the defaults of their kind, as one would write them. All lines toget
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from msgspec.structs import FieldInfo, fields
 
 from skinnet.deployment import Deployment
 
-__all__ = ["Line", "Section", "sections"]
+__all__ = ["Line", "Section", "sections", "toml_tables", "toml_text"]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _MAX_COLUMNS = 96
@@ -59,6 +59,16 @@ def sections(deployment: Deployment) -> list[Section]:
         else:
             head += _key_lines(field.name, value, default)
     return [_section("general", head), *lists, *tables]
+
+
+def toml_tables(name: str, entries: Sequence[Struct]) -> list[str]:
+    """Lines of a list of tables `name` with the keys that differ from the defaults of their kind."""
+    return [line.text for line in _key_lines(name, tuple(entries), _REQUIRED)]
+
+
+def toml_text(text: str) -> str:
+    """Write a text as a TOML string."""
+    return _toml_string(text)
 
 
 def _section(title: str, lines: Iterable[Line]) -> Section:

@@ -38,7 +38,9 @@ def _check_network(deployment: Deployment) -> None:
 
 def _check_patches(deployment: Deployment) -> None:
     if not (deployment.patches or deployment.sheets):
-        raise DeploymentError("patches, sheets: no skin; give at least one patch or tactile sheet")
+        raise DeploymentError(
+            "patches, cover, sheets: no skin; give at least one patch, cover or tactile sheet"
+        )
     if deployment.sheets and deployment.scripted_stimuli is not None:
         raise DeploymentError("scripted_stimuli: press cells only; remove them, or remove the sheets")
     names = Counter(patch.name for patch in deployment.patches)

@@ -6,7 +6,7 @@ from msgspec import Meta
 
 from skinnet.deployment.types import Name, NonNegative, Positive, Table, Vector3
 
-__all__ = ["BoxRegionSpec", "CoverSpec", "HalfSpaceSpec", "IntervalSpec", "RegionSpec"]
+__all__ = ["BoxRegionSpec", "CoverRegionSpec", "CoverSpec", "HalfSpaceSpec", "IntervalSpec"]
 
 
 class HalfSpaceSpec(Table, frozen=True, kw_only=True):
@@ -54,7 +54,7 @@ class IntervalSpec(Table, frozen=True, kw_only=True):
             raise ValueError(f"min_m = {self.min_m:g}: must be below max_m = {self.max_m:g}")
 
 
-class RegionSpec(Table, frozen=True, kw_only=True):
+class CoverRegionSpec(Table, frozen=True, kw_only=True):
     """Region of a link's surface, frame of the body: what lies in all the parts that are given."""
 
     half_space: HalfSpaceSpec | None = None
@@ -84,7 +84,7 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Body, list of bodies, or a pattern with * and ? of their names; those of a list must all take cells."""
     pitch_m: Positive | None = None
     """Distance of neighbouring cells; that of the cell itself, √3 × `cells.side_m`, unless given."""
-    region: RegionSpec | None = None
+    region: CoverRegionSpec | None = None
     """Part of the surface; all of it unless given."""
     margin_m: NonNegative | None = None
     """Least distance of cells from creases of the surface above 45° and from the edge of the region; unless

@@ -117,9 +117,9 @@ def test_solids_lie_in_the_frame_of_the_body() -> None:
 def test_a_region_is_what_all_its_parts_hold(region, holds) -> None:
     import msgspec
 
-    from skinnet.deployment.skin.covers import RegionSpec
+    from skinnet.deployment.skin.covers import CoverRegionSpec
 
-    of = ground_of(model_of(CYLINDER), region=msgspec.convert(region, RegionSpec))
+    of = ground_of(model_of(CYLINDER), region=msgspec.convert(region, CoverRegionSpec))
     samples = of.ground.samples
     assert (of.ground.asked == holds(samples.point_m)).all()
     assert of.ground.asked.any()

@@ -1,0 +1,131 @@
+"""Command `skinnet cover`: cells laid over the links that a deployment's covers name."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skinnet.cli.console import (
+    DeploymentArgument,
+    JsonOption,
+    SettingsOption,
+    console,
+    examples,
+    line_printer,
+    write_report,
+)
+from skinnet.errors import DeploymentError, UsageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from skinnet.covering.covered_deployment import Covering
+
+__all__ = ["register"]
+
+_EXAMPLES = examples(
+    "skinnet cover arm.toml",
+    "skinnet cover arm.toml --write arm_cells.toml",
+    "skinnet cover arm.toml --set cover.arm.margin_m=0.005 --json -",
+)
+_COLUMNS = (
+    "cells",
+    "within_0_6_pitch",
+    "overlaps",
+    "piercing",
+    "buried",
+    "gap_mm_p95",
+    "wired",
+    "components",
+    "bridges",
+    "gateways",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Register the command `cover`."""
+    app.command(epilog=_EXAMPLES)(cover)
+
+
+def cover(
+    file: DeploymentArgument,
+    settings: SettingsOption = None,
+    write: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="Writes a deployment that extends FILE, with the cells one by one, for editing.",
+        ),
+    ] = None,
+    json: JsonOption = None,
+    cache: Annotated[
+        bool, typer.Option("--cache/--no-cache", help="Takes coverings from the cache, if they are there.")
+    ] = True,
+) -> None:
+    """Cover links with cells as the deployment's covers ask.
+
+    Lists of each link: cells, share of the asked surface within 0.6 pitch of one, faults, gap to it,
+    share of neighbours that are wired, components, bridges and gateways.
+    """
+    from skinnet.covering.covered_deployment import cover_deployment
+    from skinnet.deployment import load
+
+    if write is not None and write.exists() and write.resolve() == file.resolve():
+        raise UsageError(f"--write {write}: would overwrite the deployment that it extends; name another")
+    deployment = load(file, tuple(settings or ()))
+    if not deployment.cover:
+        raise DeploymentError(f"{file}: cover: none; give at least one [[cover]] with name and body")
+    try:
+        covering = cover_deployment(deployment, file.parent, cached=cache)
+    except DeploymentError as error:
+        raise DeploymentError(f"{file}: {error}") from None
+    terminal = console(stderr=json == "-")
+    _print(terminal, covering)
+    report = {
+        "deployment": deployment.name,
+        "cells": sum(patch.n_cells for patch in covering.patches),
+        "links": covering.links,
+        "bare": covering.bare,
+    }
+    write_report(report, json)
+    if write is not None:
+        _write(write, file, covering, deployment)
+        terminal.print(f"deployment in {write}", highlight=False, soft_wrap=True)
+
+
+def _print(terminal: "Console", covering: "Covering") -> None:
+    from rich.table import Table
+
+    table = Table(title="covering", title_justify="left")
+    for name in ("cover", "body", *_COLUMNS):
+        table.add_column(name.replace("_", " "), justify="left" if name in ("cover", "body") else "right")
+    for link in covering.links:
+        table.add_row(link["cover"], link["body"], *(f"{link[name]:g}" for name in _COLUMNS))
+    terminal.print(table)
+    for line in covering.bare:
+        line_printer(terminal)(f"bare: {line}")
+
+
+def _write(path: Path, file: Path, covering: "Covering", deployment: Any) -> None:
+    """Write a deployment that extends `file`, with patches and bridges in place of its covers."""
+    from skinnet.analysis.report.toml_listing import toml_tables
+    from skinnet.files import write_bytes
+
+    base = os.path.relpath(file.resolve(), path.resolve().parent)
+    patches = (*deployment.patches, *covering.patches)
+    bridges = (*deployment.bridges, *covering.bridges)
+    lines = [
+        f"# Cells of {file.name}, made by `skinnet cover`.",
+        f"extends = {_quoted(base)}",
+        "cover = []",
+        *toml_tables("patches", patches),
+        *toml_tables("bridges", bridges),
+    ]
+    write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def _quoted(text: str) -> str:
+    from skinnet.analysis.report.toml_listing import toml_text
+
+    return toml_text(text)

@@ -1,0 +1,55 @@
+"""Command `skinnet cover`: its figures as JSON, explicit patches for editing, one line for bad input."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from link_models import write_two_links
+
+from skinnet.covering.covered_deployment import load_covered
+from skinnet.run.prepare import RunOptions, prepare_run
+
+FEW = '[[cover]]\nname = "skin"\nbody = ["upper", "fore"]\nmax_cells = 6\n'
+
+
+def cover(*options: str, home: Path) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-m", "skinnet.cli", "cover", *options]
+    environment = os.environ | {"XDG_CACHE_HOME": str(home / "cache"), "NUMBA_CACHE_DIR": numba_cache()}
+    return subprocess.run(line, capture_output=True, text=True, check=False, env=environment, timeout=300)
+
+
+def numba_cache() -> str:
+    import numba
+
+    import skinnet.compilation  # noqa: F401
+
+    return str(numba.config.CACHE_DIR)
+
+
+def test_figures_and_explicit_patches(tmp_path: Path) -> None:
+    file, out = write_two_links(tmp_path, FEW), tmp_path / "cells" / "two_cells.toml"
+    out.parent.mkdir()
+    done = cover(str(file), "--json", "-", "--write", str(out), home=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["cells"] == 12
+    assert [link["body"] for link in report["links"]] == ["upper", "fore"]
+    assert all(link["buried"] == 0 and 0.0 < link["within_0_6_pitch"] < 0.5 for link in report["links"])
+    written = prepare_run(RunOptions(out)).deployment
+    assert written.patches == load_covered(file).patches
+    assert written.bridges == load_covered(file).bridges
+    assert "[[cover]]" not in out.read_text("utf-8")
+
+
+def test_bad_input_is_one_line(tmp_path: Path) -> None:
+    file = write_two_links(tmp_path, "")
+    done = cover(str(file), home=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "cover: none; give at least one [[cover]] with name and body" in done.stderr
+    file = write_two_links(tmp_path, FEW)
+    done = cover(str(file), "--write", str(file), home=tmp_path)
+    assert done.returncode == 2
+    assert "would overwrite the deployment that it extends" in done.stderr
