@@ -1,7 +1,7 @@
 """Turns of cells by 60° that join most of them by wires: four of six edges have ports.
 
-A turn moves no edge of a hexagon, but decides which edges have ports. Cells, then whole components, are
-turned one at a time while that leaves fewer components, or as many and more wires.
+A turn moves no edge of a hexagon, but decides which edges have ports. Single cells, whole components, and
+neighbours in different components are turned while that leaves fewer components, or as many and more wires.
 """
 
 import math
@@ -129,6 +129,21 @@ def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
                     improved = True
                 else:
                     turns[:] = before
+        for p in range(len(neighbours.pair)):
+            a, b = neighbours.pair[p, 0], neighbours.pair[p, 1]
+            _count(neighbours, turns, root)
+            if root[a] == root[b]:
+                continue
+            kept_a, kept_b = turns[a], turns[b]
+            for step in range(_N_TURNS * _N_TURNS):
+                turns[a], turns[b] = step // _N_TURNS, step % _N_TURNS
+                if not _is_wired(neighbours, turns, p):
+                    continue
+                trial = _count(neighbours, turns, root)
+                if trial[0] < components or (trial[0] == components and trial[1] > wires):
+                    components, wires = trial
+                    kept_a, kept_b, improved = turns[a], turns[b], True
+            turns[a], turns[b] = kept_a, kept_b
         if not improved:
             break
     return components, wires
