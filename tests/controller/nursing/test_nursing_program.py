@@ -133,6 +133,7 @@ def test_the_program_goes_through_and_reports(solver: str, feedback: str) -> Non
     assert {command.state for command in resting} == {State.HOLD, State.RECORD}
     assert all((command.velocity_rad_s == 0.0).all() for command in resting)
     assert arms.until(State.REPORT).stopped_by is None
+    assert arms.program.progress == 1.0
     assert [state for state, _ in arms.program.state_history] == [*State][:5]
     times = dict(arms.program.state_history)
     assert times[State.SETTLE] - times[State.MOVE] == 500_000_000
