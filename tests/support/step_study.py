@@ -46,7 +46,7 @@ def _taps() -> str:
     touches += [
         f'{{ cell = "fore_link/{cell}", stage = "evade", start_s = {7.0 + 0.5 * i:g}, approach_m = 0.02, '
         "speed_m_s = 0.15, depth_m = 0.008, hold_s = 0.05 }"
-        for i, cell in enumerate((0, 1, 2) * 8)
+        for i, cell in enumerate((0, 1, 2) * 4)
     ]
     return f"teacher.touches=[{', '.join(touches)}]"
 
@@ -57,13 +57,20 @@ SCENES = {
         (
             'controller.program=["map", "evade"]',
             "controller.map.periods=1",
-            "controller.stages.evade.duration_s=19.5",
+            "controller.stages.evade.duration_s=13.5",
             _taps(),
         ),
     ),
-    "hold": ("riba_cylinder", ()),
+    "hold": (
+        "riba_cylinder",
+        (
+            "nursing.hold_s=0.7",
+            "nursing.settle_s=0.5",
+            "nursing.waypoints=[{ t_s = 1.8, displacement_m = [0.05, 0.0, 0.0] }]",
+        ),
+    ),
 }
-"""Deployment and settings of each scene."""
+"""Deployment and settings of each scene: touch in 16 s of simulated time, hold in 4 s."""
 
 
 class Change(NamedTuple):

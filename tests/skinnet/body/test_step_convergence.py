@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
 from skinnet.body.simulation import BodySimulation
+from skinnet.deployment.environment.teacher import TouchSpec
 from skinnet.deployment.robot import ServoSpec
 from skinnet.deployment.skin.patches import CellPoseSpec
 
@@ -71,15 +72,16 @@ def depth_at_rest_m(sizes: tuple[float, float, float]) -> float:
 
 
 def fall(folder: Path, step_ms: float) -> dict[str, Floats]:
-    """Contact onset [s], largest force [N] and depth at rest [m] of falls from all heights."""
-    onset_s, peak_n, depth_m = [], [], []
+    """Contact onset [s] and largest force [N] of falls from all heights; depth at rest [m] of the last."""
+    onset_s, peak_n = [], []
     for height_m in HEIGHTS_M:
         body = box(folder, step_ms, CUBE, height_m, [0.0, 0.0, -FALL_M_S])
-        body.advance(300 * MS)
+        body.advance(40 * MS)
         onset_s.append(body.recorder.crossings.crossings[0].t_ns * 1e-9)
         peak_n.append(body.recorder.force_trace.by_stage_n[""])
-        depth_m.append(FACE_M + CUBE[1] - body.data.qpos[2])
-    return {"onset": np.array(onset_s), "peak": np.array(peak_n), "rest": np.array(depth_m)}
+    body.advance(300 * MS)
+    rest_m = np.array([FACE_M + CUBE[1] - body.data.qpos[2]])
+    return {"onset": np.array(onset_s), "peak": np.array(peak_n), "rest": rest_m}
 
 
 def slide(folder: Path, step_ms: float) -> dict[str, Floats]:
@@ -136,16 +138,41 @@ def released(folder: Path, step_ms: float) -> dict[str, Floats]:
     return {"path": np.array(path_m), "pressure": np.array(pressure_kpa)}
 
 
+def tap(folder: Path, step_ms: float) -> dict[str, Floats]:
+    """Largest and mean force [N] and impulse [N s] of taps 8 mm deep, which begin at four heights."""
+    found: list[tuple[float, float, float]] = []
+    for height_m in (0.00500, 0.00519, 0.00533, 0.00556):
+        touch = TouchSpec(
+            cell="skin/0",
+            stage="guide",
+            start_s=0.0,
+            approach_m=height_m,
+            speed_m_s=0.15,
+            depth_m=0.008,
+            hold_s=0.05,
+        )
+        body = body_scenes.arm(folder, touches=(touch,), timestep_ms=step_ms)
+        body.begin_stage("guide")
+        body.advance(300 * MS)
+        (truth,) = body.teacher.outcome.touches
+        found.append((truth.peak_force_n, truth.mean_hold_force_n, truth.impulse_n_s))
+    return dict(zip(("peak", "mean", "impulse"), np.array(found).T, strict=True))
+
+
 def errors(
     measure: Callable[[Path, float], dict[str, Floats]], folder: Path, reference_ms: float = REFERENCE_MS
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Relative errors of each quantity at all steps above `reference_ms`, and what they refer to."""
-    finest = measure(folder, reference_ms)
-    coarse = [measure(folder, step_ms) for step_ms in STEPS_MS if step_ms > reference_ms]
+    steps_ms = (*(step_ms for step_ms in STEPS_MS if step_ms > reference_ms), reference_ms)
+    *coarse, finest = [measure(folder, step_ms) for step_ms in steps_ms]
+    return relative_errors(coarse, finest), finest
+
+
+def relative_errors(coarse: list[dict[str, Floats]], finest: dict[str, Floats]) -> dict[str, Floats]:
     return {
         name: np.array([np.abs(found[name] - exact).mean() / np.abs(exact).mean() for found in coarse])
         for name, exact in finest.items()
-    }, finest
+    }
 
 
 def check_falls(error: Floats, at_1_ms: float) -> None:
@@ -153,18 +180,26 @@ def check_falls(error: Floats, at_1_ms: float) -> None:
     assert error[1] <= at_1_ms
 
 
-def test_a_box_falls_onto_skin(tmp_path: Path) -> None:
-    error, finest = errors(fall, tmp_path)
+@pytest.fixture(scope="module")
+def falls(tmp_path_factory: pytest.TempPathFactory) -> dict[float, dict[str, Floats]]:
+    """Falls at all steps."""
+    folder = tmp_path_factory.mktemp("falls")
+    return {step_ms: fall(folder, step_ms) for step_ms in (*STEPS_MS, REFERENCE_MS)}
+
+
+def test_a_box_falls_onto_skin(falls: dict[float, dict[str, Floats]]) -> None:
+    *coarse, finest = falls.values()
+    error = relative_errors(coarse, finest)
     check_falls(error["peak"], 0.02)
     assert (error["rest"] < 1e-4).all(), "statics know no step"
     assert finest["rest"] == pytest.approx(depth_at_rest_m(CUBE), rel=0.05)
 
 
-def test_contact_begins_when_a_box_meets_the_skin(tmp_path: Path) -> None:
+def test_contact_begins_when_a_box_meets_the_skin(falls: dict[float, dict[str, Floats]]) -> None:
     """The damping alone passes the threshold at once; where in a step that is, is known to half of it."""
     exact_s = (np.sqrt(FALL_M_S**2 + 2.0 * GRAVITY_M_S2 * HEIGHTS_M) - FALL_M_S) / GRAVITY_M_S2
-    for step_ms in (*STEPS_MS, REFERENCE_MS):
-        late_ms = 1e3 * (fall(tmp_path, step_ms)["onset"] - exact_s)
+    for step_ms, found in falls.items():
+        late_ms = 1e3 * (found["onset"] - exact_s)
         assert np.abs(late_ms).max() <= 0.6 * step_ms
 
 
@@ -182,6 +217,13 @@ def test_a_servo_swings(tmp_path: Path) -> None:
     check_falls(error["angle"], 0.003)
     check_falls(error["acceleration"], 0.01)
     assert np.abs(finest["angle"] - exact_swing()).max() < 1e-3 * exact_swing().max()
+
+
+def test_a_finger_taps(tmp_path: Path) -> None:
+    error, _ = errors(tap, tmp_path)
+    assert (error["peak"] <= 0.02 * np.array(STEPS_MS)).all(), "the finger stops within a step"
+    assert (error["mean"] <= 0.004 * np.array(STEPS_MS)).all()
+    check_falls(error["impulse"], 0.01)
 
 
 @pytest.mark.long
