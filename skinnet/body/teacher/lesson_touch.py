@@ -100,7 +100,7 @@ class LessonTouchServo:
         """
         if t_ns < self._next_observation_ns:
             return phase
-        self._next_observation_ns = t_ns + _OBSERVATION_PERIOD_NS
+        self._next_observation_ns += _OBSERVATION_PERIOD_NS  # on a grid of its own, whatever the step
         self._free_height_m = self._lesson.usable_height_m(line)
         if phase is FingerPhase.WITHDRAW:
             self.height_m = self._free_height_m
