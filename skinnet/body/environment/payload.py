@@ -1,11 +1,10 @@
 """Payload in the robot's arms: fixed in the world until its release, then free."""
 
-import math
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.added_elements import added_id
 from skinnet.body.model import PAYLOAD
 from skinnet.clock import NS_PER_S
@@ -29,7 +28,7 @@ class Payload:
         """Initialise the payload at its pose in the model; it is updated every `step_s` [s]."""
         self.released_ns: int | None = None
         self._data, self._spec = data, spec
-        self._release_factor = math.exp(-_RELEASE_DAMPING_PER_S * step_s)
+        self._release_factor = pinned_math.exp(-_RELEASE_DAMPING_PER_S * step_s)
         joint = data.model.joint(added_id(data.model, mujoco.mjtObj.mjOBJ_JOINT, PAYLOAD))
         self._qpos = slice(int(joint.qposadr[0]), int(joint.qposadr[0]) + 7)
         self._qvel = slice(int(joint.dofadr[0]), int(joint.dofadr[0]) + 6)

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.pinned_linalg import dot
+
 __all__ = ["MotionOnsets"]
 
 Floats = NDArray[np.float64]
@@ -57,4 +59,4 @@ class MotionOnsets:
 
     def _moves(self, velocity_rad_s: Floats) -> bool:
         command = self._command_rad_s
-        return bool(velocity_rad_s @ command >= _MOVING_FRACTION * (command @ command))
+        return bool(dot(velocity_rad_s, command) >= _MOVING_FRACTION * dot(command, command))
