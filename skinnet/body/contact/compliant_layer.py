@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.added_elements import builtin_defaults, unused_name
 from skinnet.deployment.robot import FoamSpec
+from skinnet.pinned_linalg import matmul
 from skinnet.skin.placement import PlacedPatch
 
 __all__ = ["CompliantLayer", "compliant_layer", "delay_rigid_contact", "foam_fraction", "geoms_under_skin"]
@@ -102,8 +103,8 @@ def geoms_under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list
         geoms = [g for g in range(first, first + int(mj.body_geomnum[body])) if mj.geom_contype[g]]
         R_world_body, origin_m = data.xmat[body].reshape(3, 3), data.xpos[body]
         for position_m, R_body_cell in zip(patch.position_m, patch.R_body_cell, strict=True):
-            normal = R_world_body @ R_body_cell[:, 2]
-            start_m = origin_m + R_world_body @ position_m + _RAY_START_HEIGHT_M * normal
+            normal = matmul(R_world_body, R_body_cell[:, 2])
+            start_m = origin_m + matmul(R_world_body, position_m) + _RAY_START_HEIGHT_M * normal
             met_m = {g: _ray_m(mj, data, g, start_m, -normal) for g in geoms}
             found |= {g for g, m in met_m.items() if 0.0 <= m == min(d for d in met_m.values() if d >= 0.0)}
     return sorted(found)

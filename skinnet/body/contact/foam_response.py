@@ -10,12 +10,12 @@ A point that the step brings into contact (d < 0) is damped for that part of the
 contact, (d + h u) / (h u): p = max(0, (k + c' / h) (d + h u)). Shear is strained likewise.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import cell_axis, point_above_cell
@@ -174,8 +174,8 @@ def _add_cell_response(
         xx = yy = SHEAR_STIFFNESS_RATIO * normal_slope
         xy = 0.0
         limit_n = foam.friction * normal_n
-        if abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n:
-            tried_n = math.hypot(fx, fy)
+        if abs(fx) + abs(fy) > limit_n and pinned_math.hypot(fx, fy) > limit_n:
+            tried_n = pinned_math.hypot(fx, fy)
             along_x, along_y = fx / tried_n, fy / tried_n
             fx, fy = limit_n * along_x, limit_n * along_y
             slope = xx * limit_n / tried_n
@@ -292,6 +292,7 @@ def elastic_energy_j(problem: ContactProblem) -> float:
         area = problem.surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
         shear = problem.contact.shear_m
         x, y = shear[points.cell[m], points.sample[m], 0], shear[points.cell[m], points.sample[m], 1]
-        stretch_m2 = max(0.0, points.depth_m[m]) ** 2 + SHEAR_STIFFNESS_RATIO * (x * x + y * y)
+        depth_m = max(0.0, points.depth_m[m])
+        stretch_m2 = depth_m * depth_m + SHEAR_STIFFNESS_RATIO * (x * x + y * y)
         energy_j += 0.5 * problem.foam.stiffness_pa_per_m * area * stretch_m2
     return energy_j

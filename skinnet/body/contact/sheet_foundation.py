@@ -1,5 +1,6 @@
 """Elastic foundation of tactile sheets: plane strips of foam on a curved surface, read as pressures."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
     """
     areas_m2 = {sheet.area_m2 for sheet in sheets}
     if len(areas_m2) > 1:
-        pitches_m = ", ".join(f"{area_m2**0.5:g}" for area_m2 in sorted(areas_m2))
+        pitches_m = ", ".join(f"{math.sqrt(area_m2):g}" for area_m2 in sorted(areas_m2))
         raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets must have the same pitch")
     pitch_m = float(np.sqrt(areas_m2.pop())) if areas_m2 else 0.0
     steps_m = (
@@ -71,7 +72,7 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
         [position_m for position_m, _ in frames],
         [rotation for _, rotation in frames],
         sample_m=np.column_stack([np.zeros(_STRIPS_PER_ELEMENT), steps_m]),
-        sample_area_m2=(pitch_m / _STRIPS_PER_ELEMENT) ** 2,
+        sample_area_m2=(pitch_m / _STRIPS_PER_ELEMENT) * (pitch_m / _STRIPS_PER_ELEMENT),
         n_taxels=1,
     )
 

@@ -80,7 +80,7 @@ def build_skin_surface(
         [p.position_m for p in patches],
         [p.R_body_cell for p in patches],
         sample_m=sample_points_m(cells.side_m),
-        sample_area_m2=1.5 * math.sqrt(3.0) * cells.side_m**2 / N_SAMPLES_PER_CELL,
+        sample_area_m2=1.5 * math.sqrt(3.0) * cells.side_m * cells.side_m / N_SAMPLES_PER_CELL,
         n_taxels=N_FORCE_CELLS,
     )
 

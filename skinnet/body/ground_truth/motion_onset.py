@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.pinned_linalg import dot
+
 __all__ = ["MotionOnsets"]
 
 Floats = NDArray[np.float64]
@@ -70,4 +72,4 @@ class MotionOnsets:
     def _speed(self, velocity_rad_s: Floats) -> float:
         """Speed along the command, as a fraction of the commanded one."""
         command = self._command_rad_s
-        return float(velocity_rad_s @ command) / float(command @ command)
+        return dot(velocity_rad_s, command) / dot(command, command)

@@ -15,6 +15,7 @@ from skinnet.body.teacher.finger_task import FingerPhase
 from skinnet.body.teacher.lesson_plan import PositionGoals
 from skinnet.deployment.environment.teacher import LessonSpec
 from skinnet.deployment.types import ns_of_s
+from skinnet.pinned_linalg import norm
 
 __all__ = ["CLEARANCE_M", "POSITION_TOLERANCE_M", "LessonContext", "LessonTouchServo"]
 
@@ -126,7 +127,7 @@ class LessonTouchServo:
         """Observe the arm's motion; return the remaining motion [rad], or None to leave the cell."""
         lesson, touch = self._lesson, self.touch
         moved_rad = lesson.evasion.position_rad() - self._start_rad
-        touch.joint_motion_rad = float(np.linalg.norm(moved_rad))
+        touch.joint_motion_rad = norm(moved_rad)
         seen = lesson.evasion.observe(touch.cell, moved_rad)
         remaining_rad = self._remaining_rad()
         if not near or touch.joint_motion_rad >= self._progress[1] + _STALL_MOTION_RAD:
