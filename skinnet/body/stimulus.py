@@ -62,8 +62,8 @@ class StimulusSampler:
 def _sample(
     problem: ContactProblem, cacc: Floats, view: FieldOfView, near: NDArray[np.int64], stimulus: Floats
 ) -> None:
-    surface, scene, motion, foam, temperature_c, contact, _, _, _, _ = problem
-    thickness_m = foam.thickness_m
+    surface, scene, motion, contact = problem.surface, problem.scene, problem.motion, problem.contact
+    temperature_c, thickness_m = problem.temperature_c, problem.foam.thickness_m
     for p in range(len(surface.patch_body_id)):
         n_near = solids_near_patch(surface, scene, motion, p, thickness_m + view.range_m, near)
         for i in range(surface.patch_start[p], surface.patch_start[p + 1]):

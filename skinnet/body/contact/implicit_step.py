@@ -11,6 +11,8 @@ integrates implicitly. Newton's method; one iteration where no point of foam cha
 readings are the forces of the foam at the present state, which are those that acted in the step before.
 """
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +23,16 @@ from skinnet.body.contact.joint_coupling import (
     Joints,
     couple_dofs,
     factorise,
-    implicit_damping,
-    last_dof_of_bodies,
-    pair_columns,
+    fill_columns,
+    joints_of,
+    no_coupling,
     solve_correction,
 )
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
+from skinnet.compiled_reference import reference
 
 __all__ = ["ImplicitContact"]
 
@@ -44,6 +47,32 @@ _SLOW = 1e-2
 """Ratio of the energies of two corrections above which the matrix is computed anew."""
 
 
+class _StepProblem(NamedTuple):
+    """What a step is solved for; compiled code takes it as a `reference`.
+
+    Attributes:
+        cells: Contact of the cells.
+        sheets: Contact of the tactile sheets.
+        motion: Poses and velocities now.
+        pairs: Response of the foam between pairs of bodies.
+        joints: Joints and their coupling.
+        workspace: Scratch arrays.
+        smooth: (v,) all forces but those of constraints; those of the foam are added.
+        constraint: (v,) constraint forces of the step before.
+        acceleration: (v,) accelerations of the step before, where the search begins.
+    """
+
+    cells: ContactProblem
+    sheets: ContactProblem
+    motion: Motion
+    pairs: PairResponse
+    joints: Joints
+    workspace: CouplingWorkspace
+    smooth: Floats
+    constraint: Floats
+    acceleration: Floats
+
+
 class ImplicitContact:
     """Implicit step of all foam on one model.
 
@@ -54,41 +83,24 @@ class ImplicitContact:
     def __init__(self, mj: mujoco.MjModel, data: mujoco.MjData, foundations: tuple[Foundation, Foundation]):
         """Couple `foundations` to the state `data` of `mj`."""
         self.n_iterations = 0
-        self._mj, self._data, self._foundations = mj, data, foundations
-        self._motion = foundations[0].motion
         pairs = {
             (int(own), int(other))
             for foundation in foundations
             for own in foundation.surface.patch_body_id
             for other in foundation.scene.body_id
         }
-        self._pairs = no_pairs(mj.nbody, len(pairs))
-        v = mj.nv
-        self._joints = Joints(
-            tree=mj.dof_treeid.astype(np.int64),
-            parent=mj.dof_parentid.astype(np.int64),
-            last_of_body=last_dof_of_bodies(mj),
-            root_body=mj.body_rootid.astype(np.int64),
-            motion_axis=data.cdof,
-            row=mj.M_rowadr.astype(np.int64),
-            n_row=mj.M_rownnz.astype(np.int64),
-            column=mj.M_colind.astype(np.int64),
-            inertia=data.M,
-            damping=implicit_damping(mj),
-            velocity=data.qvel,
-        )
-        self._workspace = CouplingWorkspace(
-            touched=np.zeros(mj.ntree, dtype=np.bool_),
-            local=np.zeros(v, dtype=np.int64),
-            coupled=np.zeros(v, dtype=np.int64),
-            velocity=np.zeros(v),
-            inertia=np.zeros((v, v)),
-            matrix=np.zeros((v, v)),
-            contact_of_matrix=np.zeros(2, dtype=np.int64),
-            residual=np.zeros(v),
-            impulse=np.zeros(v),
-            axis=np.zeros((v, 6)),
-            used=np.zeros(v, dtype=np.int64),
+        self._problem = reference(
+            _StepProblem(
+                cells=foundations[0].problem,
+                sheets=foundations[1].problem,
+                motion=foundations[0].motion,
+                pairs=no_pairs(mj.nbody, len(pairs)),
+                joints=joints_of(mj, data),
+                workspace=no_coupling(mj, len(pairs)),
+                smooth=data.qfrc_smooth,
+                constraint=data.qfrc_constraint,
+                acceleration=data.qacc,
+            )
         )
 
     def add_forces(self, step_s: float) -> None:
@@ -96,42 +108,23 @@ class ImplicitContact:
 
         The loaded points must be those of the present state.
         """
-        self.n_iterations = 0
-        problems = tuple(each.problem for each in self._foundations if each.problem.points.total[0])
-        if not problems:
-            return
-        data = self._data
-        self.n_iterations = _solve(
-            problems,
-            self._motion,
-            self._pairs,
-            self._joints,
-            self._workspace,
-            (data.qfrc_smooth, data.qfrc_constraint, data.qacc),
-            step_s,
-        )
+        self.n_iterations = _solve(self._problem, step_s)
 
 
 @compiled_without_nrt
-def _solve(
-    problems: tuple[ContactProblem, ...],
-    motion: Motion,
-    pairs: PairResponse,
-    joints: Joints,
-    workspace: CouplingWorkspace,
-    forces: tuple[Floats, Floats, Floats],
-    step_s: float,
-) -> int:
-    """Solve for the velocities at the end of the step; add the foam's forces to the first of `forces`.
-
-    The others are the constraint forces and the accelerations of the step before, where the search begins.
-    """
-    smooth, constraint, acceleration = forces
-    pairs.total[0], n_points = 0, 0
-    for problem in problems:
-        add_pairs(problem, pairs)
-        n_points += problem.points.total[0]
+def _solve(problem: _StepProblem, step_s: float) -> int:
+    """Solve for the velocities at the end of the step; add the foam's forces to `problem.smooth`."""
+    cells, sheets, pairs = problem.cells, problem.sheets, problem.pairs
+    motion, joints, workspace = problem.motion, problem.joints, problem.workspace
+    smooth, constraint, acceleration = problem.smooth, problem.constraint, problem.acceleration
+    n_points = cells.points.total[0] + sheets.points.total[0]
+    if n_points == 0:
+        return 0
+    pairs.total[0] = 0
+    add_pairs(cells, pairs)
+    add_pairs(sheets, pairs)
     n = couple_dofs(pairs, joints, workspace, step_s)
+    fill_columns(pairs, motion, joints, workspace)
     coupled, velocity, residual = workspace.coupled, workspace.velocity, workspace.residual
     for i in range(n):
         velocity[i] = joints.velocity[coupled[i]] + step_s * acceleration[coupled[i]]
@@ -139,8 +132,8 @@ def _solve(
     last_j, iterations = np.inf, 0
     while True:
         _relative_twists(motion, pairs, joints, workspace)
-        for problem in problems:
-            add_response(problem, pairs, step_s, fresh)
+        add_response(cells, pairs, step_s, fresh)
+        add_response(sheets, pairs, step_s, fresh)
         if n == 0:
             break
         for i in range(n):
@@ -154,7 +147,7 @@ def _solve(
                 for j in range(i + 1):
                     workspace.matrix[i, j] = workspace.inertia[i, j]
         for p in range(pairs.total[0]):
-            _add_pair(pairs, p, motion, joints, workspace, step_s, fresh)
+            _add_pair(pairs, p, workspace, step_s, fresh)
         if fresh:
             factorise(workspace.matrix, n)
         for i in range(n):
@@ -174,12 +167,11 @@ def _solve(
             velocity[i] += residual[i]
     for p in range(pairs.total[0]):
         pairs.number[pairs.body[p, 0], pairs.body[p, 1]] = -1
-        columns = pair_columns(pairs, p, motion, joints, workspace)
-        for i in range(columns):
-            dof, force = workspace.used[i], 0.0
+        for c in range(workspace.first_column[p], workspace.first_column[p + 1]):
+            force = 0.0
             for q in range(6):
-                force += workspace.axis[dof, q] * pairs.wrench[p, q]
-            smooth[coupled[dof]] += force
+                force += workspace.axis[c, q] * pairs.wrench[p, q]
+            smooth[coupled[workspace.used[c]]] += force
     return iterations
 
 
@@ -226,38 +218,30 @@ def _relative_twists(
             pairs.twist[p, 3] += sign * wx
             pairs.twist[p, 4] += sign * wy
             pairs.twist[p, 5] += sign * wz
-        columns = pair_columns(pairs, p, motion, joints, workspace)
-        for i in range(columns):
-            dof = workspace.used[i]
+        for c in range(workspace.first_column[p], workspace.first_column[p + 1]):
             for q in range(6):
-                pairs.twist[p, q] += workspace.axis[dof, q] * workspace.velocity[dof]
+                pairs.twist[p, q] += workspace.axis[c, q] * workspace.velocity[workspace.used[c]]
 
 
 @compiled_without_nrt
 def _add_pair(
-    pairs: PairResponse,
-    p: int,
-    motion: Motion,
-    joints: Joints,
-    workspace: CouplingWorkspace,
-    step_s: float,
-    with_matrix: bool,
+    pairs: PairResponse, p: int, workspace: CouplingWorkspace, step_s: float, with_matrix: bool
 ) -> None:
     """Add h Jᵀ f of pair `p` to the impulse and, if wanted, h Jᵀ K J to the matrix."""
-    columns = pair_columns(pairs, p, motion, joints, workspace)
-    axis, stiffness = workspace.axis, pairs.stiffness
-    for i in range(columns):
-        a = workspace.used[i]
+    axis, used, stiffness = workspace.axis, workspace.used, pairs.stiffness
+    first, end = workspace.first_column[p], workspace.first_column[p + 1]
+    for i in range(first, end):
+        a = used[i]
         for q in range(6):
-            workspace.impulse[a] += step_s * axis[a, q] * pairs.wrench[p, q]
+            workspace.impulse[a] += step_s * axis[i, q] * pairs.wrench[p, q]
         if not with_matrix:
             continue
         for q in range(6):
             product = 0.0
             for r in range(6):
-                product += stiffness[p, q, r] * axis[a, r]
+                product += stiffness[p, q, r] * axis[i, r]
             product *= step_s
-            for j in range(columns):
-                b = workspace.used[j]
+            for j in range(first, end):
+                b = used[j]
                 if b <= a:
-                    workspace.matrix[a, b] += product * axis[b, q]
+                    workspace.matrix[a, b] += product * axis[j, q]

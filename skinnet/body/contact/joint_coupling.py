@@ -15,9 +15,9 @@ __all__ = [
     "Joints",
     "couple_dofs",
     "factorise",
-    "implicit_damping",
-    "last_dof_of_bodies",
-    "pair_columns",
+    "fill_columns",
+    "joints_of",
+    "no_coupling",
     "solve_correction",
 ]
 
@@ -56,7 +56,7 @@ class Joints(NamedTuple):
 
 
 class CouplingWorkspace(NamedTuple):
-    """Scratch arrays: for the n ≤ v dofs of coupled trees, and for one pair.
+    """Scratch arrays: for the n ≤ v dofs of coupled trees, and for the pairs of bodies.
 
     Attributes:
         touched: (ntree,) True for trees in contact.
@@ -68,8 +68,9 @@ class CouplingWorkspace(NamedTuple):
         contact_of_matrix: (2,) the contact for which it was computed: key of the pairs, number of points.
         residual: (v,) residual, then correction.
         impulse: (v,) impulse of the foam, then the change of velocity that it makes.
-        axis: (v, 6) columns of one pair's J, relative twist about the origin per dof.
-        used: (v,) dofs with a column.
+        first_column: (·,) where the columns of each pair's J begin, then their number.
+        axis: (·, 6) columns, the pair's relative twist about the origin per dof.
+        used: (·,) the dof of each column, numbered among the coupled ones.
     """
 
     touched: NDArray[np.bool_]
@@ -81,11 +82,56 @@ class CouplingWorkspace(NamedTuple):
     contact_of_matrix: Indices
     residual: Floats
     impulse: Floats
+    first_column: Indices
     axis: Floats
     used: Indices
 
 
-def last_dof_of_bodies(mj: mujoco.MjModel) -> Indices:
+def no_coupling(mj: mujoco.MjModel, n_pairs: int) -> CouplingWorkspace:
+    """Return scratch arrays for at most `n_pairs` pairs of bodies of `mj`."""
+    v, n_columns = mj.nv, 2 * n_pairs * _longest_chain(mj)
+    return CouplingWorkspace(
+        touched=np.zeros(mj.ntree, dtype=np.bool_),
+        local=np.zeros(v, dtype=np.int64),
+        coupled=np.zeros(v, dtype=np.int64),
+        velocity=np.zeros(v),
+        inertia=np.zeros((v, v)),
+        matrix=np.zeros((v, v)),
+        contact_of_matrix=np.zeros(2, dtype=np.int64),
+        residual=np.zeros(v),
+        impulse=np.zeros(v),
+        first_column=np.zeros(n_pairs + 1, dtype=np.int64),
+        axis=np.zeros((n_columns, 6)),
+        used=np.zeros(n_columns, dtype=np.int64),
+    )
+
+
+def joints_of(mj: mujoco.MjModel, data: mujoco.MjData) -> Joints:
+    """Joints of `mj`, with views of the arrays of `data`."""
+    return Joints(
+        tree=mj.dof_treeid.astype(np.int64),
+        parent=mj.dof_parentid.astype(np.int64),
+        last_of_body=_last_dof_of_bodies(mj),
+        root_body=mj.body_rootid.astype(np.int64),
+        motion_axis=data.cdof,
+        row=mj.M_rowadr.astype(np.int64),
+        n_row=mj.M_rownnz.astype(np.int64),
+        column=mj.M_colind.astype(np.int64),
+        inertia=data.M,
+        damping=_implicit_damping(mj),
+        velocity=data.qvel,
+    )
+
+
+def _longest_chain(mj: mujoco.MjModel) -> int:
+    """Largest number of dofs that move one body."""
+    above = np.zeros(mj.nv, dtype=np.int64)
+    for dof, parent in enumerate(mj.dof_parentid):
+        above[dof] = 1 + (above[parent] if parent >= 0 else 0)
+    return int(above.max(initial=0))
+
+
+def _last_dof_of_bodies(mj: mujoco.MjModel) -> Indices:
     """Last dof (nbody,) that moves each body; -1 for fixed ones."""
     last = np.full(mj.nbody, -1, dtype=np.int64)
     for body in range(1, mj.nbody):
@@ -94,7 +140,7 @@ def last_dof_of_bodies(mj: mujoco.MjModel) -> Indices:
     return last
 
 
-def implicit_damping(mj: mujoco.MjModel) -> Floats:
+def _implicit_damping(mj: mujoco.MjModel) -> Floats:
     """Damping (v,) that MuJoCo integrates implicitly, diagonal: of joints and of servos on joints."""
     damping: Floats = mj.dof_damping.reshape(mj.nv, -1)[:, 0].copy()
     for actuator in range(mj.nu):
@@ -134,50 +180,52 @@ def couple_dofs(pairs: PairResponse, joints: Joints, workspace: CouplingWorkspac
 
 
 @compiled_without_nrt
-def _add_axis(
+def fill_columns(pairs: PairResponse, motion: Motion, joints: Joints, workspace: CouplingWorkspace) -> None:
+    """Fill the columns of J of all pairs."""
+    n = 0
+    for p in range(pairs.total[0]):
+        workspace.first_column[p] = first = n
+        n = _add_columns(motion, joints, pairs, workspace, pairs.body[p, 0], -1.0, first, n)
+        n = _add_columns(motion, joints, pairs, workspace, pairs.body[p, 1], 1.0, first, n)
+    workspace.first_column[pairs.total[0]] = n
+
+
+@compiled_without_nrt
+def _add_columns(
     motion: Motion,
     joints: Joints,
     pairs: PairResponse,
     workspace: CouplingWorkspace,
     body: int,
     sign: float,
-    n: int,
+    first: int,
+    end: int,
 ) -> int:
-    """Add the columns of body `body`, with a sign, to the pair's J, which has `n`; return their number."""
+    """Add the motion of `body`, with a sign, to a pair's columns `first` to `end`; return the new end."""
     root = joints.root_body[body]
     rx = pairs.origin_m[0] - motion.subtree_com_m[root, 0]
     ry = pairs.origin_m[1] - motion.subtree_com_m[root, 1]
     rz = pairs.origin_m[2] - motion.subtree_com_m[root, 2]
     dof = joints.last_of_body[body]
-    axis, motion_axis = workspace.axis, joints.motion_axis
+    axis, motion_axis, used = workspace.axis, joints.motion_axis, workspace.used
     while dof >= 0:
-        i = workspace.local[dof]
-        found = False
-        for m in range(n):
-            found = found or workspace.used[m] == i
-        if not found:
-            workspace.used[n] = i
-            n += 1
+        i, c = workspace.local[dof], first
+        while c < end and used[c] != i:
+            c += 1
+        if c == end:
+            used[c] = i
+            end += 1
             for q in range(6):
-                axis[i, q] = 0.0
+                axis[c, q] = 0.0
         wx, wy, wz = motion_axis[dof, 0], motion_axis[dof, 1], motion_axis[dof, 2]
-        axis[i, 0] += sign * (motion_axis[dof, 3] + wy * rz - wz * ry)
-        axis[i, 1] += sign * (motion_axis[dof, 4] + wz * rx - wx * rz)
-        axis[i, 2] += sign * (motion_axis[dof, 5] + wx * ry - wy * rx)
-        axis[i, 3] += sign * wx
-        axis[i, 4] += sign * wy
-        axis[i, 5] += sign * wz
+        axis[c, 0] += sign * (motion_axis[dof, 3] + wy * rz - wz * ry)
+        axis[c, 1] += sign * (motion_axis[dof, 4] + wz * rx - wx * rz)
+        axis[c, 2] += sign * (motion_axis[dof, 5] + wx * ry - wy * rx)
+        axis[c, 3] += sign * wx
+        axis[c, 4] += sign * wy
+        axis[c, 5] += sign * wz
         dof = joints.parent[dof]
-    return n
-
-
-@compiled_without_nrt
-def pair_columns(
-    pairs: PairResponse, p: int, motion: Motion, joints: Joints, workspace: CouplingWorkspace
-) -> int:
-    """Fill the columns of J of pair `p`; return their number."""
-    n = _add_axis(motion, joints, pairs, workspace, pairs.body[p, 0], -1.0, 0)
-    return _add_axis(motion, joints, pairs, workspace, pairs.body[p, 1], 1.0, n)
+    return end
 
 
 @compiled_without_nrt

@@ -93,6 +93,8 @@ class Workspace(NamedTuple):
 class ContactProblem(NamedTuple):
     """Contact of a skin with the solids of one simulation: what is given, and what is computed.
 
+    Compiled code takes it as a `reference`.
+
     Attributes:
         surface: The cells.
         scene: The solids.
@@ -124,7 +126,8 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
 
     Shear displacement is integrated over `step_s` [s].
     """
-    surface, scene, motion, foam, _, contact, _, points, _, workspace = problem
+    surface, scene, motion, foam = problem.surface, problem.scene, problem.motion, problem.foam
+    contact, points, workspace = problem.contact, problem.points, problem.workspace
     points.total[0] = 0
     contact.body_normal_force_n[:] = 0.0
     contact.patch_body_force_n[:] = 0.0
@@ -240,7 +243,9 @@ def _compute_cell_contact(
 
     Solids are sought up to the height `face_m` [m], which the step may bring into contact.
     """
-    surface, scene, motion, foam, temperature_c, contact, wrench, points, _, workspace = problem
+    surface, scene, motion, foam = problem.surface, problem.scene, problem.motion, problem.foam
+    contact, points, workspace = problem.contact, problem.points, problem.workspace
+    temperature_c, wrench = problem.temperature_c, problem.wrench
     hit, nearest_m = workspace.hit, workspace.nearest_m
     hit[:], nearest_m[:] = -1, RAY_START_DEPTH_M + face_m
     limit_m = problem.start_depth_m[cell]
