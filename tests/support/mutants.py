@@ -53,7 +53,12 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
         ),
     ),
     "network": (
-        Mapping("skinnet/network/[kmprt]*.py", ("tests/skinnet/network/test_network_kernel.py",)),
+        Mapping("skinnet/network/power_grid.py", ("tests/skinnet/network/test_power_grid.py",)),
+        Mapping("skinnet/network/packet*.py", ("tests/skinnet/network/test_network_kernel.py",)),
+        Mapping(
+            "skinnet/network/[kmrt]*.py",
+            ("tests/skinnet/network/test_routes.py", "tests/skinnet/network/test_network_kernel.py"),
+        ),
         Mapping("cells/networking/*.py", ("tests/cells/networking",)),
     ),
     "sensing": (

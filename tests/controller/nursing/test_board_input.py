@@ -78,3 +78,25 @@ def test_surfaces_keep_apart_and_ids_tell_boards() -> None:
 
 def test_a_region_without_elements_is_none() -> None:
     assert regions_of((0, 1, 0.0, 0.0, 1.0, 1.0), n_elements=0) == ()
+
+
+def test_a_message_is_taken_frame_by_frame_as_it_is_due() -> None:
+    """Three scans of one board in one message, with one, two and no regions."""
+    n_regions, times_ns = (1, 2, 0), (10, 20, 30)
+    frames = np.zeros(len(SHEETS) + 2, dtype=SCAN_FRAME_ROW)
+    frames["board"] = [1, 2, 0, 0, 0]
+    frames["t_delivered_ns"] = [1, 1, *times_ns]
+    frames["t_sampled_ns"] = frames["t_delivered_ns"]
+    frames["n_regions"] = [0, 0, *n_regions]
+    rows = np.zeros(3, dtype=REGION_ROW)
+    rows["n_elements"], rows["region_id"], rows["force_n"] = 1, (5, 6, 7), (1.0, 2.0, 3.0)
+    rows["xi2_m"] = (0.0, 0.0, 0.1)
+    board_input = BoardInput(SHEETS, MERGE_DISTANCE_M)
+    board_input.add(Regions(t_ns=0, watermark_ns=0, frames=frames.tobytes(), rows=rows.tobytes()))
+    found = []
+    for before_ns in (11, 21, 31):
+        tactile = board_input.latest_input(before_ns)
+        assert tactile is not None
+        found.append([region.region_id for region in tactile.regions])
+    assert found == [[5], [7, 6], []]
+    assert board_input.received_frames == len(frames)
