@@ -69,8 +69,9 @@ SCENES = {
             "nursing.waypoints=[{ t_s = 1.8, displacement_m = [0.05, 0.0, 0.0] }]",
         ),
     ),
+    "grasp": ("hrp2_grasp", ()),
 }
-"""Deployment and settings of each scene: touch in 16 s of simulated time, hold in 4 s."""
+"""Deployment and settings of each scene: 16, 4 and 43 s of simulated time."""
 
 
 class Change(NamedTuple):
@@ -79,7 +80,7 @@ class Change(NamedTuple):
     Attributes:
         name: Name of the metric.
         mean: Mean over the seeds at the longer step.
-        change: Change of the mean, as a fraction of it.
+        change: Change of the mean, as a fraction of the larger one of both.
         margin: Half the width of the 95 % interval of `change`.
         allowed: Largest change that is allowed.
     """
@@ -122,12 +123,12 @@ def changes(coarse: Sequence[dict[str, float]], fine: Sequence[dict[str, float]]
         if not all(name in metrics for metrics in (*coarse, *fine)):
             continue
         before = np.array([metrics[name] for metrics in coarse])
-        differences = np.array([metrics[name] for metrics in fine]) - before
-        n, mean = len(before), float(before.mean())
+        after = np.array([metrics[name] for metrics in fine])
+        differences, n, mean = after - before, len(before), float(before.mean())
         if not differences.any():
             found.append(Change(name, mean, 0.0, 0.0, _allowed(name)))
             continue
-        scale = max(abs(mean), 1e-12)
+        scale = max(abs(mean), abs(float(after.mean())), 1e-12)
         spread = float(differences.std(ddof=1)) / np.sqrt(n) if n > 1 else np.inf
         margin = float(student_t.ppf(0.5 + 0.5 * _CONFIDENCE, max(n - 1, 1))) * spread / scale
         found.append(Change(name, mean, float(differences.mean()) / scale, margin, _allowed(name)))

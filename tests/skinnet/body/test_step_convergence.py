@@ -139,8 +139,8 @@ def released(folder: Path, step_ms: float) -> dict[str, Floats]:
 
 
 def tap(folder: Path, step_ms: float) -> dict[str, Floats]:
-    """Largest and mean force [N] and impulse [N s] of taps 8 mm deep, which begin at four heights."""
-    found: list[tuple[float, float, float]] = []
+    """Largest and mean force [N], impulse [N s] and threshold crossing [s] of taps from four heights."""
+    found: list[tuple[float, float, float, float]] = []
     for height_m in (0.00500, 0.00519, 0.00533, 0.00556):
         touch = TouchSpec(
             cell="skin/0",
@@ -155,8 +155,9 @@ def tap(folder: Path, step_ms: float) -> dict[str, Floats]:
         body.begin_stage("guide")
         body.advance(300 * MS)
         (truth,) = body.teacher.outcome.touches
-        found.append((truth.peak_force_n, truth.mean_hold_force_n, truth.impulse_n_s))
-    return dict(zip(("peak", "mean", "impulse"), np.array(found).T, strict=True))
+        crossed_s = min(crossing.t_ns for crossing in body.recorder.crossings.crossings) * 1e-9
+        found.append((truth.peak_force_n, truth.mean_hold_force_n, truth.impulse_n_s, crossed_s))
+    return dict(zip(("peak", "mean", "impulse", "crossing"), np.array(found).T, strict=True))
 
 
 def errors(
@@ -220,10 +221,12 @@ def test_a_servo_swings(tmp_path: Path) -> None:
 
 
 def test_a_finger_taps(tmp_path: Path) -> None:
-    error, _ = errors(tap, tmp_path)
+    error, finest = errors(tap, tmp_path)
     assert (error["peak"] <= 0.02 * np.array(STEPS_MS)).all(), "the finger stops within a step"
     assert (error["mean"] <= 0.004 * np.array(STEPS_MS)).all()
     check_falls(error["impulse"], 0.01)
+    crossing_s = error["crossing"] * finest["crossing"].mean()
+    assert (crossing_s <= 0.01 * 1e-3 * np.array(STEPS_MS)).all(), "a hundredth of a step"
 
 
 @pytest.mark.long
