@@ -3,12 +3,15 @@
 Forces of the foam at the start of a step make energy from nothing where a body is light for its stiffness k A
 and damping c A: above 4 m / h² and 2 m / h. So the step solves
 
-    M̂ (v⁺ - v) = h (Q + Σ Jᵀ f(J v⁺)),    M̂ = M + h B,
+    M̂ (v⁺ - v) = h (Q + Σ Jᵀ f(J v⁺) + J_cᵀ f_c(J_c (v⁺ - v) / h)),    M̂ = M + h B,
 
-for the velocities v⁺ of all coupled joints at once: f from `foam_response`, J of each pair of bodies, Q all
-other generalised forces with MuJoCo's constraint forces of the step before, B the damping that MuJoCo itself
-integrates implicitly. Newton's method; one iteration where no point of foam changes its state. Skin's
-readings are the forces of the foam at the present state, which are those that acted in the step before.
+for the velocities v⁺ of all coupled joints at once: f from `foam_response`, J of each pair of bodies, f_c and
+J_c of MuJoCo's constraints (`constraint_rows`) on these joints, Q all other generalised forces, B the damping
+that MuJoCo itself integrates implicitly. Newton's method; one iteration where no point of foam and no
+constraint changes its state. MuJoCo then solves for the constraint forces itself, under these forces of the
+foam; they are the same where B = 0. (With the constraint forces of the step before, a light plate between
+foam and a heavy load swings ever wider: its load changes by almost what the foam's force does, a step late.)
+Skin's readings are the forces of the foam at the present state; these acted in the step before.
 """
 
 from typing import NamedTuple
@@ -17,6 +20,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.constraint_rows import (
+    ConstraintRows,
+    add_constraints,
+    couple_trees,
+    no_rows,
+    update_forces,
+    write_rows,
+)
 from skinnet.body.contact.foam_response import PairResponse, add_pairs, add_response, no_pairs
 from skinnet.body.contact.joint_coupling import (
     CouplingWorkspace,
@@ -27,6 +38,7 @@ from skinnet.body.contact.joint_coupling import (
     joints_of,
     no_coupling,
     solve_correction,
+    touch_trees,
 )
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
@@ -41,6 +53,8 @@ Indices = NDArray[np.int64]
 _MAX_ITERATIONS = 30
 _TOLERANCE = 1e-6
 """Energy of the last correction of velocities, as a fraction of that of the foam's own impulse."""
+_NEGLIGIBLE_J = 1e-24
+"""Energy of a correction [J] that is one of rounding: foam that is near but without force has no impulse."""
 _SIMILAR = 0.05
 """Relative change of the number of loaded points up to which the last matrix serves."""
 _SLOW = 1e-2
@@ -55,10 +69,10 @@ class _StepProblem(NamedTuple):
         sheets: Contact of the tactile sheets.
         motion: Poses and velocities now.
         pairs: Response of the foam between pairs of bodies.
+        rows: Constraints.
         joints: Joints and their coupling.
         workspace: Scratch arrays.
         smooth: (v,) all forces but those of constraints; those of the foam are added.
-        constraint: (v,) constraint forces of the step before.
         acceleration: (v,) accelerations of the step before, where the search begins.
     """
 
@@ -66,10 +80,10 @@ class _StepProblem(NamedTuple):
     sheets: ContactProblem
     motion: Motion
     pairs: PairResponse
+    rows: ConstraintRows
     joints: Joints
     workspace: CouplingWorkspace
     smooth: Floats
-    constraint: Floats
     acceleration: Floats
 
 
@@ -89,48 +103,66 @@ class ImplicitContact:
             for own in foundation.surface.patch_body_id
             for other in foundation.scene.body_id
         }
-        self._problem = reference(
-            _StepProblem(
-                cells=foundations[0].problem,
-                sheets=foundations[1].problem,
-                motion=foundations[0].motion,
-                pairs=no_pairs(mj.nbody, len(pairs)),
-                joints=joints_of(mj, data),
-                workspace=no_coupling(mj, len(pairs)),
-                smooth=data.qfrc_smooth,
-                constraint=data.qfrc_constraint,
-                acceleration=data.qacc,
-            )
+        self._mj, self._data = mj, data
+        self._unreferenced = _StepProblem(
+            cells=foundations[0].problem,
+            sheets=foundations[1].problem,
+            motion=foundations[0].motion,
+            pairs=no_pairs(mj.nbody, len(pairs)),
+            rows=no_rows(0, 0),
+            joints=joints_of(mj, data),
+            workspace=no_coupling(mj, len(pairs)),
+            smooth=data.qfrc_smooth,
+            acceleration=data.qacc,
         )
+        self._problem = reference(self._unreferenced)
 
     def add_forces(self, step_s: float) -> None:
         """Add generalised forces of the foam in the step `step_s` [s] to `qfrc_smooth`, without them before.
 
-        The loaded points must be those of the present state.
+        The loaded points and MuJoCo's constraints must be those of the present state.
         """
+        if self._data.nefc:
+            self._write_rows()
+        else:
+            self._unreferenced.rows.total[0] = 0
         self.n_iterations = _solve(self._problem, step_s)
+
+    def _write_rows(self) -> None:
+        """Write MuJoCo's constraints to the problem, with more space if there are more than ever before."""
+        data, rows = self._data, self._unreferenced.rows
+        if len(rows.kind) < data.nefc or len(rows.value) < len(data.efc_J):
+            rows = no_rows(2 * data.nefc, 2 * len(data.efc_J))
+            self._unreferenced = self._unreferenced._replace(rows=rows)
+            self._problem = reference(self._unreferenced)
+        write_rows(self._mj, data, rows)
 
 
 @compiled_without_nrt
 def _solve(problem: _StepProblem, step_s: float) -> int:
     """Solve for the velocities at the end of the step; add the foam's forces to `problem.smooth`."""
-    cells, sheets, pairs = problem.cells, problem.sheets, problem.pairs
+    cells, sheets, pairs, rows = problem.cells, problem.sheets, problem.pairs, problem.rows
     motion, joints, workspace = problem.motion, problem.joints, problem.workspace
-    smooth, constraint, acceleration = problem.smooth, problem.constraint, problem.acceleration
+    smooth, acceleration = problem.smooth, problem.acceleration
     n_points = cells.points.total[0] + sheets.points.total[0]
     if n_points == 0:
         return 0
     pairs.total[0] = 0
     add_pairs(cells, pairs)
     add_pairs(sheets, pairs)
-    n = couple_dofs(pairs, joints, workspace, step_s)
+    touch_trees(pairs, joints, workspace)
+    couple_trees(rows, joints, workspace)
+    n = couple_dofs(joints, workspace, step_s)
     fill_columns(pairs, motion, joints, workspace)
     coupled, velocity, residual = workspace.coupled, workspace.velocity, workspace.residual
     for i in range(n):
         velocity[i] = joints.velocity[coupled[i]] + step_s * acceleration[coupled[i]]
-    fresh = not _is_same_contact(pairs, workspace.contact_of_matrix, n_points)
+    known = workspace.contact_of_matrix
+    fresh = not _is_same_contact(pairs, workspace, n, n_points)
     last_j, iterations = np.inf, 0
     while True:
+        state = update_forces(rows, joints, workspace, step_s)
+        fresh = fresh or state != known[2]
         _relative_twists(motion, pairs, joints, workspace)
         add_response(cells, pairs, step_s, fresh)
         add_response(sheets, pairs, step_s, fresh)
@@ -138,7 +170,7 @@ def _solve(problem: _StepProblem, step_s: float) -> int:
             break
         for i in range(n):
             workspace.impulse[i] = 0.0
-            residual[i] = step_s * (smooth[coupled[i]] + constraint[coupled[i]])
+            residual[i] = step_s * smooth[coupled[i]]
             for j in range(n):
                 change = velocity[j] - joints.velocity[coupled[j]]
                 residual[i] -= workspace.inertia[max(i, j), min(i, j)] * change
@@ -148,14 +180,16 @@ def _solve(problem: _StepProblem, step_s: float) -> int:
                     workspace.matrix[i, j] = workspace.inertia[i, j]
         for p in range(pairs.total[0]):
             _add_pair(pairs, p, workspace, step_s, fresh)
+        add_constraints(rows, workspace, step_s, fresh)
         if fresh:
+            known[2] = state
             factorise(workspace.matrix, n)
         for i in range(n):
             residual[i] += workspace.impulse[i]
         energy_j = solve_correction(workspace.matrix, residual, n)
         foam_j = solve_correction(workspace.matrix, workspace.impulse, n)
         iterations += 1
-        if energy_j <= _TOLERANCE * foam_j or iterations >= _MAX_ITERATIONS:
+        if energy_j <= max(_TOLERANCE * foam_j, _NEGLIGIBLE_J) or iterations >= _MAX_ITERATIONS:
             break
         # points that changed their state need a new matrix once the old one no longer helps
         was_fresh, fresh = fresh, not fresh and energy_j > _SLOW * last_j
@@ -176,14 +210,16 @@ def _solve(problem: _StepProblem, step_s: float) -> int:
 
 
 @compiled_without_nrt
-def _is_same_contact(pairs: PairResponse, known: Indices, n_points: int) -> bool:
-    """Return True if pairs are those of the last matrix, and about as many points; else note them in `known`.
+def _is_same_contact(pairs: PairResponse, workspace: CouplingWorkspace, n: int, n_points: int) -> bool:
+    """Return True if pairs and the `n` dofs are those of the last matrix, and the points about as many.
 
-    Newton's method converges with the matrix of a similar contact, which saves most of its work.
+    Else note them. Newton's method converges with the matrix of a similar contact: most work is saved.
     """
-    key = 1
+    key, known = 1, workspace.contact_of_matrix
     for p in range(pairs.total[0]):
         key = (key * 8191 + pairs.body[p, 0] * 131071 + pairs.body[p, 1] + 1) % 2147483647
+    for i in range(n):
+        key = (key * 31 + workspace.coupled[i] + 1) % 2147483647
     same = key == known[0] and abs(n_points - known[1]) <= _SIMILAR * known[1]
     if not same:
         known[0], known[1] = key, n_points

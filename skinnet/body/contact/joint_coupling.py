@@ -19,6 +19,7 @@ __all__ = [
     "joints_of",
     "no_coupling",
     "solve_correction",
+    "touch_trees",
 ]
 
 Floats = NDArray[np.float64]
@@ -59,13 +60,14 @@ class CouplingWorkspace(NamedTuple):
     """Scratch arrays: for the n ≤ v dofs of coupled trees, and for the pairs of bodies.
 
     Attributes:
-        touched: (ntree,) True for trees in contact.
+        touched: (ntree,) True for trees in contact, and for those coupled to them by constraints.
         local: (v,) number of a dof among the coupled ones; -1 for none.
         coupled: (v,) the coupled dofs.
         velocity: (v,) velocities at the end of the step, present iterate.
         inertia: (v, v) M̂ of coupled dofs, lower triangle.
         matrix: (v, v) M̂ + h Jᵀ K J, then its Cholesky factor, which serves later steps as well.
-        contact_of_matrix: (2,) the contact for which it was computed: key of the pairs, number of points.
+        contact_of_matrix: (3,) the contact for which it was computed: key of pairs and dofs, number of
+            points, key of the states of constraints.
         residual: (v,) residual, then correction.
         impulse: (v,) impulse of the foam, then the change of velocity that it makes.
         first_column: (·,) where the columns of each pair's J begin, then their number.
@@ -97,7 +99,7 @@ def no_coupling(mj: mujoco.MjModel, n_pairs: int) -> CouplingWorkspace:
         velocity=np.zeros(v),
         inertia=np.zeros((v, v)),
         matrix=np.zeros((v, v)),
-        contact_of_matrix=np.zeros(2, dtype=np.int64),
+        contact_of_matrix=np.zeros(3, dtype=np.int64),
         residual=np.zeros(v),
         impulse=np.zeros(v),
         first_column=np.zeros(n_pairs + 1, dtype=np.int64),
@@ -153,14 +155,19 @@ def _implicit_damping(mj: mujoco.MjModel) -> Floats:
 
 
 @compiled_without_nrt
-def couple_dofs(pairs: PairResponse, joints: Joints, workspace: CouplingWorkspace, step_s: float) -> int:
-    """Collect dofs of all trees in contact and their M̂; return their number."""
+def touch_trees(pairs: PairResponse, joints: Joints, workspace: CouplingWorkspace) -> None:
+    """Mark the trees of all pairs as touched."""
     workspace.touched[:] = False
     for p in range(pairs.total[0]):
         for side in range(2):
             last = joints.last_of_body[pairs.body[p, side]]
             if last >= 0:
                 workspace.touched[joints.tree[last]] = True
+
+
+@compiled_without_nrt
+def couple_dofs(joints: Joints, workspace: CouplingWorkspace, step_s: float) -> int:
+    """Collect dofs of all touched trees and their M̂; return their number."""
     n = 0
     for dof in range(len(joints.tree)):
         workspace.local[dof] = -1
