@@ -26,6 +26,7 @@ from skinnet.body.contact.joint_coupling import (
     pair_columns,
     solve_correction,
 )
+from skinnet.body.contact.line_search import begin_search, continue_search, is_rounding
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.winkler import ContactProblem
@@ -36,6 +37,8 @@ __all__ = ["ImplicitContact"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _MAX_ITERATIONS = 30
+_MAX_CURVE_ITERATIONS = 200
+"""Of foam with a curve, whose slope may change by orders of magnitude within a step."""
 _TOLERANCE = 1e-6
 """Energy of the last correction of velocities, as a fraction of that of the foam's own impulse."""
 _SIMILAR = 0.05
@@ -87,6 +90,8 @@ class ImplicitContact:
             contact_of_matrix=np.zeros(2, dtype=np.int64),
             residual=np.zeros(v),
             impulse=np.zeros(v),
+            step=np.zeros(v),
+            line=np.zeros(7),
             axis=np.zeros((v, 6)),
             used=np.zeros(v, dtype=np.int64),
         )
@@ -136,7 +141,10 @@ def _solve(
     for i in range(n):
         velocity[i] = joints.velocity[coupled[i]] + step_s * acceleration[coupled[i]]
     fresh = not _is_same_contact(pairs, workspace.contact_of_matrix, n_points)
-    last_j, iterations = np.inf, 0
+    last_j, iterations, most, searches = np.inf, 0, _MAX_ITERATIONS, False
+    has_curve = len(problems[0].foam.curve) > 0
+    if has_curve:  # its slope changes: no matrix serves for long
+        fresh, most = True, _MAX_CURVE_ITERATIONS
     while True:
         _relative_twists(motion, pairs, joints, workspace)
         for problem in problems:
@@ -159,17 +167,26 @@ def _solve(
             factorise(workspace.matrix, n)
         for i in range(n):
             residual[i] += workspace.impulse[i]
+        if searches and continue_search(workspace.line, workspace.step, velocity, residual, n):
+            iterations += 1
+            searches = iterations < most
+            continue
         energy_j = solve_correction(workspace.matrix, residual, n)
         foam_j = solve_correction(workspace.matrix, workspace.impulse, n)
         iterations += 1
-        if energy_j <= _TOLERANCE * foam_j or iterations >= _MAX_ITERATIONS:
+        if energy_j <= _TOLERANCE * foam_j or iterations >= most:
+            break
+        if has_curve and is_rounding(energy_j, workspace.inertia, velocity, n):
             break
         # points that changed their state need a new matrix once the old one no longer helps
-        was_fresh, fresh = fresh, not fresh and energy_j > _SLOW * last_j
+        was_fresh, fresh = fresh, has_curve or (not fresh and energy_j > _SLOW * last_j)
         if not was_fresh and fresh:
             last_j = np.inf
             continue
         last_j = energy_j
+        if has_curve:
+            begin_search(workspace.line, workspace.step, residual, n, energy_j)
+            searches = True
         for i in range(n):
             velocity[i] += residual[i]
     for p in range(pairs.total[0]):

@@ -68,6 +68,8 @@ class CouplingWorkspace(NamedTuple):
         contact_of_matrix: (2,) the contact for which it was computed: key of the pairs, number of points.
         residual: (v,) residual, then correction.
         impulse: (v,) impulse of the foam, then the change of velocity that it makes.
+        step: (v,) correction of the velocities that is searched along (`line_search`).
+        line: (7,) state of that search.
         axis: (v, 6) columns of one pair's J, relative twist about the origin per dof.
         used: (v,) dofs with a column.
     """
@@ -81,6 +83,8 @@ class CouplingWorkspace(NamedTuple):
     contact_of_matrix: Indices
     residual: Floats
     impulse: Floats
+    step: Floats
+    line: Floats
     axis: Floats
     used: Indices
 
