@@ -41,14 +41,20 @@ class CompliantLayer(NamedTuple):
 
 
 def foam_fraction(stiffness_pa_per_m: float, foam: FoamSpec) -> float:
-    """Fraction of the overlap that the foam takes against an elastic face: two springs in series."""
-    return 1.0 / (1.0 + foam.stiffness_pa_per_m / stiffness_pa_per_m)
+    """Fraction of the overlap that the foam takes against an elastic face: two springs in series.
+
+    Foam with a curve takes this fraction at its secant stiffness; `foam_curve` has it at any compression.
+    """
+    return 1.0 / (1.0 + foam.secant_stiffness_pa_per_m / stiffness_pa_per_m)
 
 
 def compliant_layer(stiffness_pa_per_m: float, foam: FoamSpec) -> CompliantLayer:
     """Compliance of an elastic body, indented until the foam is fully compressed, at most 30 mm."""
     share = foam_fraction(stiffness_pa_per_m, foam)
-    return CompliantLayer(share, min(foam.thickness_m * (1.0 / share - 1.0), _MAX_INDENTATION_M))
+    flat_m = foam.thickness_m * (1.0 / share - 1.0)
+    if foam.curve is not None:
+        flat_m = foam.curve.loading_pa(1.0) / stiffness_pa_per_m
+    return CompliantLayer(share, min(flat_m, _MAX_INDENTATION_M))
 
 
 def delay_rigid_contact(

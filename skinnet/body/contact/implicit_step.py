@@ -40,6 +40,7 @@ from skinnet.body.contact.joint_coupling import (
     solve_correction,
     touch_trees,
 )
+from skinnet.body.contact.line_search import begin_search, continue_search, is_rounding
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.winkler import ContactProblem
@@ -51,6 +52,8 @@ __all__ = ["ImplicitContact"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _MAX_ITERATIONS = 30
+_MAX_CURVE_ITERATIONS = 200
+"""Of foam with a curve, whose slope may change by orders of magnitude within a step."""
 _TOLERANCE = 1e-6
 """Energy of the last correction of velocities, as a fraction of that of the foam's own impulse."""
 _NEGLIGIBLE_J = 1e-24
@@ -159,7 +162,10 @@ def _solve(problem: _StepProblem, step_s: float) -> int:
         velocity[i] = joints.velocity[coupled[i]] + step_s * acceleration[coupled[i]]
     known = workspace.contact_of_matrix
     fresh = not _is_same_contact(pairs, workspace, n, n_points)
-    last_j, iterations = np.inf, 0
+    last_j, iterations, most, searches = np.inf, 0, _MAX_ITERATIONS, False
+    has_curve = len(cells.foam.curve) > 0
+    if has_curve:  # its slope changes: no matrix serves for long
+        fresh, most = True, _MAX_CURVE_ITERATIONS
     while True:
         state = update_forces(rows, joints, workspace, step_s)
         fresh = fresh or state != known[2]
@@ -186,17 +192,26 @@ def _solve(problem: _StepProblem, step_s: float) -> int:
             factorise(workspace.matrix, n)
         for i in range(n):
             residual[i] += workspace.impulse[i]
+        if searches and continue_search(workspace.line, workspace.step, velocity, residual, n):
+            iterations += 1
+            searches = iterations < most
+            continue
         energy_j = solve_correction(workspace.matrix, residual, n)
         foam_j = solve_correction(workspace.matrix, workspace.impulse, n)
         iterations += 1
-        if energy_j <= max(_TOLERANCE * foam_j, _NEGLIGIBLE_J) or iterations >= _MAX_ITERATIONS:
+        if energy_j <= max(_TOLERANCE * foam_j, _NEGLIGIBLE_J) or iterations >= most:
+            break
+        if has_curve and is_rounding(energy_j, workspace.inertia, velocity, n):
             break
         # points that changed their state need a new matrix once the old one no longer helps
-        was_fresh, fresh = fresh, not fresh and energy_j > _SLOW * last_j
+        was_fresh, fresh = fresh, has_curve or (not fresh and energy_j > _SLOW * last_j)
         if not was_fresh and fresh:
             last_j = np.inf
             continue
         last_j = energy_j
+        if has_curve:
+            begin_search(workspace.line, workspace.step, residual, n, energy_j)
+            searches = True
         for i in range(n):
             velocity[i] += residual[i]
     for p in range(pairs.total[0]):

@@ -71,6 +71,8 @@ class CouplingWorkspace(NamedTuple):
         residual: (v,) residual, then correction.
         impulse: (v,) impulse of the foam, then the change of velocity that it makes.
         first_column: (·,) where the columns of each pair's J begin, then their number.
+        step: (v,) correction of the velocities that is searched along (`line_search`).
+        line: (7,) state of that search.
         axis: (·, 6) columns, the pair's relative twist about the origin per dof.
         used: (·,) the dof of each column, numbered among the coupled ones.
     """
@@ -85,6 +87,8 @@ class CouplingWorkspace(NamedTuple):
     residual: Floats
     impulse: Floats
     first_column: Indices
+    step: Floats
+    line: Floats
     axis: Floats
     used: Indices
 
@@ -103,6 +107,8 @@ def no_coupling(mj: mujoco.MjModel, n_pairs: int) -> CouplingWorkspace:
         residual=np.zeros(v),
         impulse=np.zeros(v),
         first_column=np.zeros(n_pairs + 1, dtype=np.int64),
+        step=np.zeros(v),
+        line=np.zeros(7),
         axis=np.zeros((n_columns, 6)),
         used=np.zeros(n_columns, dtype=np.int64),
     )

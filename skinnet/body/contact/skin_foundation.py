@@ -85,6 +85,7 @@ class Foundation:
             peak_force_n=np.zeros(1),
             force_weighted_slip_n_m=np.zeros(n_bodies),
             shear_m=np.zeros((n, n_samples, 2)),
+            play_m=np.full((n, n_samples) if self.foam.reversal_m > 0.0 else (0, 0), -self.foam.reversal_m),
             in_contact=np.zeros(n, dtype=np.bool_),
         )
         solids = len(self.scene.geom_id)
@@ -129,7 +130,7 @@ class Foundation:
             scene=build_contact_scene(
                 mj, surface, _compliant_layers(mj, deployment), always_felt=(model.finger_body_id,)
             ),
-            foam=Foam(foam.thickness_m, foam.stiffness_pa_per_m, foam.damping_pa_s_per_m, foam.friction),
+            foam=Foam.of(foam),
             motion=motion_views(mj, data),
             temperature_c=model.temperature_c,
             applied_wrench=data.xfrc_applied,

@@ -5,6 +5,7 @@ samples its foam at s points. Where a solid penetrates the face of the foam by t
 
     p = max(0, k d + c ḋ),    d ≤ thickness.
 
+or with the elastic part k d from a curve with hysteresis (`foam_curve`).
 An elastic solid is a second spring in series: k and c are scaled by the foam's fraction of d, the solid's
 face recedes by the rest, and d may exceed the thickness by as much. Friction is shear of the foam
 (`foam`). Forces act on both bodies, equal and opposite, at the same point. When the foam
@@ -27,6 +28,7 @@ from skinnet.body.contact.contact_scene import (
 )
 from skinnet.body.contact.convex_hull import hull_entry
 from skinnet.body.contact.foam import Foam, friction_force
+from skinnet.body.contact.foam_curve import compressed_state
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import (
     Motion,
@@ -64,6 +66,7 @@ class ContactState(NamedTuple):
         force_weighted_slip_n_m: (nbody,) sliding distance of each body over the skin in this step times
             normal force [N m]; μ times this is the work of sliding friction.
         shear_m: (n, s, 2) shear displacement of the foam at each point, plane of the cell [m].
+        play_m: (n, s) memory of foam with hysteresis (`foam_curve`) at each point [m]; else without entries.
         in_contact: (n,) True for cells in contact.
     """
 
@@ -74,6 +77,7 @@ class ContactState(NamedTuple):
     peak_force_n: Floats
     force_weighted_slip_n_m: Floats
     shear_m: Floats
+    play_m: Floats
     in_contact: NDArray[np.bool_]
 
 
@@ -258,12 +262,14 @@ def _compute_cell_contact(
     yx, yy, yz = cell_axis(surface, motion, cell, 1)
     nx, ny, nz = cell_axis(surface, motion, cell, 2)
     contact.force_n[cell, :] = 0.0
-    contacts, warmth_c = 0, 0.0
+    contacts, warmth_c, has_curve = 0, 0.0, len(foam.curve) > 0
     for s in range(len(surface.sample_m)):
         depth_m = RAY_START_DEPTH_M + foam.thickness_m - nearest_m[s]
         if hit[s] < 0 or depth_m <= 0.0:
             contact.shear_m[cell, s, 0] = 0.0
             contact.shear_m[cell, s, 1] = 0.0
+            if foam.reversal_m > 0.0:
+                contact.play_m[cell, s] = -foam.reversal_m
             if hit[s] >= 0:
                 _add_point(points, cell, s, hit[s], depth_m, foam.thickness_m)
             continue
@@ -273,15 +279,20 @@ def _compute_cell_contact(
         other, share, give_m = scene.body_id[k], scene.foam_fraction[k], scene.max_indentation_m[k]
         lift_m = max(nearest_m[s], RAY_START_DEPTH_M - give_m)
         depth_m = RAY_START_DEPTH_M + foam.thickness_m - lift_m
-        lift_m += min((1.0 - share) * depth_m, give_m)
+        indented_m, elastic_pa = (1.0 - share) * depth_m, foam.stiffness_pa_per_m * depth_m
+        damping_pa_s_per_m = foam.damping_pa_s_per_m
+        if has_curve:
+            indented_m, elastic_pa, damping_pa_s_per_m = compressed_state(
+                foam, depth_m, share, contact.play_m, cell, s
+            )
+        lift_m += min(indented_m, give_m)
         _add_point(points, cell, s, k, depth_m, lift_m - RAY_START_DEPTH_M)
         x, y, z = x + lift_m * nx, y + lift_m * ny, z + lift_m * nz
         vx, vy, vz = point_velocity(motion, other, x, y, z)
         wx, wy, wz = point_velocity(motion, own, x, y, z)
         vx, vy, vz = vx - wx, vy - wy, vz - wz
         rate_m_s = -(vx * nx + vy * ny + vz * nz)
-        elastic_pa, viscous_pa = foam.stiffness_pa_per_m * depth_m, foam.damping_pa_s_per_m * rate_m_s
-        normal_n = area * max(0.0, share * (elastic_pa + viscous_pa))
+        normal_n = area * max(0.0, share * (elastic_pa + damping_pa_s_per_m * rate_m_s))
         slip_x, slip_y = vx * xx + vy * xy + vz * xz, vx * yx + vy * yy + vz * yz
         shear_x = contact.shear_m[cell, s, 0] + slip_x * step_s
         shear_y = contact.shear_m[cell, s, 1] + slip_y * step_s
