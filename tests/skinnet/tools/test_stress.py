@@ -300,6 +300,19 @@ def test_a_sweep_goes_on_where_it_was_killed(
     kept = run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
     assert [result.failure for result in kept] == [None, None]
     assert kept[0].metrics == json.loads((out / "c15-periodic-s0.5" / "point.json").read_text())["metrics"]
+    assert not any("arithmetic" in line for line in told)
+    # nor does a result of another computer's arithmetic belong beside ours
+    saved = out / "c15-periodic-s0.5" / "point.json"
+    ours = json.loads(saved.read_text())
+    theirs = ours | {"mark": "another", "arithmetic": ours["arithmetic"] | {"functions": "0"}}
+    saved.write_text(json.dumps(theirs))
+    run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
+    saved.write_text(json.dumps(ours))
+    (reason,) = [line for line in told if "arithmetic" in line]
+    assert reason == (
+        "1/2 c15-periodic-s0.5: not kept, computed with another arithmetic (functions): values may differ in "
+        "their last bits, and hashes cannot be compared"
+    )
     # another seed makes other points
     points = derive_points(prepare_run(RunOptions(ARM, (*SCRIPTED, "seed=2"))).deployment, spec)
     other = run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
