@@ -36,17 +36,19 @@ _CONFIDENCE = 0.95
 _NOT_OF_THE_RUN = ("arithmetic", "recording.")
 
 
-def _taps() -> str:
-    """Touches of the touch scene: a push, a held force, then taps on all cells of a link in turn."""
+def _touches() -> str:
+    """Touches of the touch scene: a held force, then taps at twelve phases of the periods of 4 and 5 ms.
+
+    The finger is free before each: a touch that waited for it would begin by fractions of a step later.
+    """
     touches = [
-        '{ cell = "fore_link/1", stage = "evade", start_s = 0.2, approach_m = 0.02, depth_m = 0.03 }',
-        '{ cell = "fore_link/2", stage = "evade", start_s = 4.0, approach_m = 0.02, force_cell = 0, '
-        "force_n = 1.0, hold_s = 1.5 }",
+        '{ cell = "fore_link/2", stage = "evade", start_s = 0.2, approach_m = 0.02, force_cell = 0, '
+        "force_n = 1.0, hold_s = 1.5 }"
     ]
     touches += [
-        f'{{ cell = "fore_link/{cell}", stage = "evade", start_s = {7.0 + 0.5 * i:g}, approach_m = 0.02, '
-        "speed_m_s = 0.15, depth_m = 0.008, hold_s = 0.05 }"
-        for i, cell in enumerate((0, 1, 2) * 4)
+        f'{{ cell = "fore_link/{i % 3}", stage = "evade", start_s = {3.5 + 0.5517 * i:.4f}, '
+        "approach_m = 0.02, speed_m_s = 0.15, depth_m = 0.008, hold_s = 0.05 }"
+        for i in range(12)
     ]
     return f"teacher.touches=[{', '.join(touches)}]"
 
@@ -57,8 +59,8 @@ SCENES = {
         (
             'controller.program=["map", "evade"]',
             "controller.map.periods=1",
-            "controller.stages.evade.duration_s=13.5",
-            _taps(),
+            "controller.stages.evade.duration_s=10.2",
+            _touches(),
         ),
     ),
     "hold": (
@@ -71,7 +73,7 @@ SCENES = {
     ),
     "grasp": ("hrp2_grasp", ()),
 }
-"""Deployment and settings of each scene: 16, 4 and 43 s of simulated time."""
+"""Deployment and settings of each scene: 14, 4 and 43 s of simulated time."""
 
 
 class Change(NamedTuple):
