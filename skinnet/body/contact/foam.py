@@ -7,7 +7,7 @@ stiffness of a foam with Poisson's ratio 0, assumed) that slides at μ p.
 from typing import NamedTuple
 
 from skinnet import pinned_math
-from skinnet.compilation import compiled_without_nrt
+from skinnet.compilation import compiled_inline
 
 __all__ = ["SHEAR_STIFFNESS_RATIO", "Foam", "friction_force"]
 
@@ -31,7 +31,7 @@ class Foam(NamedTuple):
     friction: float
 
 
-@compiled_without_nrt
+@compiled_inline
 def friction_force(
     foam: Foam,
     area: float,

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import cell_axis, point_above_cell
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = ["PairResponse", "add_pairs", "add_response", "elastic_energy_j", "no_pairs"]
@@ -156,9 +156,9 @@ def _add_cell_response(
     damping_pa_s_per_m = slope_pa_s_per_m - step_s * stiffness_pa_per_m
     entry_pa_per_m = slope_pa_s_per_m / step_s
     for m in range(first, last):
-        a, b = surface.sample_m[points.sample[m], 0], surface.sample_m[points.sample[m], 1]
+        a, b = points.x_m[m], points.y_m[m]
         d, h = points.depth_m[m], points.height_m[m]
-        area = surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
+        area = points.area_m2[m] * problem.scene.foam_fraction[points.solid[m]]
         closing = -(vz + wx * b - wy * a)
         elastic_pa = d * (stiffness_pa_per_m if d >= 0.0 else entry_pa_per_m)
         pressure_pa = elastic_pa + slope_pa_s_per_m * closing
@@ -289,9 +289,11 @@ def elastic_energy_j(problem: ContactProblem) -> float:
     """Elastic energy [J] of all loaded points: compression and shear of the foam, and of solids in series."""
     points, energy_j = problem.points, 0.0
     for m in range(points.total[0]):
-        area = problem.surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
+        area = points.area_m2[m] * problem.scene.foam_fraction[points.solid[m]]
+        if points.depth_m[m] <= 0.0:
+            continue
         shear = problem.contact.shear_m
         x, y = shear[points.cell[m], points.sample[m], 0], shear[points.cell[m], points.sample[m], 1]
-        stretch_m2 = max(0.0, points.depth_m[m]) ** 2 + SHEAR_STIFFNESS_RATIO * (x * x + y * y)
+        stretch_m2 = points.square_m2[m] + SHEAR_STIFFNESS_RATIO * (x * x + y * y)
         energy_j += 0.5 * problem.foam.stiffness_pa_per_m * area * stretch_m2
     return energy_j

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.foam_response import PairResponse, add_pairs, add_response, no_pairs
 from skinnet.body.contact.joint_coupling import (
     CouplingWorkspace,
@@ -28,7 +29,6 @@ from skinnet.body.contact.joint_coupling import (
 )
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = ["ImplicitContact"]
