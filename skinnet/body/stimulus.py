@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.contact_scene import solids_near_patch
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
 from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.body.dynamics import Dynamics
 from skinnet.body.proximity.field_of_view import FieldOfView, distance_in_view_m
 from skinnet.compilation import compiled_without_nrt

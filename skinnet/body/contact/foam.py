@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
-from skinnet.compilation import compiled_without_nrt
+from skinnet.compilation import compiled_inline
 from skinnet.deployment.robot import FoamSpec
 
 __all__ = ["SHEAR_STIFFNESS_RATIO", "Foam", "friction_force"]
@@ -63,7 +63,7 @@ class Foam(NamedTuple):
         )
 
 
-@compiled_without_nrt
+@compiled_inline
 def friction_force(
     foam: Foam,
     area: float,

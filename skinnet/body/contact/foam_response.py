@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
 from skinnet.body.contact.foam_curve import closing_response, stored_energy_j_per_m2
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import cell_axis, point_above_cell
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = ["PairResponse", "add_pairs", "add_response", "elastic_energy_j", "no_pairs"]
@@ -158,9 +158,9 @@ def _add_cell_response(
     damping_pa_s_per_m = slope_pa_s_per_m - step_s * stiffness_pa_per_m
     entry_pa_per_m, has_curve = slope_pa_s_per_m / step_s, len(foam.curve) > 0
     for m in range(first, last):
-        a, b = surface.sample_m[points.sample[m], 0], surface.sample_m[points.sample[m], 1]
+        a, b = points.x_m[m], points.y_m[m]
         d, h = points.depth_m[m], points.height_m[m]
-        area = surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
+        area = points.area_m2[m] * problem.scene.foam_fraction[points.solid[m]]
         closing = -(vz + wx * b - wy * a)
         elastic_pa = d * (stiffness_pa_per_m if d >= 0.0 else entry_pa_per_m)
         pressure_pa, normal_slope = elastic_pa + slope_pa_s_per_m * closing, area * slope_pa_s_per_m
@@ -304,7 +304,9 @@ def elastic_energy_j(problem: ContactProblem) -> float:
     """Elastic energy [J] of all loaded points: compression and shear of the foam, and of solids in series."""
     points, energy_j = problem.points, 0.0
     for m in range(points.total[0]):
-        area = problem.surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
+        area = points.area_m2[m] * problem.scene.foam_fraction[points.solid[m]]
+        if points.depth_m[m] <= 0.0:
+            continue
         shear = problem.contact.shear_m
         x, y = shear[points.cell[m], points.sample[m], 0], shear[points.cell[m], points.sample[m], 1]
         stretch_m2 = SHEAR_STIFFNESS_RATIO * (x * x + y * y)
@@ -314,7 +316,6 @@ def elastic_energy_j(problem: ContactProblem) -> float:
                 problem.foam, points.depth_m[m], fraction, play_m, points.cell[m], points.sample[m]
             )
         else:
-            depth_m = max(0.0, points.depth_m[m])
-            stretch_m2 += depth_m * depth_m
+            stretch_m2 += points.square_m2[m]
         energy_j += 0.5 * problem.foam.stiffness_pa_per_m * area * stretch_m2
     return energy_j

@@ -28,6 +28,7 @@ from skinnet.body.contact.constraint_rows import (
     update_forces,
     write_rows,
 )
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.foam_response import PairResponse, add_pairs, add_response, no_pairs
 from skinnet.body.contact.joint_coupling import (
     CouplingWorkspace,
@@ -43,7 +44,6 @@ from skinnet.body.contact.joint_coupling import (
 from skinnet.body.contact.line_search import begin_search, continue_search, is_rounding
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 from skinnet.compiled_reference import reference
 

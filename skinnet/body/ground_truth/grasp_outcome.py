@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.added_elements import added_id
-from skinnet.body.contact.winkler import ContactState
+from skinnet.body.contact.contact_problem import ContactState
 from skinnet.body.environment.stand import Stand, StandPhase
 from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject
 from skinnet.clock import NS_PER_S

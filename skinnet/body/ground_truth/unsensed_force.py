@@ -72,7 +72,7 @@ def _cells_by_body(surfaces: Sequence[SkinSurface]) -> dict[int, list[tuple[Floa
     for surface in surfaces:
         for body in np.unique(surface.body_id).tolist():
             rows = np.flatnonzero(surface.body_id == body)
-            # points lie inside a cell; a cell reaches as far again beyond the outermost of them
-            reach_m = 1.3 * float(pinned_math.hypot_of(*surface.sample_m.T).max())
+            outline = slice(surface.grid.n_corners)
+            reach_m = float(pinned_math.hypot_of(surface.grid.x_m[outline], surface.grid.y_m[outline]).max())
             cells.setdefault(body, []).append((surface.position_m[rows], surface.R_body_cell[rows], reach_m))
     return cells
