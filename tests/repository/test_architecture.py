@@ -67,7 +67,7 @@ def test_the_contracts_of_imports_hold() -> None:
         ),
         ("mujoco", ("skinnet/body/", "controller/nursing/kinematics/robot_model.py")),
         ("typer", ("skinnet/cli/",)),
-        ("numba", ("skinnet/compilation.py",)),
+        ("numba", ("skinnet/compilation.py", "skinnet/compiled_reference.py")),
         ("sqlite3", ("skinnet/memory/",)),
     ],
 )

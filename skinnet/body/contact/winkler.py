@@ -225,7 +225,7 @@ def _add_forces(
 
 @compiled_inline
 def _has_moved(points: LoadedPoints, m: int) -> bool:
-    """True if the sample of point `m` is pressed by an earlier point as well, with which its shear went on."""
+    """True if an earlier point presses the sample of point `m` as well: its shear went on with that one."""
     i = m - 1
     while i >= 0 and points.cell[i] == points.cell[m] and points.sample[i] == points.sample[m]:
         if points.depth_m[i] > 0.0:
