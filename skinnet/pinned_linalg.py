@@ -76,7 +76,8 @@ def _products(a: Floats, b: Floats, n_products: int) -> Floats:
 @compiled
 def _eliminate(a: Floats, b: Floats) -> float:
     """Solve a x = b in place, x in b (n, m), by elimination with partial pivoting; return det a."""
-    n, determinant = len(a), 1.0
+    n = len(a)
+    determinant: float = 1.0
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):

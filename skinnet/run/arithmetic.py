@@ -8,7 +8,7 @@ its kernel by the CPU as well. The fingerprint of a run covers the parts that it
 
 import hashlib
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.metadata import version
 from typing import Any
@@ -75,7 +75,7 @@ def arithmetic(parts: Sequence[str] = PARTS) -> dict[str, str]:
     Args:
         parts: Some of `functions`, `mujoco` and `blas`, as a tuple.
     """
-    samples = {
+    samples: dict[str, Callable[[], bytes]] = {
         "functions": lambda: _evaluate().tobytes(),
         "mujoco": roll_out,
         "blas": _products,
