@@ -39,14 +39,15 @@ _NOT_OF_THE_RUN = ("arithmetic", "recording.")
 def _touches() -> str:
     """Touches of the touch scene: a held force, then taps at twelve phases of the periods of 4 and 5 ms.
 
-    The finger is free before each: a touch that waited for it would begin by fractions of a step later.
+    All begin at whole milliseconds, and when the finger is free: else a touch would begin with a step after
+    its time, and earlier at half the step.
     """
     touches = [
         '{ cell = "fore_link/2", stage = "evade", start_s = 0.2, approach_m = 0.02, force_cell = 0, '
         "force_n = 1.0, hold_s = 1.5 }"
     ]
     touches += [
-        f'{{ cell = "fore_link/{i % 3}", stage = "evade", start_s = {3.5 + 0.5517 * i:.4f}, '
+        f'{{ cell = "fore_link/{i % 3}", stage = "evade", start_s = {3.5 + 0.553 * i:.3f}, '
         "approach_m = 0.02, speed_m_s = 0.15, depth_m = 0.008, hold_s = 0.05 }"
         for i in range(12)
     ]
