@@ -6,7 +6,7 @@ area d > 0 is convex. So a few points tell where a sample, a parallelogram, need
 - with all corners pressed it is pressed as a whole, and its mean overlap lies between the mean of its corners
   and that at its centre c; (2 d(c) + mean of corners) / 3 is exact for quadratic functions;
 - d ≤ 2 d(c) - min d(corners) everywhere in it: where that is negative, nothing presses it;
-- all else is cut into a finer grid.
+- all else is cut into a finer grid: a rough one where the overlap bends little, and against meshes.
 
 A sample enters the forces as one point for its pressed part, with the area of that part, the mean overlap
 there, and its centre of pressure; and as one for the part that the coming step may press.
@@ -21,9 +21,13 @@ from skinnet.body.contact.contact_problem import RAY_START_DEPTH_M, ContactProbl
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.parallel_rays import CellInSolid, cast_rays, cell_in_solid, lowest_height_m
 from skinnet.body.contact.ray_casting import MESH, PLANE
+from skinnet.body.contact.sample_grid import SampleGrid
 from skinnet.compilation import compiled_inline, compiled_without_nrt
 
 __all__ = ["find_loaded_points"]
+
+_NONE, _ROUGH, _FINE = 0, 1, 2
+"""Grids in a sample, by number of points."""
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,6 +36,10 @@ _FLAT = 0.02
 """Nonlinearity of the overlap, as a fraction of it, up to which centres alone stand for a pressed cell."""
 _CURVED = 0.5
 """Nonlinearity of the overlap over a sample, as a fraction of it, from which a finer grid is used."""
+_NEARLY_PLANE = 0.02
+"""Nonlinearity of the overlap, in sides of a sample, up to which a rough grid tells how much is pressed."""
+_FEW_NODES = 2
+"""Nodes per corner of a cell up to which one call casts the rays from all at once."""
 _NARROW = 2.0
 """Half width of a solid, in sides of a sample, below which it may lie between all points of a sample."""
 
@@ -44,13 +52,13 @@ def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m:
     """
     surface, scene, foam, workspace = problem.surface, problem.scene, problem.foam, problem.workspace
     grid, close, hit, nearest_m = surface.grid, workspace.close, workspace.hit, workspace.nearest_m
-    height_m, is_fine = workspace.height_m, workspace.is_fine
+    height_m, inner_grid = workspace.height_m, workspace.inner_grid
     face_m, top_m = RAY_START_DEPTH_M + foam.thickness_m, RAY_START_DEPTH_M + face_m
     centres, fines = grid.n_nodes, grid.n_nodes + grid.n_samples
     for i in range(centres, fines):
         hit[i], nearest_m[i] = -1, top_m
-        is_fine[i - centres] = False
-    met = 0
+        inner_grid[i - centres] = _NONE
+    met, has_few_nodes = 0, grid.n_nodes <= _FEW_NODES * grid.n_corners
     for j in range(n_close):
         k = close[j]
         f, above_m = _frame(problem, cell, k), _above_m(problem, cell, k)
@@ -58,25 +66,29 @@ def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m:
             continue
         close[met] = k
         met += 1
-        _cast(problem, cell, k, f, 0, grid.n_corners)
-        _cast(problem, cell, k, f, centres, fines)
+        if has_few_nodes:
+            _cast(problem, cell, k, f, 0, fines)
+        else:
+            _cast(problem, cell, k, f, 0, grid.n_corners)
+            _cast(problem, cell, k, f, centres, fines)
         _judge(problem, cell, k, f, face_m - above_m, top_m - above_m)
         for i in range(centres, fines):
             if height_m[i] + above_m < nearest_m[i]:
                 hit[i], nearest_m[i] = k, height_m[i] + above_m
     if met == 0:
         return
-    first_fine, n_fine, any_fine = fines, grid.n_fine, False
+    finest = _NONE
     for s in range(grid.n_samples):
-        any_fine = any_fine or is_fine[s]
+        finest = max(finest, inner_grid[s])
     for j in range(met):
         if scene.geom_type[close[j]] == MESH:
-            first_fine, n_fine = fines + grid.n_samples * grid.n_fine, grid.n_rough
-    if any_fine:
-        _cast_fine(problem, cell, met, top_m, first_fine, n_fine)
+            finest = min(finest, _ROUGH)
+    if finest > _NONE:
+        _cast_inner(problem, cell, met, top_m, finest)
     for s in range(grid.n_samples):
-        if is_fine[s]:
-            _add_fine_sample(problem, cell, s, met, face_m, first_fine + s * n_fine, n_fine)
+        if inner_grid[s] > _NONE:
+            first, n_inner = _inner_points(grid, s, min(inner_grid[s], finest))
+            _add_partial_sample(problem, cell, s, met, face_m, first, n_inner)
         elif hit[centres + s] >= 0:
             i = centres + s
             give_m = scene.max_indentation_m[hit[i]]
@@ -126,12 +138,12 @@ def _cast(problem: ContactProblem, cell: int, k: int, f: CellInSolid, first: int
 
 @compiled_inline
 def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: float, top_m: float) -> None:
-    """Mark the samples that need a finer grid against solid `k`; make the heights of all others their means.
+    """Mark the samples that need an inner grid against solid `k`; make the heights of all others their means.
 
     Heights count from the start of the rays: `face_m` of the foam's face, `top_m` of what is sought [m].
     """
     workspace, grid = problem.workspace, problem.surface.grid
-    height_m, is_fine, centres = workspace.height_m, workspace.is_fine, grid.n_nodes
+    height_m, inner_grid, centres = workspace.height_m, workspace.inner_grid, grid.n_nodes
     highest_m, corners_m, middle_m = 0.0, 0.0, 0.0
     for i in range(grid.n_corners):
         highest_m = max(highest_m, height_m[i])
@@ -142,7 +154,8 @@ def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: f
             middle_m += height_m[centres + s] / grid.n_samples
         if corners_m - middle_m <= _FLAT * (face_m - middle_m):
             return
-    _cast(problem, cell, k, f, grid.n_corners, grid.n_nodes)
+    if grid.n_nodes > _FEW_NODES * grid.n_corners:
+        _cast(problem, cell, k, f, grid.n_corners, grid.n_nodes)
     is_narrow = _half_width_m(problem, k) < _NARROW * grid.side_m
     for s in range(grid.n_samples):
         here_m = height_m[centres + s]
@@ -152,18 +165,19 @@ def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: f
             lowest_m, highest_m = min(lowest_m, corner_m), max(highest_m, corner_m)
             corners_m += 0.25 * corner_m
         if here_m < math.inf and highest_m < math.inf:
+            bend_m = max(corners_m - here_m, 0.0)
             if highest_m < face_m:
-                bend_m = max(corners_m - here_m, 0.0)
                 if bend_m <= _CURVED * (face_m - here_m):
                     height_m[centres + s] = here_m + bend_m / 3.0
                 else:
-                    is_fine[s] = True
+                    inner_grid[s] = _FINE
             elif 2.0 * here_m - highest_m < face_m:
-                is_fine[s] = True
-        elif lowest_m < top_m + 0.5 * grid.side_m:
-            is_fine[s] = True
-        elif lowest_m == math.inf and is_narrow:
-            is_fine[s] = _may_lie_over(problem, k, f, s)
+                is_plane = bend_m <= _NEARLY_PLANE * grid.side_m
+                inner_grid[s] = max(inner_grid[s], _ROUGH if is_plane else _FINE)
+        elif lowest_m < top_m + 0.5 * grid.side_m or (
+            lowest_m == math.inf and is_narrow and _may_lie_over(problem, k, f, s)
+        ):
+            inner_grid[s] = _FINE
 
 
 @compiled_inline
@@ -190,33 +204,41 @@ def _may_lie_over(problem: ContactProblem, k: int, f: CellInSolid, s: int) -> bo
     return bool(u * u + v * v < reach_m * reach_m)
 
 
+@compiled_inline
+def _inner_points(grid: SampleGrid, s: int, inner_grid: int) -> tuple[int, int]:
+    """First point of the finer grid in sample `s`, and their number."""
+    first = grid.n_nodes + grid.n_samples
+    if inner_grid == _FINE:
+        return first + s * grid.n_fine, grid.n_fine
+    return first + grid.n_samples * grid.n_fine + s * grid.n_rough, grid.n_rough
+
+
 @compiled_without_nrt
-def _cast_fine(
-    problem: ContactProblem, cell: int, met: int, top_m: float, first_fine: int, n_fine: int
-) -> None:
-    """Cast rays from the finer grid in all marked samples of cell `cell` at the first `met` solids."""
+def _cast_inner(problem: ContactProblem, cell: int, met: int, top_m: float, finest: int) -> None:
+    """Cast rays from the finer grids in all marked samples of cell `cell` at the first `met` solids."""
     grid, workspace = problem.surface.grid, problem.workspace
     hit, nearest_m, height_m = workspace.hit, workspace.nearest_m, workspace.height_m
     for s in range(grid.n_samples):
-        if workspace.is_fine[s]:
-            for i in range(first_fine + s * n_fine, first_fine + (s + 1) * n_fine):
+        if workspace.inner_grid[s] > _NONE:
+            first, n_inner = _inner_points(grid, s, min(workspace.inner_grid[s], finest))
+            for i in range(first, first + n_inner):
                 hit[i], nearest_m[i] = -1, top_m
     for j in range(met):
         k = workspace.close[j]
         f, above_m = _frame(problem, cell, k), _above_m(problem, cell, k)
         for s in range(grid.n_samples):
-            if not workspace.is_fine[s]:
+            if workspace.inner_grid[s] == _NONE:
                 continue
-            first = first_fine + s * n_fine
-            _cast(problem, cell, k, f, first, first + n_fine)
-            for i in range(first, first + n_fine):
+            first, n_inner = _inner_points(grid, s, min(workspace.inner_grid[s], finest))
+            _cast(problem, cell, k, f, first, first + n_inner)
+            for i in range(first, first + n_inner):
                 if height_m[i] + above_m < nearest_m[i]:
                     hit[i], nearest_m[i] = k, height_m[i] + above_m
 
 
 @compiled_without_nrt
-def _add_fine_sample(
-    problem: ContactProblem, cell: int, s: int, met: int, face_m: float, first: int, n_fine: int
+def _add_partial_sample(
+    problem: ContactProblem, cell: int, s: int, met: int, face_m: float, first: int, n_inner: int
 ) -> None:
     """Add the parts of sample `s` that each solid presses, or may press in the coming step."""
     grid, workspace, scene, points = (
@@ -225,13 +247,13 @@ def _add_fine_sample(
         problem.scene,
         problem.points,
     )
-    fine_m2 = grid.area_m2 / n_fine
+    inner_m2 = grid.area_m2 / n_inner
     for j in range(met):
         k = workspace.close[j]
         deepest_m = problem.foam.thickness_m + scene.max_indentation_m[k]
         pressed, near = 0, 0
         depth_m = square_m2 = x_m2 = y_m2 = gap_m = near_x_m = near_y_m = 0.0
-        for i in range(first, first + n_fine):
+        for i in range(first, first + n_inner):
             if workspace.hit[i] != k:
                 continue
             d = min(face_m - workspace.nearest_m[i], deepest_m)
@@ -252,7 +274,7 @@ def _add_fine_sample(
                 cell,
                 s,
                 k,
-                pressed * fine_m2,
+                pressed * inner_m2,
                 depth_m / pressed,
                 square_m2 / pressed,
                 x_m2 / depth_m,
@@ -260,7 +282,7 @@ def _add_fine_sample(
             )
         if near > 0:
             _add_point(
-                points, cell, s, k, near * fine_m2, gap_m / near, 0.0, near_x_m / near, near_y_m / near
+                points, cell, s, k, near * inner_m2, gap_m / near, 0.0, near_x_m / near, near_y_m / near
             )
 
 

@@ -58,7 +58,7 @@ class Workspace(NamedTuple):
         hit: Solid that the ray of each point meets first, or -1.
         nearest_m: Height at which it does, from `RAY_START_DEPTH_M` below the rigid surface on [m].
         height_m: Height at which the ray of each point meets one solid, from its start on [m].
-        is_fine: True for the samples of a cell that need the finer grid.
+        inner_grid: Grid that each sample of a cell needs: none, a rough, or a fine one.
     """
 
     near: Indices
@@ -67,7 +67,7 @@ class Workspace(NamedTuple):
     hit: Indices
     nearest_m: Floats
     height_m: Floats
-    is_fine: NDArray[np.bool_]
+    inner_grid: Indices
 
 
 class ContactProblem(NamedTuple):

@@ -115,7 +115,7 @@ class Foundation:
                     hit=np.zeros(n_points, dtype=np.int64),
                     nearest_m=np.zeros(n_points),
                     height_m=np.zeros(n_points),
-                    is_fine=np.zeros(n_samples, dtype=np.bool_),
+                    inner_grid=np.zeros(n_samples, dtype=np.int64),
                 ),
             )
         )

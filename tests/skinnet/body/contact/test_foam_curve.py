@@ -54,7 +54,8 @@ def plate(
 
 def pressed_m2(body: BodySimulation) -> float:
     """Area of the points under the plate [m²], now."""
-    return int(body.cell_foundation.problem.points.total[0]) * body.surface.sample_area_m2
+    points = body.cell_foundation.problem.points
+    return float(points.area_m2[: int(points.total[0])].sum())
 
 
 def table_pa(strain: Floats | float, column: tuple[float, ...]) -> Floats:
