@@ -6,7 +6,8 @@ area d > 0 is convex. So a few points tell where a sample, a parallelogram, need
 - with all corners pressed it is pressed as a whole, and its mean overlap lies between the mean of its corners
   and that at its centre c; (2 d(c) + mean of corners) / 3 is exact for quadratic functions;
 - d ≤ 2 d(c) - min d(corners) everywhere in it: where that is negative, nothing presses it;
-- all else is cut into a finer grid: a rough one where the overlap bends little, and against meshes.
+- all else is cut into a finer grid: a medium one where a side is pressed and the overlap bends little, a
+  rough one against meshes.
 
 A sample enters the forces as one point for its pressed part, with the area of that part, the mean overlap
 there, and its centre of pressure; and as one for the part that the coming step may press.
@@ -26,7 +27,7 @@ from skinnet.compilation import compiled_inline, compiled_without_nrt
 
 __all__ = ["find_loaded_points"]
 
-_NONE, _ROUGH, _FINE = 0, 1, 2
+_NONE, _ROUGH, _MEDIUM, _FINE = 0, 1, 2, 3
 """Grids in a sample, by number of points."""
 
 Floats = NDArray[np.float64]
@@ -37,7 +38,7 @@ _FLAT = 0.02
 _CURVED = 0.5
 """Nonlinearity of the overlap over a sample, as a fraction of it, from which a finer grid is used."""
 _NEARLY_PLANE = 0.02
-"""Nonlinearity of the overlap, in sides of a sample, up to which a rough grid tells how much is pressed."""
+"""Nonlinearity of the overlap, in sides of a sample, up to which a medium grid tells what is pressed."""
 _FEW_NODES = 2
 """Nodes per corner of a cell up to which one call casts the rays from all at once."""
 _NARROW = 2.0
@@ -159,11 +160,12 @@ def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: f
     is_narrow = _half_width_m(problem, k) < _NARROW * grid.side_m
     for s in range(grid.n_samples):
         here_m = height_m[centres + s]
-        lowest_m, highest_m, corners_m = here_m, 0.0, 0.0
+        lowest_m, highest_m, corners_m, pressed = here_m, 0.0, 0.0, 0
         for c in range(4):
             corner_m = height_m[grid.node[s, c]]
             lowest_m, highest_m = min(lowest_m, corner_m), max(highest_m, corner_m)
             corners_m += 0.25 * corner_m
+            pressed += corner_m < face_m
         if here_m < math.inf and highest_m < math.inf:
             bend_m = max(corners_m - here_m, 0.0)
             if highest_m < face_m:
@@ -172,8 +174,8 @@ def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: f
                 else:
                     inner_grid[s] = _FINE
             elif 2.0 * here_m - highest_m < face_m:
-                is_plane = bend_m <= _NEARLY_PLANE * grid.side_m
-                inner_grid[s] = max(inner_grid[s], _ROUGH if is_plane else _FINE)
+                is_plane = pressed >= 2 and bend_m <= _NEARLY_PLANE * grid.side_m
+                inner_grid[s] = max(inner_grid[s], _MEDIUM if is_plane else _FINE)
         elif lowest_m < top_m + 0.5 * grid.side_m or (
             lowest_m == math.inf and is_narrow and _may_lie_over(problem, k, f, s)
         ):
@@ -210,7 +212,10 @@ def _inner_points(grid: SampleGrid, s: int, inner_grid: int) -> tuple[int, int]:
     first = grid.n_nodes + grid.n_samples
     if inner_grid == _FINE:
         return first + s * grid.n_fine, grid.n_fine
-    return first + grid.n_samples * grid.n_fine + s * grid.n_rough, grid.n_rough
+    first += grid.n_samples * grid.n_fine
+    if inner_grid == _MEDIUM:
+        return first + s * grid.n_medium, grid.n_medium
+    return first + grid.n_samples * grid.n_medium + s * grid.n_rough, grid.n_rough
 
 
 @compiled_without_nrt
