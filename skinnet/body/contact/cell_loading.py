@@ -119,7 +119,7 @@ def _frame(problem: ContactProblem, cell: int, k: int) -> CellInSolid:
 def _above_m(problem: ContactProblem, cell: int, k: int) -> float:
     """Height [m] of the start of the rays at solid `k` above `RAY_START_DEPTH_M`."""
     start_m = min(RAY_START_DEPTH_M + problem.scene.max_indentation_m[k], problem.start_depth_m[cell])
-    return RAY_START_DEPTH_M - start_m
+    return float(RAY_START_DEPTH_M - start_m)
 
 
 @compiled_without_nrt
@@ -188,7 +188,7 @@ def _half_width_m(problem: ContactProblem, k: int) -> float:
     if problem.scene.geom_type[k] == PLANE:
         return math.inf
     box_m = problem.scene.bounding_box_m
-    return min(box_m[k, 3], box_m[k, 4], box_m[k, 5])
+    return float(min(box_m[k, 3], box_m[k, 4], box_m[k, 5]))
 
 
 @compiled_inline

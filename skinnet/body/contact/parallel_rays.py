@@ -84,20 +84,20 @@ def lowest_height_m(scene: ContactScene, k: int, f: CellInSolid) -> float:
     kind, a, b, c = scene.geom_type[k], scene.size_m[k, 0], scene.size_m[k, 1], scene.size_m[k, 2]
     centre_m = -(f.x * f.zx + f.y * f.zy + f.z * f.zz)
     if kind == SPHERE:
-        return centre_m - a
+        return float(centre_m - a)
     if kind == CAPSULE:
-        return centre_m - a - b * abs(f.zz)
+        return float(centre_m - a - b * abs(f.zz))
     if kind == BOX:
-        return centre_m - a * abs(f.zx) - b * abs(f.zy) - c * abs(f.zz)
+        return float(centre_m - a * abs(f.zx) - b * abs(f.zy) - c * abs(f.zz))
     if kind == CYLINDER:
-        return centre_m - a * math.sqrt(f.zx * f.zx + f.zy * f.zy) - b * abs(f.zz)
+        return float(centre_m - a * math.sqrt(f.zx * f.zx + f.zy * f.zy) - b * abs(f.zz))
     if kind == ELLIPSOID:
         u, v, w = a * f.zx, b * f.zy, c * f.zz
         return centre_m - math.sqrt(u * u + v * v + w * w)
     if kind == MESH:
         box_m = scene.bounding_box_m
         centre_m += box_m[k, 0] * f.zx + box_m[k, 1] * f.zy + box_m[k, 2] * f.zz
-        return centre_m - box_m[k, 3] * abs(f.zx) - box_m[k, 4] * abs(f.zy) - box_m[k, 5] * abs(f.zz)
+        return float(centre_m - box_m[k, 3] * abs(f.zx) - box_m[k, 4] * abs(f.zy) - box_m[k, 5] * abs(f.zz))
     return -math.inf
 
 
