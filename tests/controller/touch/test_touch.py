@@ -14,6 +14,7 @@ from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_reaction import TactileReaction
 from controller.touch.tactile_state import COLUMNS, TactileState
 from skinnet.deployment.controller.controller import SafetySpec
+from skinnet.deployment.controller.stages import StageSpec
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import FOREVER_NS, READING_NAMES, EventKind, Modality
 
@@ -117,6 +118,8 @@ def test_age_says_when_anything_was_last_heard() -> None:
         (0, 0, -1, 0, LEVEL, 1, 0.5),
         (0, 0, FORCE, 3, LEVEL, 1, 0.5),
         (0, 0, PROXIMITY, 1, DELTA, 1, 0.5),
+        (0, 0, Modality.ACCELERATION, 3, DELTA, 1, 0.5),
+        (0, 0, Modality.TEMPERATURE, 1, DELTA, 1, 0.5),
         (0, 0, FORCE, -1, LEVEL, 1, 0.5),
         (0, 0, FORCE, 0, 2, 1, 0.5),
         (0, 0, FORCE, 0, LEVEL, -1, 0.5),
@@ -313,6 +316,16 @@ def test_joints_arrive_together_as_in_equation_5() -> None:
     posture.set_target(PoseTarget("closed", np.array([1.0, -0.5, 0.005]), speed_rad_s=0.4))
     velocity, _ = posture.step(0, np.zeros(3))
     np.testing.assert_allclose(velocity, np.array([0.4, -0.2, 0.0]))
+
+
+def test_speed_and_accuracy_of_the_paper_are_the_defaults() -> None:
+    """0.4 rad/s and 0.01 rad [M14, Table II], in the posture and in the deployment's stage."""
+    posture = PostureControl()
+    posture.set_target(PoseTarget("closed", np.array([1.0, 0.0101, 0.0099])))
+    velocity, _ = posture.step(0, np.zeros(D))
+    np.testing.assert_allclose(velocity, np.array([0.4, 0.4 * 0.0101, 0.0]))
+    stage = StageSpec(kind="posture", pose="closed")
+    assert (stage.speed_rad_s, stage.tolerance_rad) == (0.4, 0.01)
 
 
 @pytest.mark.parametrize("deactivate", [False, True])
