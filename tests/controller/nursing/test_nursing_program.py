@@ -178,15 +178,27 @@ def test_a_summary_has_extremes_and_ends_of_each_contact() -> None:
     arms = Arms(spec(feedback="none", settle_s=0.4))
     arms.until(State.MOVE)
     resting, moved = (touch(name) for name in sorted(FOREARMS))
-    for force_n, xi_m in ((20.0, (0.0, 0.004)), (50.0, (0.012, -0.005)), (35.0, (0.0, 0.003))):
+    for force_n, xi_m in ((20.0, (0.0, 0.004)), (50.0, (0.012, -0.005))):
         arms.touches = (resting, moved._replace(force_n=force_n, xi_m=xi_m))
         arms.ticks(20)
-    assert arms.until(State.REPORT).stopped_by is None
+    force_n = 35.0
+    while not arms.program.done:
+        force_n += 0.125
+        arms.touches = (resting, moved._replace(force_n=force_n, xi_m=(0.0, 1e-4 * force_n)))
+        arms.tick()
+    assert arms.program.state is State.REPORT
     assert arms.program.contact_series is not None
     still, pressed = arms.program.contact_series.summarise()
     assert (pressed.force_start_n, pressed.force_min_n) == (30.0, 20.0)
-    assert (pressed.force_max_n, pressed.force_end_n) == (50.0, 35.0)
-    assert (pressed.cop_peak_m, pressed.cop_end_m) == pytest.approx((0.013, 0.003))
+    assert (pressed.force_max_n, pressed.force_end_n) == (50.0, force_n)
+    assert (pressed.cop_peak_m, pressed.cop_end_m) == pytest.approx((0.013, 1e-4 * force_n))
+    rows = arms.program.contact_series.arrays()
+    for contact, position_m, rotation_rad in zip(
+        (still, pressed), rows["position_dev_m"].T, rows["rotation_dev_rad"].T, strict=True
+    ):
+        assert (contact.position_dev_peak_m, contact.position_dev_end_m) == (position_m.max(), position_m[-1])
+        assert contact.rotation_dev_peak_rad == rotation_rad.max()
+        assert contact.rotation_dev_end_rad == rotation_rad[-1]
     assert (still.force_start_n, still.force_min_n, still.force_max_n, still.force_end_n) == (30.0,) * 4
     assert (still.cop_peak_m, still.cop_end_m) == (0.0, 0.0)
 
