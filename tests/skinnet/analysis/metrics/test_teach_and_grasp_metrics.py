@@ -49,6 +49,10 @@ def test_a_session_begins_with_the_stage_of_its_first_transition(
     assert [span.end_ns for span in spans] == [end_s * S for _, end_s, _ in log]
 
 
+def test_a_session_without_a_stage_begins_with_the_run() -> None:
+    assert state_intervals(session(("idle", 5, "ended"), stages=[]))[0].start_ns == 0
+
+
 def test_the_last_state_lasts_to_the_end_of_the_run_unless_the_session_ended() -> None:
     log = [("idle", 5, "open"), ("open", 13, "hold")]
     spans = state_intervals(session(*log))
