@@ -426,6 +426,17 @@ def test_the_speed_limit_keeps_the_direction_and_lets_the_rest_through(
     assert clamp.counters.clamped == (largest > limit_rad_s)
 
 
+def test_the_acceleration_limit_leads_to_the_command_in_equal_steps() -> None:
+    """10 rad/s² are 0.05 rad/s in 5 ms; all joints keep step with the one that changes most."""
+    clamp = SafetyClamp(SafetyLimits(acceleration_rad_s2=10.0), 2, PERIOD_NS)
+    out = [
+        clamp.clamp(0, np.array(wanted), np.zeros(2), 0, 0)
+        for wanted in 4 * [(0.2, -0.1)] + 4 * [(0.1, -0.05)]
+    ]
+    share = np.array([0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.5, 0.5])
+    np.testing.assert_allclose(out, share[:, None] * (0.2, -0.1), atol=1e-12)
+
+
 def test_rounding_does_not_exceed_the_limit() -> None:
     clamp = SafetyClamp(SafetyLimits(speed_rad_s=0.7), D, PERIOD_NS)
     velocities = np.random.default_rng(5).uniform(-9.0, 9.0, (500, D))
