@@ -87,12 +87,13 @@ def test_drop_slip_and_rotation_are_ground_truth() -> None:
     fallen = body(dropped_ns=5, dropped_by="slid", slid_m=0.111)
     fallen.arrays["object_pose"][100:200, 3:] = np.cos(np.pi / 12), 0.0, np.sin(np.pi / 12), 0.0
     fallen.arrays["object_pose"][200:, 3:] = np.cos(np.pi / 36), 0.0, np.sin(np.pi / 36), 0.0
+    fallen.arrays["object_pose"][-1, 3:] = np.cos(np.pi / 60), 0.0, np.sin(np.pi / 60), 0.0
     metrics = nursing_metrics(CYLINDER_DEPLOYMENT, controller(), fallen)
     assert metrics["B.dropped"] is True
     assert metrics["B.dropped_by"] == "slid"
     assert metrics["B.slid_mm"] == pytest.approx(111.0)
     assert metrics["B.rotation_deg.peak"] == pytest.approx(30.0)
-    assert metrics["B.rotation_deg.end"] == pytest.approx(10.0)
+    assert metrics["B.rotation_deg.end"] == pytest.approx(6.0)
 
 
 def test_contacts_pressure_and_outcome_are_the_controllers() -> None:
