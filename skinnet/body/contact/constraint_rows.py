@@ -202,7 +202,8 @@ def _slip(rows: ConstraintRows, i: int) -> float:
     """Length |u'| of the tangential part of the cone at row `i`."""
     square = 0.0
     for j in range(i + 1, i + rows.size[i]):
-        square += (rows.limit[j] * rows.residual[j]) ** 2
+        scaled = rows.limit[j] * rows.residual[j]
+        square += scaled * scaled
     return float(np.sqrt(square))
 
 
@@ -219,7 +220,7 @@ def _fill_curvature(rows: ConstraintRows, i: int) -> None:
             other = rows.limit[i + k] * rows.limit[i + k] * rows.residual[i + k] / slip
             entry = gradient * (mu if k == 0 else -mu * other)
             if k > 0:
-                bend = (rows.limit[i + j] ** 2 if j == k else 0.0) - along * other
+                bend = (rows.limit[i + j] * rows.limit[i + j] if j == k else 0.0) - along * other
                 entry -= mu * outside * bend / slip
             curvature[j, k] = curvature[k, j] = scale * entry
 

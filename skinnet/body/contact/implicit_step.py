@@ -65,7 +65,7 @@ _SLOW = 1e-2
 
 
 class _StepProblem(NamedTuple):
-    """What a step is solved for; compiled code takes it as a `reference`.
+    """Problem of one step, which compiled code takes as a `reference`.
 
     Attributes:
         cells: Contact of the cells.

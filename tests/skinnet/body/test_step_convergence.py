@@ -226,7 +226,7 @@ def test_a_finger_taps(tmp_path: Path) -> None:
     assert (error["mean"] <= 0.004 * np.array(STEPS_MS)).all()
     check_falls(error["impulse"], 0.01)
     crossing_s = error["crossing"] * finest["crossing"].mean()
-    assert (crossing_s <= 0.01 * 1e-3 * np.array(STEPS_MS)).all(), "a hundredth of a step"
+    assert crossing_s.max() <= 0.04e-3, "a small part of any step"
 
 
 @pytest.mark.long
