@@ -78,17 +78,18 @@ def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m:
                 hit[i], nearest_m[i] = k, height_m[i] + above_m
     if met == 0:
         return
-    finest = _NONE
-    for s in range(grid.n_samples):
-        finest = max(finest, inner_grid[s])
+    limit, finest = _FINE, _NONE
     for j in range(met):
         if scene.geom_type[close[j]] == MESH:
-            finest = min(finest, _ROUGH)
+            limit = _ROUGH
+    for s in range(grid.n_samples):
+        inner_grid[s] = min(inner_grid[s], limit)
+        finest = max(finest, inner_grid[s])
     if finest > _NONE:
-        _cast_inner(problem, cell, met, top_m, finest)
+        _cast_inner(problem, cell, met, top_m)
     for s in range(grid.n_samples):
         if inner_grid[s] > _NONE:
-            first, n_inner = _inner_points(grid, s, min(inner_grid[s], finest))
+            first, n_inner = _inner_points(grid, s, inner_grid[s])
             _add_partial_sample(problem, cell, s, met, face_m, first, n_inner)
         elif hit[centres + s] >= 0:
             i = centres + s
@@ -107,10 +108,17 @@ def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m:
             )
 
 
+@compiled_inline
+def _start_m(problem: ContactProblem, cell: int, k: int) -> float:
+    """Depth [m] below the rigid surface at which the rays of cell `cell` at solid `k` start."""
+    deepest_m = RAY_START_DEPTH_M + problem.scene.max_indentation_m[k]
+    return float(min(deepest_m, problem.start_depth_m[cell]))
+
+
 @compiled_without_nrt
 def _frame(problem: ContactProblem, cell: int, k: int) -> CellInSolid:
     """Frame of cell `cell` in that of solid `k`, with rays from where they may start."""
-    start_m = min(RAY_START_DEPTH_M + problem.scene.max_indentation_m[k], problem.start_depth_m[cell])
+    start_m = _start_m(problem, cell, k)
     stretch = 1.0 + problem.surface.curvature_per_m[cell] * problem.foam.thickness_m
     return cell_in_solid(problem.surface, problem.scene, problem.motion, cell, k, start_m, stretch)
 
@@ -118,8 +126,7 @@ def _frame(problem: ContactProblem, cell: int, k: int) -> CellInSolid:
 @compiled_inline
 def _above_m(problem: ContactProblem, cell: int, k: int) -> float:
     """Height [m] of the start of the rays at solid `k` above `RAY_START_DEPTH_M`."""
-    start_m = min(RAY_START_DEPTH_M + problem.scene.max_indentation_m[k], problem.start_depth_m[cell])
-    return float(RAY_START_DEPTH_M - start_m)
+    return RAY_START_DEPTH_M - _start_m(problem, cell, k)
 
 
 @compiled_without_nrt
@@ -219,13 +226,13 @@ def _inner_points(grid: SampleGrid, s: int, inner_grid: int) -> tuple[int, int]:
 
 
 @compiled_without_nrt
-def _cast_inner(problem: ContactProblem, cell: int, met: int, top_m: float, finest: int) -> None:
+def _cast_inner(problem: ContactProblem, cell: int, met: int, top_m: float) -> None:
     """Cast rays from the finer grids in all marked samples of cell `cell` at the first `met` solids."""
     grid, workspace = problem.surface.grid, problem.workspace
     hit, nearest_m, height_m = workspace.hit, workspace.nearest_m, workspace.height_m
     for s in range(grid.n_samples):
         if workspace.inner_grid[s] > _NONE:
-            first, n_inner = _inner_points(grid, s, min(workspace.inner_grid[s], finest))
+            first, n_inner = _inner_points(grid, s, workspace.inner_grid[s])
             for i in range(first, first + n_inner):
                 hit[i], nearest_m[i] = -1, top_m
     for j in range(met):
@@ -234,7 +241,7 @@ def _cast_inner(problem: ContactProblem, cell: int, met: int, top_m: float, fine
         for s in range(grid.n_samples):
             if workspace.inner_grid[s] == _NONE:
                 continue
-            first, n_inner = _inner_points(grid, s, min(workspace.inner_grid[s], finest))
+            first, n_inner = _inner_points(grid, s, workspace.inner_grid[s])
             _cast(problem, cell, k, f, first, first + n_inner)
             for i in range(first, first + n_inner):
                 if height_m[i] + above_m < nearest_m[i]:
