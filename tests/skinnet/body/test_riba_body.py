@@ -222,7 +222,7 @@ def test_the_way_of_the_object_is_recorded_with_the_joints() -> None:
 
 def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
     """Same place, same pressure law: 1 / k = 1 / k_foam + 1 / k_sheet."""
-    soft, hard = (riba(f"payload.sheet_stiffness_pa_per_m={k}") for k in (1.5e6, 1e12))
+    soft, hard = (riba(f"payload.sheet_stiffness_pa_per_m={k}") for k in (1.5e6, 1e15))
     for body in (soft, hard):
         body.data.qpos[:] = soft.data.qpos
         body.data.qvel[:] = 0.0
@@ -231,7 +231,7 @@ def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
     np.testing.assert_allclose(
         2.0 * soft.sheet_foundation.element_force_n(),
         hard.sheet_foundation.element_force_n(),
-        rtol=3e-6,
+        rtol=1e-6,
         atol=1e-9,
     )
 
@@ -239,7 +239,7 @@ def test_an_elastic_object_shares_the_depth_as_two_springs_in_a_row() -> None:
 def test_an_elastic_object_shares_the_shear_as_well() -> None:
     """Friction acts on foam and sheet in a row: as soft as the foam, half the force for the same motion."""
     upward_n = []
-    for stiffness_pa_per_m in (1.5e6, 1e12):
+    for stiffness_pa_per_m in (1.5e6, 1e15):
         body = riba(f"payload.sheet_stiffness_pa_per_m={stiffness_pa_per_m}")
         if not upward_n:
             qpos = body.data.qpos.copy()
@@ -250,7 +250,7 @@ def test_an_elastic_object_shares_the_shear_as_well() -> None:
         upward_n.append(body.data.xfrc_applied[body.model.mj.body("payload").id, 2])
     soft_n, hard_n = upward_n
     assert hard_n > 0.01
-    assert 2.0 * soft_n == pytest.approx(hard_n, rel=3e-6)
+    assert 2.0 * soft_n == pytest.approx(hard_n, rel=1e-6)
 
 
 def test_chunks_and_readings_change_nothing() -> None:
