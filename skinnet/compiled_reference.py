@@ -25,7 +25,7 @@ from numba.extending import (
 )
 from numpy.typing import NDArray
 
-from skinnet.compilation import compiled_without_nrt
+from skinnet.compilation import PACKAGES, compiled_for_this_process, compiled_without_nrt
 
 __all__ = ["reference"]
 
@@ -46,8 +46,9 @@ class _Reference:
     def __init__(self, value: tuple[object, ...]) -> None:
         self._value = value  # owns the arrays
         self._numba_type_ = _ReferenceType(numba.typeof(value))
-        self._unboxed = np.empty(_store(np.empty(0, dtype=np.int64), value), dtype=np.int64)
-        _store(self._unboxed, value)
+        store = _store if _is_ours(value) else _store_foreign
+        self._unboxed = np.empty(store(np.empty(0, dtype=np.int64), value), dtype=np.int64)
+        store(self._unboxed, value)
         self.address = self._unboxed.ctypes.data
 
     def __getattr__(self, name: str) -> object:
@@ -131,6 +132,16 @@ def _store(memory: NDArray[np.int64], value: tuple[object, ...]) -> int:
     if len(memory) >= n_words:
         _write(memory, value)
     return n_words
+
+
+_store_foreign = compiled_for_this_process(_store)
+"""As `_store`. The cache on disk names the classes of all tuples: other programs could not load theirs."""
+
+
+def _is_ours(value: tuple[object, ...]) -> bool:
+    """True if the classes of a tuple, and of those within, can be imported by every program of ours."""
+    within = all(_is_ours(part) for part in value if isinstance(part, tuple))
+    return within and type(value).__module__.partition(".")[0] in PACKAGES
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -2,6 +2,10 @@
 
 import copy
 import gc
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numba
@@ -97,3 +101,38 @@ def test_a_missing_attribute_is_refused_in_compiled_code() -> None:
 
     with pytest.raises(numba.TypingError, match="missing"):
         wrong(reference(problem()))
+
+
+FOREIGN = """
+from typing import NamedTuple
+import numpy as np
+from skinnet.compiled_reference import reference
+
+class Own(NamedTuple):
+    values: np.ndarray
+
+reference(Own(np.zeros(3)))
+"""
+OURS = """
+from skinnet.body.contact.loaded_points import no_loaded_points
+from skinnet.compiled_reference import reference
+
+reference(no_loaded_points(3))
+"""
+
+
+def test_classes_of_one_program_do_not_break_the_next(tmp_path: Path) -> None:
+    """The on-disk cache is shared, and a class of a script can be imported by that script only."""
+    (tmp_path / "foreign.py").write_text(FOREIGN)
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    for code, path in (("import foreign", str(tmp_path)), (OURS, ""), (OURS, "")):
+        paths = os.pathsep.join(filter(None, (path, os.environ.get("PYTHONPATH", ""))))
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", code],
+            env=environment | {"PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
+        )
+        assert done.returncode == 0, done.stderr
