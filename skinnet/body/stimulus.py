@@ -49,11 +49,13 @@ class StimulusSampler:
         is that of the touching bodies, else of the carrying body.
         """
         data, foundation = self.dynamics.data, self.dynamics.cell_foundation
+        stimulus = np.empty((len(foundation.surface.body_id), len(STIMULUS_NAMES)))
+        if not len(stimulus):  # compiling what follows takes seconds
+            return stimulus
         computed = data.qacc.copy()
         data.qacc[:] = self.dynamics.realised_acceleration()
         mujoco.mj_rnePostConstraint(self.mj, data)
         data.qacc[:] = computed
-        stimulus = np.empty((len(foundation.surface.body_id), len(STIMULUS_NAMES)))
         _sample(foundation.problem, data.cacc, self.view, self._nearby_solids, stimulus)
         return stimulus
 

@@ -66,13 +66,8 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
         n_near = solids_near_patch(surface, scene, motion, p, reach_m, near)
         n_active = collect_active_cells(surface, scene, motion, p, reach_m, near, n_near, active)
         for row in range(n_active):
-            i, n_close = active.row[row], 0
-            if n_near > 0:
-                x, y, z = point_above_cell(surface, motion, i, half_m - below_m)
-                for j in range(n_near):
-                    if may_intersect_sphere(scene, motion, workspace.near[j], x, y, z, ball_m):
-                        workspace.close[n_close] = workspace.near[j]
-                        n_close += 1
+            i = active.row[row]
+            n_close = _collect_close_solids(problem, i, n_near, half_m - below_m, ball_m)
             if n_close == 0 and not contact.in_contact[i]:
                 continue
             _compute_cell_contact(problem, step_s, face_m, p, i, n_close)
@@ -80,6 +75,24 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
                 touching += 1
                 keep_active(active, p, i)
     return touching
+
+
+@compiled_without_nrt
+def _collect_close_solids(
+    problem: ContactProblem, cell: int, n_near: int, height_m: float, radius_m: float
+) -> int:
+    """Collect those of the solids near the patch that may be close to `cell`; return their number.
+
+    Close is what may intersect the ball of `radius_m` about the point `height_m` above the cell [m].
+    """
+    scene, motion, near = problem.scene, problem.motion, problem.workspace.near
+    x, y, z = point_above_cell(problem.surface, motion, cell, height_m)
+    n_close = 0
+    for j in range(n_near):
+        if may_intersect_sphere(scene, motion, near[j], x, y, z, radius_m):
+            problem.workspace.close[n_close] = near[j]
+            n_close += 1
+    return n_close
 
 
 @compiled_inline
