@@ -14,18 +14,19 @@ from typing import TypeVar
 
 import numba
 
-__all__ = ["compiled", "compiled_inline", "compiled_without_nrt"]
+__all__ = ["PACKAGES", "compiled", "compiled_for_this_process", "compiled_inline", "compiled_without_nrt"]
 
 F = TypeVar("F", bound=Callable[..., object])
 _DECORATORS = (b"@compiled",)  # and those whose names begin so
-_PACKAGES = ("skinnet", "cells", "controller")
+PACKAGES = ("skinnet", "cells", "controller")
+"""Packages with compiled functions."""
 
 
 def _fingerprint() -> str:
     """Return the hash of all modules that contain compiled functions."""
     digest = hashlib.sha256(numba.__version__.encode())
     root = Path(__file__).parents[1]
-    for package in _PACKAGES:
+    for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
             content = path.read_bytes()
             if any(mark in content for mark in _DECORATORS):
@@ -60,6 +61,12 @@ def compiled_without_nrt(function: F) -> F:
     function that allocates an array all the same. Its switch `_nrt` is not public yet.
     """
     result: F = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)(function)
+    return result
+
+
+def compiled_for_this_process(function: F) -> F:
+    """Compile a function of `compiled_without_nrt` once more, without the on-disk cache."""
+    result: F = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function.py_func)  # type: ignore[attr-defined]
     return result
 
 

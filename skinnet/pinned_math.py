@@ -3,8 +3,10 @@
 The C library chooses its `sin`, `cos`, `exp`, `log` and `atan2` by the instruction set of the CPU (with or
 without fused multiply-add), and NumPy's come from it or from kernels of its own: their last bits differ from
 computer to computer, and so would the log of a run. These follow fdlibm (Sun Microsystems, 1993: e_log.c,
-e_exp.c, k_sin.c, k_cos.c, e_rem_pio2.c), with errors below one unit in the last
-place unless stated. Numba contracts no multiply-add, as `fastmath` is off.
+e_exp.c, k_sin.c, k_cos.c, e_rem_pio2.c), with errors below one unit in the last place unless
+stated. Numba contracts no multiply-add, as `fastmath` is off.
+
+Write x * x for a square: Python's x**2 is `pow` of the C library, and its last bit differs in one of 1000.
 """
 
 import math
@@ -14,9 +16,24 @@ from numpy.typing import NDArray
 
 from skinnet.compilation import compiled
 
-__all__ = ["cos", "cos_of", "cos_of_turns", "exp", "expm1", "hypot", "log", "log1p", "sin", "sin_of"]
+__all__ = [
+    "cos",
+    "cos_of",
+    "cos_of_turns",
+    "exp",
+    "exp2",
+    "expm1",
+    "hypot",
+    "hypot_of",
+    "log",
+    "log1p",
+    "log2",
+    "sin",
+    "sin_of",
+]
 
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+_LN2, _ONE_OVER_LN2 = 0.6931471805599453, 1.4426950408889634
 _SQRT_HALF = 0.7071067811865476
 _LOG = (
     6.666666666666735130e-01,
@@ -80,6 +97,18 @@ def log(x: float) -> float:
 
 
 @compiled
+def log2(x: float) -> float:
+    """Return the logarithm of x to base 2, exact at powers of two; error to 2 ulp. As `log` at its ends."""
+    if not 0.0 < x < math.inf:
+        return log(x)
+    fraction, exponent = math.frexp(x)
+    if fraction < _SQRT_HALF:
+        fraction *= 2.0
+        exponent -= 1
+    return float(exponent) + log(fraction) * _ONE_OVER_LN2
+
+
+@compiled
 def log1p(x: float) -> float:
     """Return log(1 + x), correct for small x: the rounding of 1 + x is corrected (Kahan; error to 3 ulp)."""
     u = 1.0 + x
@@ -103,6 +132,19 @@ def exp(x: float) -> float:
     t = r * r
     c = r - t * (_EXP[0] + t * (_EXP[1] + t * (_EXP[2] + t * (_EXP[3] + t * _EXP[4]))))
     return math.ldexp(1.0 - ((low - (r * c) / (2.0 - c)) - high), int(k))
+
+
+@compiled
+def exp2(x: float) -> float:
+    """Return 2 to the power of x, exact at whole numbers; error to 2 ulp."""
+    if math.isnan(x):
+        return x
+    if x >= 1024.0:
+        return math.inf
+    if x < -1075.0:
+        return 0.0
+    k = math.floor(x + 0.5)
+    return math.ldexp(exp((x - k) * _LN2), int(k))
 
 
 @compiled
@@ -185,7 +227,7 @@ def hypot(x: float, y: float) -> float:
     larger, smaller = max(abs(x), abs(y)), min(abs(x), abs(y))
     if not 1e-140 < larger < 1e140:
         if larger == 0.0 or not math.isfinite(larger):
-            return larger
+            return abs(x) + abs(y)  # of which one may be NaN
         ratio = smaller / larger
         return larger * math.sqrt(1.0 + ratio * ratio)
     return math.sqrt(x * x + y * y)
@@ -216,4 +258,18 @@ def cos_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
     flat = np.array(x, dtype=np.float64).ravel()
     out = np.empty_like(flat)
     _cos_into(flat, out)
+    return out.reshape(np.shape(x))
+
+
+@compiled
+def _hypot_into(x: NDArray[np.float64], y: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    for i in range(x.size):
+        out[i] = hypot(x[i], y[i])
+
+
+def hypot_of(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of vectors (x, y), two arrays of one shape."""
+    flat_x, flat_y = np.array(x, dtype=np.float64).ravel(), np.array(y, dtype=np.float64).ravel()
+    out = np.empty_like(flat_x)
+    _hypot_into(flat_x, flat_y, out)
     return out.reshape(np.shape(x))

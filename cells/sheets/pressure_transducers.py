@@ -69,7 +69,7 @@ class PressureTransducers:
             keys=np.concatenate([noise_keys(seed, sheet.name, sheet.n_elements) for sheet in sheets]),
             noise_kpa=float(spec.pressure.noise_kpa),
             lsb_kpa=float(spec.pressure.lsb_kpa),
-            max_steps=2.0**spec.pressure.bits - 1.0,
+            max_steps=float(2**spec.pressure.bits - 1),
         )
         self._before_kpa, self._after_kpa = np.empty((2, len(self._elements.keys)))
 

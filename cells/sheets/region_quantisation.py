@@ -10,7 +10,7 @@ __all__ = [
     "XI_STEP_M",
 ]
 
-MAX_REGIONS = (MAX_SIDE // 2) ** 2
+MAX_REGIONS = (MAX_SIDE // 2) * (MAX_SIDE // 2)
 """Maximum number of regions of a board: elements of its grid of which no two are 8-adjacent."""
 MAX_ROWS = 2 * MAX_REGIONS
 """Maximum number of region rows of a board in a frame: all regions end and as many begin."""

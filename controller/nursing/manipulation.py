@@ -20,6 +20,7 @@ from controller.nursing.trajectory_generation import (
     desired_contacts,
 )
 from skinnet.deployment.controller.nursing import ContactWeightSpec, ImpedanceSpec, NursingSpec
+from skinnet.pinned_linalg import matmul
 
 __all__ = ["Manipulation"]
 
@@ -120,7 +121,7 @@ class Manipulation:
         poses, R_object_world = self.generator.poses, self._R_world_object.T
         away_m = poses.position_m - (self.contacts.object_centre_m + self._displacement_m)
         self._x_object_contact_m, self._R_object_contact = self.feedback.invert_adjustment(
-            away_m @ R_object_world.T, R_object_world @ poses.R_world_surface
+            matmul(away_m, R_object_world.T), matmul(R_object_world, poses.R_world_surface)
         )
 
 

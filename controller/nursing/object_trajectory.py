@@ -6,7 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from skinnet.pinned_linalg import matmul
+from skinnet.pinned_rotations import rotation_matrices, rotation_vectors
 
 __all__ = ["ObjectTrajectory", "Waypoint", "minimum_jerk"]
 
@@ -26,7 +28,7 @@ class Waypoint(NamedTuple):
 def minimum_jerk(fraction: float) -> float:
     """Return the minimum-jerk path fraction at a fraction of the time (Flash and Hogan, 1985)."""
     s = min(max(fraction, 0.0), 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 class ObjectTrajectory:
@@ -48,8 +50,8 @@ class ObjectTrajectory:
         rotation_rad = np.array([(0.0, 0.0, 0.0), *(point.rotation_rad for point in waypoints)])
         if not (np.isfinite(self._position_m).all() and np.isfinite(rotation_rad).all()):
             raise ValueError("waypoints: displacements and rotations must be finite")
-        self._R = Rotation.from_rotvec(rotation_rad)
-        self._rotation_step_rad = (self._R[:-1].inv() * self._R[1:]).as_rotvec()
+        self._R = rotation_matrices(rotation_rad)
+        self._rotation_step_rad = rotation_vectors(matmul(self._R[:-1].transpose(0, 2, 1), self._R[1:]))
 
     @property
     def end_ns(self) -> int:
@@ -62,5 +64,5 @@ class ObjectTrajectory:
         start_ns, end_ns = self._t_ns[leg], self._t_ns[leg + 1]
         way = minimum_jerk((t_ns - start_ns) / (end_ns - start_ns))
         position_m = (1.0 - way) * self._position_m[leg] + way * self._position_m[leg + 1]
-        R = self._R[leg] * Rotation.from_rotvec(way * self._rotation_step_rad[leg])
-        return position_m, R.as_matrix()
+        turn = rotation_matrices(way * self._rotation_step_rad[leg : leg + 1])[0]
+        return position_m, matmul(self._R[leg], turn)

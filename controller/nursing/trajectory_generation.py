@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from controller.nursing.kinematics.joint_limits import JointLimits
 from controller.nursing.kinematics.robot_model import Kinematics, Poses, SurfacePoint
+from skinnet.pinned_linalg import dot, matmul, solve
+from skinnet.pinned_rotations import rotation_vectors
 
 __all__ = [
     "Deviations",
@@ -85,7 +86,7 @@ def desired_contacts(
     object_position_m: Floats, R_object: Floats, x_object_contact_m: Floats, R_object_contact: Floats
 ) -> tuple[Floats, Floats]:
     """Return x_c^d (C, 3) [m] and R_c^d (C, 3, 3) for an object pose (3,), (3, 3), equations (4) and (5)."""
-    return object_position_m + x_object_contact_m @ R_object.T, R_object @ R_object_contact
+    return object_position_m + matmul(x_object_contact_m, R_object.T), matmul(R_object, R_object_contact)
 
 
 def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Deviations, Floats]:
@@ -94,7 +95,7 @@ def deviations(poses: Poses, desired_m: Floats, R_desired: Floats) -> tuple[Devi
     Equations (7) to (9) [R11]; n is the axis of the rotation from the desired to the present frame. The angle
     is the norm of the rotation vector: cos⁻¹ of (8) loses half of the digits near zero.
     """
-    turned = Rotation.from_matrix(poses.R_world_surface @ R_desired.transpose(0, 2, 1)).as_rotvec()
+    turned = rotation_vectors(matmul(poses.R_world_surface, R_desired.transpose(0, 2, 1)))
     angle_rad = np.linalg.norm(turned, axis=1)
     axis = turned / np.where(angle_rad > 0.0, angle_rad, 1.0)[:, None]
     return Deviations(np.linalg.norm(poses.position_m - desired_m, axis=1), angle_rad), axis
@@ -107,14 +108,14 @@ def closed_form(problem: LeastSquaresProblem, step_bounds: tuple[Floats, Floats]
     joint should become free again; `quadratic_programme` solves that case exactly.
     """
     weighted = problem.jacobian * problem.weight[:, None]
-    hessian = weighted.T @ problem.jacobian + np.diag(problem.damping)
-    gradient = weighted.T @ problem.error
+    hessian = matmul(weighted.T, problem.jacobian) + np.diag(problem.damping)
+    gradient = matmul(weighted.T, problem.error)
     smallest, largest = step_bounds
     free = np.ones(len(gradient), dtype=np.bool_)
     step = np.zeros(len(gradient))
     while free.any():
-        pull = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
-        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], pull)
+        pull = gradient[free] + matmul(hessian[np.ix_(free, ~free)], step[~free])
+        step[free] = -solve(hessian[np.ix_(free, free)], pull)
         beyond = free & ((step < smallest) | (step > largest))
         if not beyond.any():
             break
@@ -172,10 +173,10 @@ class TrajectoryGenerator:
         after, _ = deviations(self._poses, desired_m, R_desired)
         velocity = step / self._period_s
         weights = self._weights
-        evaluation = 0.5 * float(
-            weights.position @ after.position_m**2
-            + weights.rotation @ after.rotation_rad**2
-            + weights.joint @ velocity**2
+        evaluation = 0.5 * (
+            dot(weights.position, after.position_m * after.position_m)
+            + dot(weights.rotation, after.rotation_rad * after.rotation_rad)
+            + dot(weights.joint, velocity * velocity)
         )
         return TrajectoryStep(velocity, after, evaluation)
 
@@ -192,5 +193,5 @@ class TrajectoryGenerator:
             ),
             error=np.concatenate(((self._poses.position_m - desired_m).ravel(), before.rotation_rad[turned])),
             weight=np.concatenate((np.repeat(self._weights.position, 3), self._weights.rotation[turned])),
-            damping=self._weights.joint / self._period_s**2,
+            damping=self._weights.joint / (self._period_s * self._period_s),
         )

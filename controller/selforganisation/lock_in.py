@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
+from skinnet.pinned_linalg import determinant, solve
 
 __all__ = ["LockIn"]
 
@@ -38,10 +39,10 @@ class LockIn:
         """
         # the determinant of a well-sampled row's Gram matrix over n³ is 1/4; at 1e-3 it is nearly singular
         count = self._gram[:, 0, 0]
-        usable = (count >= max(min_samples, 3)) & (np.linalg.det(self._gram) > 1e-3 * count**3)
+        usable = (count >= max(min_samples, 3)) & (determinant(self._gram) > 1e-3 * count * count * count)
         result = np.full((self._n_rows, self._n_channels), np.nan + 0j)
-        cosine, sine = np.linalg.solve(self._gram[usable], self._moment[usable])[:, 1:].transpose(1, 0, 2)
-        result[usable] = cosine - 1j * sine
+        cosine, sine = solve(self._gram[usable], self._moment[usable])[:, 1:].transpose(1, 0, 2)
+        result.real[usable], result.imag[usable] = cosine, -sine
         return result
 
     def _per_row(self, rows: NDArray[np.int64], terms: NDArray[np.float64]) -> NDArray[np.float64]:

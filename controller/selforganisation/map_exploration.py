@@ -214,14 +214,18 @@ class MapExploration:
         config, dof = self._config, self._dof
         angular_hz = 2.0 * math.pi * config.frequency_hz
         motion_rad = complex(self._joint.amplitude(config.min_samples)[0, 0])
-        if not abs(motion_rad) >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
+        length_rad = pinned_math.hypot(motion_rad.real, motion_rad.imag)
+        if not length_rad >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
             self._problems.append(
                 f"{self._dof_text([dof])} did not follow its sine: its amplitude is below the minimum "
                 "fraction of the command"
             )
             return
-        per_acceleration = self._cells.amplitude(config.min_samples) / (-(angular_hz**2) * motion_rad)
-        deflection_m = STANDARD_GRAVITY_M_S2 * per_acceleration.real
+        # the real part of amplitude / (−ω² motion), in real numbers: complex division depends on the CPU
+        amplitude = self._cells.amplitude(config.min_samples)
+        along = amplitude.real * motion_rad.real + amplitude.imag * motion_rad.imag
+        acceleration = angular_hz * angular_hz * length_rad * length_rad
+        deflection_m = STANDARD_GRAVITY_M_S2 * (along / -acceleration)
         blind = np.isnan(deflection_m).any(axis=1)
         if blind.any():
             self._problems.append(

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.pinned_linalg import dot, norm
+
 __all__ = ["MapAgreement", "SensoryMotorMap", "compare_maps", "fuse_with_activity", "normal_weights"]
 
 
@@ -135,9 +137,9 @@ def compare_maps(
     entries = int(np.count_nonzero(large))
     same = np.sign(weights[large]) == np.sign(true_weights[large])
     a, b = weights.ravel() - weights.mean(), true_weights.ravel() - true_weights.mean()
-    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
+    scale = norm(a) * norm(b)
     return MapAgreement(
         sign_fraction=float(same.mean()) if entries else math.nan,
-        correlation=float(a @ b) / scale if scale > 0 else math.nan,
+        correlation=dot(a, b) / scale if scale > 0 else math.nan,
         n_entries=entries,
     )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skinnet.body.model import load_model, require_body_id
 from skinnet.deployment.deployment import Deployment
+from skinnet.pinned_linalg import matmul
 
 __all__ = ["WORLD_FRAME", "LinkKinematics", "LinkPoses"]
 
@@ -84,7 +85,7 @@ class LinkKinematics:
         R_world_parent = np.concatenate([rotation, np.eye(3)[None]])[self.parent_index]
         R_parent_world = R_world_parent.transpose(0, 2, 1)
         offset_m = np.einsum("nij,nj->ni", R_parent_world, position_m - above_m)
-        return LinkPoses(position_m, rotation, offset_m, _quaternions(R_parent_world @ rotation))
+        return LinkPoses(position_m, rotation, offset_m, _quaternions(matmul(R_parent_world, rotation)))
 
     def _is_robot_or_fixture(self, body: int, robot: set[int]) -> bool:
         """Test that a body belongs to the robot or is fixed in the world, not a free or mocap body."""

@@ -21,6 +21,7 @@ from skinnet.deployment.environment.objects import ObjectModel
 from skinnet.deployment.environment.payload import PayloadSpec
 from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
+from skinnet.pinned_linalg import norm
 from skinnet.skin.placement import place_patch
 from skinnet.suggestions import did_you_mean
 
@@ -260,10 +261,10 @@ def _add_finger(spec: mujoco.MjSpec, radius_m: float) -> None:
 def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> None:
     """Add the payload: a free cylinder whose radius includes its elastic sheet."""
     axis = np.array(payload.axis)
-    if not np.linalg.norm(axis) > 0.0:
+    if not norm(axis) > 0.0:
         raise DeploymentError(f"payload.axis = {list(payload.axis)}: must be a non-zero vector")
     quaternion = np.empty(4)
-    mujoco.mju_quatZ2Vec(quaternion, axis / np.linalg.norm(axis))
+    mujoco.mju_quatZ2Vec(quaternion, axis / norm(axis))
     name = unused_name(PAYLOAD, {body.name for body in spec.bodies})
     body = spec.worldbody.add_body(name=name, pos=payload.position_m, quat=quaternion)
     body.add_freejoint(name=unused_name(PAYLOAD, {joint.name for joint in spec.joints}))

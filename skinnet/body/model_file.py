@@ -11,6 +11,7 @@ from skinnet.body.added_elements import unused_name
 from skinnet.body.model_deletions import delete_joint
 from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
+from skinnet.pinned_linalg import matmul, norm
 from skinnet.suggestions import did_you_mean
 
 __all__ = ["ONE_DOF", "compile_spec", "lock_joint", "model_path", "read_model", "require_joints"]
@@ -113,7 +114,7 @@ def lock_joint(spec: mujoco.MjSpec, name: str) -> list[str]:
 
 
 def _move_to_zero(joint: mujoco.MjsJoint) -> None:
-    body, axis = joint.parent, np.array(joint.axis) / np.linalg.norm(joint.axis)
+    body, axis = joint.parent, np.array(joint.axis) / norm(joint.axis)
     turn, R_turn, shift_m = np.array([1.0, 0.0, 0.0, 0.0]), np.eye(3), np.zeros(3)
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         shift_m = -joint.ref * axis
@@ -121,15 +122,15 @@ def _move_to_zero(joint: mujoco.MjsJoint) -> None:
         ref_rad = math.radians(joint.ref) if joint.compiler.degree else joint.ref
         mujoco.mju_axisAngle2Quat(turn, axis, -ref_rad)
         R_turn = _rotation(turn)
-        shift_m = joint.pos - R_turn @ joint.pos
+        shift_m = joint.pos - matmul(R_turn, joint.pos)
     for earlier in body.joints:
         if earlier.name == joint.name:
             break
-        earlier.pos = R_turn.T @ (earlier.pos - shift_m)
-        earlier.axis = R_turn.T @ earlier.axis
+        earlier.pos = matmul(R_turn.T, earlier.pos - shift_m)
+        earlier.axis = matmul(R_turn.T, earlier.axis)
     quaternion, turned = _orientation(body), np.empty(4)
     mujoco.mju_mulQuat(turned, quaternion, turn)
-    body.pos = body.pos + _rotation(quaternion) @ shift_m
+    body.pos = body.pos + matmul(_rotation(quaternion), shift_m)
     body.quat = turned
     body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
@@ -145,7 +146,7 @@ def _orientation(body: mujoco.MjsBody) -> Floats:
                 degree=compiler.degree, sequence=compiler.eulerseq, orientation=body.alt
             )
         )
-    return quaternion / np.linalg.norm(quaternion)
+    return quaternion / norm(quaternion)
 
 
 def _rotation(quaternion: Floats) -> Floats:

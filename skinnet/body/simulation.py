@@ -265,9 +265,8 @@ class BodySimulation:
         self.teacher.step(self.t_ns, self._step_ns)
         self.dynamics.integrate()
         self.t_ns += self._step_ns
-        if self.recorder.motion.is_pending and self.recorder.motion.observe(
-            self.t_ns, self._joint_velocity()
-        ):
+        motion = self.recorder.motion
+        if motion.is_pending and motion.observe(self.t_ns, self._step_ns, self._joint_velocity()):
             self.teacher.record_motion_onset()
         self._sway.advance(self.t_ns)
         if self.payload is not None and self.recorder.payload is not None:

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.contact_scene import solids_near_patch
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
 from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.body.dynamics import Dynamics
 from skinnet.body.proximity.field_of_view import FieldOfView, distance_in_view_m
 from skinnet.compilation import compiled_without_nrt
@@ -49,11 +49,13 @@ class StimulusSampler:
         is that of the touching bodies, else of the carrying body.
         """
         data, foundation = self.dynamics.data, self.dynamics.cell_foundation
+        stimulus = np.empty((len(foundation.surface.body_id), len(STIMULUS_NAMES)))
+        if not len(stimulus):  # compiling what follows takes seconds
+            return stimulus
         computed = data.qacc.copy()
         data.qacc[:] = self.dynamics.realised_acceleration()
         mujoco.mj_rnePostConstraint(self.mj, data)
         data.qacc[:] = computed
-        stimulus = np.empty((len(foundation.surface.body_id), len(STIMULUS_NAMES)))
         _sample(foundation.problem, data.cacc, self.view, self._nearby_solids, stimulus)
         return stimulus
 
@@ -62,8 +64,8 @@ class StimulusSampler:
 def _sample(
     problem: ContactProblem, cacc: Floats, view: FieldOfView, near: NDArray[np.int64], stimulus: Floats
 ) -> None:
-    surface, scene, motion, foam, temperature_c, contact, _, _, _, _ = problem
-    thickness_m = foam.thickness_m
+    surface, scene, motion, contact = problem.surface, problem.scene, problem.motion, problem.contact
+    temperature_c, thickness_m = problem.temperature_c, problem.foam.thickness_m
     for p in range(len(surface.patch_body_id)):
         n_near = solids_near_patch(surface, scene, motion, p, thickness_m + view.range_m, near)
         for i in range(surface.patch_start[p], surface.patch_start[p + 1]):

@@ -120,7 +120,7 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
             f"after {verdict.ticks - 1} equal commands: {difference.field} was {difference.recorded}, "
             f"is {difference.replayed}"
         )
-        if reason := _other_arithmetic(path):
+        if reason := _other_arithmetic(path, deployment):
             typer.echo(f"{path}: {reason}")
     elif verdict.ticks:
         note = f"; {verdict.note}" if verdict.note else ""
@@ -131,17 +131,18 @@ def _replay_into(path: Path, target: str, changes: _DeploymentChanges, json: str
     raise typer.Exit(0 if difference is None else 1)
 
 
-def _other_arithmetic(path: Path) -> str:
+def _other_arithmetic(path: Path, deployment: "Deployment") -> str:
     """Return why the commands of a recording cannot be compared bit for bit, by the summary beside it."""
     import json
 
-    from skinnet.run.arithmetic import arithmetic, compare_arithmetic
+    from skinnet.run.arithmetic import arithmetic, compare_arithmetic, used_parts
 
     try:
         summary = json.loads((path.parent / "summary.json").read_bytes())
     except (OSError, ValueError):
         return ""
-    return compare_arithmetic({"arithmetic": arithmetic()}, summary) if isinstance(summary, dict) else ""
+    mine = {"arithmetic": arithmetic(used_parts(deployment))}
+    return compare_arithmetic(mine, summary) if isinstance(summary, dict) else ""
 
 
 def _deployment(raw: dict[str, Any], path: Path, changes: _DeploymentChanges) -> "Deployment":

@@ -161,6 +161,7 @@ def _stress_spec(deployment: "Deployment", given: dict[str, Any]) -> "StressSpec
 
     from skinnet.deployment.experiment.stress import StressSpec
     from skinnet.deployment.types import Encoding
+    from skinnet.schema_words import in_words
 
     try:
         return convert(to_builtins(deployment.stress) | given, StressSpec)
@@ -168,7 +169,7 @@ def _stress_spec(deployment: "Deployment", given: dict[str, Any]) -> "StressSpec
         known = get_args(Encoding)
         unknown = next((name for name in given.get("encodings", ()) if name not in known), None)
         hint = f"; {did_you_mean(unknown, known)}allowed: {', '.join(known)}" if unknown is not None else ""
-        raise DeploymentError(f"stress: {error}{hint}") from None
+        raise DeploymentError(f"stress: {in_words(str(error))}{hint}") from None
 
 
 def _draw(spec: "StressSpec", deployment: "Deployment", results: "list[PointResult]", folder: Path) -> None:

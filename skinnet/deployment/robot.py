@@ -7,9 +7,12 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from skinnet.deployment.types import NonNegative, Positive, Table, ns_of_ms
+from skinnet.deployment.types import Fraction, NonNegative, Positive, Table, ns_of_ms
 
-__all__ = ["BodySpec", "FoamSpec", "ServoSpec", "SwaySpec"]
+__all__ = ["BodySpec", "FoamCurveSpec", "FoamSpec", "ServoSpec", "SwaySpec"]
+
+_QUOTED_STRAIN = 0.4
+"""Strain at which ISO 3386-1 quotes the stress of foam: CC40, the compression stress value."""
 
 
 class ServoSpec(Table, frozen=True, kw_only=True):
@@ -25,6 +28,55 @@ class ServoSpec(Table, frozen=True, kw_only=True):
     """Torque limit."""
 
 
+class FoamCurveSpec(Table, frozen=True, kw_only=True):
+    """Compression curve of the foam as a table, one row per entry of its columns, as ISO 3386-1 measures it.
+
+    Pressure is linear between rows; beyond the last one both columns continue with the last slope of
+    loading, up to full compression. ISO 3386-1 takes loading from its fourth cycle, and quotes CC40, the
+    pressure of loading at 40 % strain.
+    """
+
+    strain: Annotated[tuple[Fraction, ...], Meta(min_length=2, max_length=1000)]
+    """Compression as a fraction of the thickness, from 0, ascending."""
+    loading_kpa: tuple[NonNegative, ...]
+    """Pressure while compression grows, from 0; never falls."""
+    unloading_kpa: tuple[NonNegative, ...] = ()
+    """Pressure while compression falls, from 0; never above loading. Empty: loading, so no hysteresis."""
+    reversal_strain: Annotated[float, Meta(ge=0.001, le=1.0)] = 0.05
+    """Way back, as a strain, within which the pressure goes over to the other column *(assumed)*."""
+
+    def loading_pa(self, strain: float) -> float:
+        """Pressure of loading [Pa] at `strain`, from 0 to 1."""
+        last, before = len(self.strain) - 1, len(self.strain) - 2
+        for row in range(1, last + 1):
+            if strain <= self.strain[row]:
+                last, before = row, row - 1
+                break
+        x0, x1, p0, p1 = (
+            self.strain[before],
+            self.strain[last],
+            self.loading_kpa[before],
+            self.loading_kpa[last],
+        )
+        return 1e3 * (p0 + (p1 - p0) * (strain - x0) / (x1 - x0))
+
+    @property
+    def cc40_kpa(self) -> float:
+        """Compression stress value CC40 of ISO 3386-1 [kPa]: pressure of loading at 40 % strain."""
+        return 1e-3 * self.loading_pa(_QUOTED_STRAIN)
+
+    @property
+    def hysteresis_loss(self) -> float:
+        """Fraction of the work of loading to the last row that unloading does not give back."""
+        work = _area(self.strain, self.loading_kpa)
+        return 1.0 - _area(self.strain, self.unloading_kpa or self.loading_kpa) / work
+
+
+def _area(x: tuple[float, ...], y: tuple[float, ...]) -> float:
+    """Area under the straight lines between the points (x, y)."""
+    return sum(0.5 * (y[i] + y[i - 1]) * (x[i] - x[i - 1]) for i in range(1, len(x)))
+
+
 class FoamSpec(Table, frozen=True, kw_only=True):
     """Elastic (Winkler) foundation between the rigid surface and the face of the cells.
 
@@ -34,11 +86,20 @@ class FoamSpec(Table, frozen=True, kw_only=True):
     thickness_m: Positive = 0.012
     """Thickness of the uncompressed foam."""
     stiffness_pa_per_m: Positive = 1.5e6
-    """Foundation modulus: pressure per indentation."""
+    """Foundation modulus: pressure per indentation. With a curve: unset, or CC40 / (0.4 thickness)."""
     damping_pa_s_per_m: NonNegative = 1.0e4
     """Damping pressure per speed of indentation."""
     friction: NonNegative = 0.6
     """Coulomb friction coefficient of the skin."""
+    curve: FoamCurveSpec | None = None
+    """Compression curve; linear unless given."""
+
+    @property
+    def secant_stiffness_pa_per_m(self) -> float:
+        """Foundation modulus [Pa/m]; with a curve, its secant to 40 % strain: CC40 / (0.4 thickness)."""
+        if self.curve is None:
+            return self.stiffness_pa_per_m
+        return self.curve.loading_pa(_QUOTED_STRAIN) / (_QUOTED_STRAIN * self.thickness_m)
 
 
 class SwaySpec(Table, frozen=True, kw_only=True):

@@ -10,6 +10,7 @@ from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.extends import EXTENDS
 from skinnet.errors import DeploymentError
 from skinnet.migration.deployments import FORMAT_KEY
+from skinnet.schema_words import in_words
 from skinnet.suggestions import did_you_mean
 
 __all__ = ["describe_error", "reject_non_finite"]
@@ -44,7 +45,7 @@ def describe_error(raw: dict[str, Any], message: str) -> str:
     """
     match = _ERROR_LOCATION.match(message)
     assert match is not None
-    problem = match["what"]
+    problem = in_words(match["what"])
     key, value, kind = _resolve_path(raw, (match["path"] or "") + ("[key]" if match["in_key"] else ""))
     unknown = _UNKNOWN_FIELD.search(problem)
     if unknown is not None:
@@ -55,7 +56,7 @@ def describe_error(raw: dict[str, Any], message: str) -> str:
         hint = did_you_mean(repr(value), allowed) if near else ""
         problem = f"{hint}allowed: {', '.join(allowed)}"
     tag = _tag_field(kind)
-    if tag is not None and problem == f"Object missing required field `{tag}`":
+    if tag is not None and problem == f"The table lacks `{tag}`":
         problem = f"{problem}; allowed: {', '.join(_allowed_values(_tag_annotation(kind)))}"
     shown = "" if isinstance(value, dict | list) else f" = {value!r}"
     return f"{key or 'the file'}{shown}: {problem[0].lower()}{problem[1:]}"

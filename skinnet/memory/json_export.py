@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from skinnet.errors import MemoryFileError
 from skinnet.memory.contents import Floats, KeyPose, MemoryContents, RobotIdentity, StoredMemory
 from skinnet.migration.memories import VERSION
+from skinnet.schema_words import in_words
 
 __all__ = ["FORMAT", "from_json", "stored_from_json", "to_json"]
 
@@ -166,7 +167,8 @@ def _convert(value: Any, kind: type[T] | Any, key: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        raise MemoryFileError(f"{key}: {str(error)[0].lower()}{str(error)[1:]}") from None
+        problem = in_words(str(error))
+        raise MemoryFileError(f"{key}: {problem[0].lower()}{problem[1:]}") from None
 
 
 def _object(raw: Any, key: str, names: Any) -> dict[str, Any]:

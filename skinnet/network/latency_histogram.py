@@ -1,12 +1,26 @@
 """Latency histogram of any number of packets in constant memory."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+from skinnet.compilation import compiled
+from skinnet.pinned_math import exp2, log2
 
 __all__ = ["LatencyHistogram"]
 
 _BINS_PER_OCTAVE = 128
 _OCTAVES = 63
+
+
+@compiled
+def _bins(latency_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the bin of each latency: the logarithm of its upper edge to base 2, in 128ths."""
+    bins = np.empty(latency_ns.size, dtype=np.int64)
+    for i in range(latency_ns.size):
+        bins[i] = math.ceil(log2(float(max(latency_ns[i], 1))) * _BINS_PER_OCTAVE)
+    return bins
 
 
 class LatencyHistogram:
@@ -25,7 +39,7 @@ class LatencyHistogram:
         self._min_ns = least_ns if first else min(self._min_ns, least_ns)
         self._max_ns = max(self._max_ns, int(latency_ns.max()))
         self._sum_ns += float(latency_ns.sum(dtype=np.float64))
-        bins = np.ceil(np.log2(np.maximum(latency_ns, 1)) * _BINS_PER_OCTAVE).astype(np.int64)
+        bins = _bins(latency_ns)
         self._counts += np.bincount(bins, minlength=self._counts.size)
 
     def metrics(self) -> dict[str, float | None]:
@@ -45,5 +59,5 @@ class LatencyHistogram:
 
     def _percentile_ns(self, fraction: float) -> float:
         below = np.cumsum(self._counts)
-        edge_ns = 2.0 ** (int(np.searchsorted(below, fraction * below[-1])) / _BINS_PER_OCTAVE)
+        edge_ns = exp2(int(np.searchsorted(below, fraction * below[-1])) / _BINS_PER_OCTAVE)
         return float(np.clip(edge_ns, self._min_ns, self._max_ns))

@@ -8,7 +8,7 @@ from typing import Any
 from skinnet import __version__
 from skinnet.migration.summaries import FORMAT
 from skinnet.output_folder import RunIdentity
-from skinnet.run.arithmetic import arithmetic
+from skinnet.run.arithmetic import arithmetic, used_parts
 from skinnet.run.environment import environment
 from skinnet.run.launch import EndedRun
 from skinnet.run.prepare import PreparedRun
@@ -62,7 +62,7 @@ def summarise(
         },
         "metrics": metrics,
         "environment": environment(),
-        "arithmetic": arithmetic(),
+        "arithmetic": arithmetic(used_parts(deployment)),
         "settings": list(prepared.options.settings),
     }
 

@@ -17,6 +17,7 @@ from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import CellPoseSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
+from skinnet.pinned_linalg import dot, matmul, norm
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 from skinnet.suggestions import known_names
 
@@ -26,10 +27,10 @@ _OVERLAP_FRACTION = 0.90
 """Overlap threshold of centres as a fraction of the pitch (a curved lattice shortens chords a little)."""
 _WIRE_FRACTION = 1.15
 """Greatest length of a wire as a fraction of the pitch."""
-_FACING_COSINE = math.cos(math.radians(35.0))
+_FACING_COSINE = pinned_math.cos(math.radians(35.0))
 """Cosine of the greatest angle between a port and a neighbour that it faces."""
 
-_OPPOSITE_COSINE = math.cos(math.radians(170.0))
+_OPPOSITE_COSINE = pinned_math.cos(math.radians(170.0))
 """Cosine of the angle between normals beyond which cells of one patch lie on opposite sides of a link."""
 _SAME_SIDE_COSINE = -0.5
 """Least cosine of the angle between the normals of neighbours: cells back to back share no edge."""
@@ -112,7 +113,7 @@ def place_patches(
             continue
         near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach)
         for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
-            if one.R_body_cell[a, :, 2] @ other.R_body_cell[b, :, 2] > 0.0:  # else back to back
+            if dot(one.R_body_cell[a, :, 2], other.R_body_cell[b, :, 2]) > 0.0:  # else back to back
                 raise DeploymentError(
                     f"patches.{other.name}: cell {b} overlaps cell {a} of {one.name} on {one.body}"
                 )
@@ -120,7 +121,7 @@ def place_patches(
 
 
 def _unit(name: str, key: str, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = float(np.linalg.norm(vector))
+    length = norm(vector)
     if not math.isfinite(length) or length < 1e-9:
         raise DeploymentError(
             f"patches.{name}.{key} = {vector.tolist()}: the vector must have a finite length above zero"
@@ -131,7 +132,7 @@ def _unit(name: str, key: str, vector: NDArray[np.float64]) -> NDArray[np.float6
 
 def _axes(name: str, key: str, x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the right-handed rotation with the given z, and x projected orthogonally to it."""
-    across = x - z * float(x @ z)
+    across = x - z * dot(x, z)
     x_unit = _unit(name, key, across)
     return np.column_stack([x_unit, np.cross(z, x_unit), z])
 
@@ -141,7 +142,7 @@ def _lattice_poses(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     normal = _unit(name, "lattice.normal", np.array(lattice.normal, dtype=np.float64))
     up = np.array(lattice.up, dtype=np.float64)
-    y = _unit(name, "lattice.up (it may not be parallel to normal)", up - normal * float(up @ normal))
+    y = _unit(name, "lattice.up (it may not be parallel to normal)", up - normal * dot(up, normal))
     x = np.cross(y, normal)
     origin = np.array(lattice.origin_m, dtype=np.float64)
     plane = lattice_plane_m(lattice_cells(lattice.columns, lattice.rows), side_m)
@@ -182,9 +183,9 @@ def _require_no_overlap(
     name: str, position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float
 ) -> None:
     for a, b in sorted(cKDTree(position_m).query_pairs(_OVERLAP_FRACTION * pitch)):
-        if rotation[a, :, 2] @ rotation[b, :, 2] < _OPPOSITE_COSINE:  # back to back on a thin link
+        if dot(rotation[a, :, 2], rotation[b, :, 2]) < _OPPOSITE_COSINE:  # back to back on a thin link
             continue
-        distance = float(np.linalg.norm(position_m[a] - position_m[b]))
+        distance = norm(position_m[a] - position_m[b])
         raise DeploymentError(
             f"patches.{name}: cells {a} and {b} overlap, their centres are {distance * 1e3:.1f} mm apart; "
             f"{pitch * 1e3:.1f} mm fit"
@@ -199,12 +200,12 @@ def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch
     ports = np.array([[pinned_math.cos(a), pinned_math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
     candidates = []
     for a, b in sorted(cKDTree(position_m).query_pairs(_WIRE_FRACTION * pitch)):
-        if rotation[a, :, 2] @ rotation[b, :, 2] < _SAME_SIDE_COSINE:
+        if dot(rotation[a, :, 2], rotation[b, :, 2]) < _SAME_SIDE_COSINE:
             continue
         towards = position_m[b] - position_m[a]
-        towards = towards / np.linalg.norm(towards)
-        along_a = (rotation[a] @ ports.T).T @ towards
-        along_b = (rotation[b] @ ports.T).T @ -towards
+        towards = towards / norm(towards)
+        along_a = matmul(matmul(ports, rotation[a].T), towards)
+        along_b = matmul(matmul(ports, rotation[b].T), -towards)
         port_a, port_b = int(np.argmax(along_a)), int(np.argmax(along_b))
         straightness = float(min(along_a[port_a], along_b[port_b]))
         if straightness > _FACING_COSINE:

@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 from skinnet import pinned_math
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
+from skinnet.pinned_arcs import atan2_of
+from skinnet.pinned_linalg import dot, matmul, norm
 from skinnet.suggestions import known_names
 
 __all__ = ["PlacedSheet", "Surface", "build_surface", "place_sheets"]
@@ -71,8 +73,8 @@ class Surface:
         local = local + np.asarray(height_m, dtype=np.float64)[..., None] * normal
         e1 = np.stack([cos, zero, -sin], axis=-1)
         e2 = np.broadcast_to([0.0, 1.0, 0.0], e1.shape)
-        rotation = self.R_body_surface @ np.stack([e1, e2, normal], axis=-1)
-        return self.origin_m + local @ self.R_body_surface.T, rotation
+        rotation = matmul(self.R_body_surface, np.stack([e1, e2, normal], axis=-1))
+        return self.origin_m + matmul(local, self.R_body_surface.T), rotation
 
     def tactile_coordinates(self, position_m: ArrayLike) -> tuple[Floats, Floats]:
         """Return tactile coordinates (…, 2) [m] and heights (…) [m] of points (…, 3) [m], body frame.
@@ -80,15 +82,15 @@ class Surface:
         The inverse of `frame_at` for points above the axes of the cylindrical sides or around them; the
         coordinates are those of the orthogonal projection on the surface.
         """
-        local = (np.asarray(position_m, dtype=np.float64) - self.origin_m) @ self.R_body_surface
+        local = matmul(np.asarray(position_m, dtype=np.float64) - self.origin_m, self.R_body_surface)
         x, y, z = np.moveaxis(local, -1, 0)
         if not math.isfinite(self.radius_m):
             return np.stack([x, y], axis=-1), z
         side = np.copysign(self.flat_half_width_m, x)
         over_flat = (np.abs(x) <= self.flat_half_width_m) & (z > -self.radius_m)
         dx, dz = x - side, z + self.radius_m
-        xi1 = np.where(over_flat, x, side + self.radius_m * np.arctan2(dx, dz))
-        height = np.where(over_flat, z, np.hypot(dx, dz) - self.radius_m)
+        xi1 = np.where(over_flat, x, side + self.radius_m * atan2_of(dx, dz))
+        height = np.where(over_flat, z, pinned_math.hypot_of(dx, dz) - self.radius_m)
         return np.stack([xi1, y], axis=-1), height
 
 
@@ -135,7 +137,7 @@ def build_surface(spec: SurfaceSpec) -> Surface:
         )
     normal = _unit(f"{where}.normal", np.array(spec.normal))
     up = np.array(spec.up)
-    e2 = _unit(f"{where}.up (it may not be parallel to normal)", up - normal * float(up @ normal))
+    e2 = _unit(f"{where}.up (it may not be parallel to normal)", up - normal * dot(up, normal))
     return Surface(
         name=spec.name,
         body=spec.body,
@@ -173,7 +175,7 @@ def place_sheets(surfaces: Iterable[SurfaceSpec], sheets: Iterable[SheetSpec]) -
 
 
 def _unit(key: str, vector: Floats) -> Floats:
-    length = float(np.linalg.norm(vector))
+    length = norm(vector)
     if not math.isfinite(length) or length < 1e-9:
         raise DeploymentError(f"{key} = {vector.tolist()}: the vector must have a finite length above zero")
     return vector / length
@@ -191,7 +193,8 @@ def _place_sheet(spec: SheetSpec, surface: Surface) -> PlacedSheet:
         )
     position_m, rotation = surface.frame_at(xi_m)
     neighbours = _neighbours(grid, connect_across_gaps=spec.connect_across_gaps)
-    return PlacedSheet(spec.name, surface, grid, xi_m, position_m, rotation, neighbours, spec.pitch_m**2)
+    area_m2 = spec.pitch_m * spec.pitch_m
+    return PlacedSheet(spec.name, surface, grid, xi_m, position_m, rotation, neighbours, area_m2)
 
 
 def _element_grid(spec: SheetSpec) -> Ints:
@@ -231,7 +234,7 @@ def _require_no_overlap(one: PlacedSheet, other: PlacedSheet) -> None:
     reach_m = _OVERLAP_FRACTION * math.sqrt(min(one.area_m2, other.area_m2))
     near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach_m)
     for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
-        if one.R_body_element[a, :, 2] @ other.R_body_element[b, :, 2] > 0.0:  # else back to back
+        if dot(one.R_body_element[a, :, 2], other.R_body_element[b, :, 2]) > 0.0:  # else back to back
             raise DeploymentError(
                 f"sheets.{other.name}: element {b} overlaps element {a} of {one.name} on {one.surface.body}"
             )

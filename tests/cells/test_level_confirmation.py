@@ -13,14 +13,14 @@ from skinnet.protocol.messages import STREAM_ROW, Stream, decode
 pytestmark = pytest.mark.timeout(120)
 
 TOUCHED = 1
-RISE_S, FALL_S = 1.95, 2.65
+RISE_S, FALL_S = 2.25, 2.95
 """When the force begins to rise, and when it begins to fall; each takes 50 ms."""
 SETTINGS = (
     'controller.program=["map", "evade"]',
     "controller.map.periods=1",
     "controller.map.frequency_hz=8",
     "controller.map.settle_s=0.05",
-    "controller.stages.evade.duration_s=2.6",
+    "controller.stages.evade.duration_s=2.9",
     "teacher.touches=[]",
     f'scripted_stimuli.presses=[{{cells=["fore_link/{TOUCHED}"], start_s={RISE_S - 0.3}, force_n=2.0, '
     "rise_s=0.05, hold_s=0.65, release_s=0.05}]",

@@ -32,7 +32,7 @@ def command(file: Path, *arguments: str, settings: tuple[str, ...] = ()) -> list
 def run(file: Path, out: Path, *arguments: str, settings: tuple[str, ...] = ()) -> dict[str, Any]:
     """Summary of a run that must succeed."""
     line = command(file, "--no-plots", "--out", str(out), *arguments, settings=settings)
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr + done.stdout
     summary: dict[str, Any] = json.loads((out / "summary.json").read_text())
     return summary

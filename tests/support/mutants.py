@@ -53,14 +53,20 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
         ),
     ),
     "network": (
-        Mapping("skinnet/network/[kmprt]*.py", ("tests/skinnet/network/test_network_kernel.py",)),
+        Mapping("skinnet/network/power_grid.py", ("tests/skinnet/network/test_power_grid.py",)),
+        Mapping("skinnet/network/packet_ids.py", ("tests/skinnet/network/test_network_csv.py",)),
+        Mapping("skinnet/network/packet_[!i]*.py", ("tests/skinnet/network/test_network_kernel.py",)),
+        Mapping(
+            "skinnet/network/[kmrt]*.py",
+            ("tests/skinnet/network/test_routes.py", "tests/skinnet/network/test_network_kernel.py"),
+        ),
         Mapping("cells/networking/*.py", ("tests/cells/networking",)),
     ),
     "sensing": (
         Mapping("cells/sensing/*.py", ("tests/cells/sensing",)),
         Mapping("skinnet/body/stimulus.py", ("tests/skinnet/body/test_stimulus.py",)),
     ),
-    "touch": (Mapping("controller/touch/*.py", ("tests/controller/touch",)),),
+    "touch": (Mapping("controller/touch/*.py", ("tests/controller/touch",), False),),
     "nursing": (Mapping("controller/nursing/**/*.py", ("tests/controller/nursing",)),),
     "metrics": (
         Mapping("skinnet/analysis/metrics/[gnopt]*.py", ("tests/skinnet/analysis/metrics",)),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from controller.nursing.contacts.contact_frames import Region, Sheet, TactileInput
 from skinnet import pinned_math
 from skinnet.errors import ProtocolError
+from skinnet.pinned_linalg import matmul
 from skinnet.protocol.messages import unpack
 from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
 from skinnet.skin.tactile_sheets import PlacedSheet
@@ -124,7 +125,7 @@ def _merge_regions(regions: list[Region], merge_distance_m: float) -> list[Regio
                 group.append(region)
                 left.remove(region)
         weight = np.array([max(region.force_n, 1e-9) for region in group])
-        first, second = (weight @ np.array([region.xi_m for region in group]) / weight.sum()).tolist()
+        first, second = (matmul(weight, np.array([region.xi_m for region in group])) / weight.sum()).tolist()
         result.append(
             group[0]._replace(
                 xi_m=(first, second),

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from controller.nursing.kinematics.robot_model import Kinematics, SurfacePoint
+from skinnet.pinned_linalg import matmul
+from skinnet.pinned_rotations import mean_rotation
 
 __all__ = ["InitialContacts", "Region", "Sheet", "TactileInput", "initial_contacts"]
 
@@ -89,10 +90,10 @@ class Sheet:
         share = share / share.sum()
         near = share > 0.0
         share, away = share[near], away[near]
-        R = Rotation.from_matrix(self._R[near]).mean(share).as_matrix()
+        R = mean_rotation(self._R[near], share)
         tangents = self._R[near][:, :, :2]
-        position_m = share @ (self._position_m[near] + 0.5 * np.einsum("nij,nj->ni", tangents, away))
-        return SurfacePoint(self.body, position_m + 0.5 * R[:, :2] @ (share @ away), R)
+        position_m = matmul(share, self._position_m[near] + 0.5 * np.einsum("nij,nj->ni", tangents, away))
+        return SurfacePoint(self.body, position_m + matmul(0.5 * R[:, :2], matmul(share, away)), R)
 
     @staticmethod
     def _bilinear_weights(offset_m: Floats, width_m: float) -> Floats:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
-from scipy.spatial.transform import Rotation
 
 from controller.nursing.contacts.contact_frames import InitialContacts
+from skinnet.pinned_linalg import exponential, matmul
+from skinnet.pinned_rotations import rotation_matrices
 
 __all__ = [
     "POSITION_IMPEDANCE",
@@ -60,13 +60,13 @@ class ImpedanceResponse:
         system = np.zeros((3, 3))
         system[0, 1] = 1.0
         system[1] = np.array([-stiffness, -damping, 1.0]) / inertia
-        whole = expm(system * period_s)
+        whole = exponential(system * period_s)
         self._state_matrix: Floats = whole[:2, :2]
         self._input_matrix: Floats = whole[:2, 2]
 
     def step(self, state: Floats, u: Floats) -> Floats:
         """Return states (..., 2), x and ẋ, after one period with input u (...)."""
-        after: Floats = state @ self._state_matrix.T + u[..., None] * self._input_matrix
+        after: Floats = matmul(state, self._state_matrix.T) + u[..., None] * self._input_matrix
         return after
 
 
@@ -83,7 +83,7 @@ def additional_rotation(alpha_rad: Floats) -> Floats:
     along -e3, away from the object, since the outward normal e3 of the robot points into the object.
     """
     vector = np.stack((-alpha_rad[:, 1], alpha_rad[:, 0], np.zeros(len(alpha_rad))), axis=1)
-    return Rotation.from_rotvec(vector).as_matrix()
+    return rotation_matrices(vector)
 
 
 class TactileFeedback:
@@ -151,12 +151,12 @@ class TactileFeedback:
             if self._position is None
             else extend_vectors(x_object_contact_m, self._s[:, 0])
         )
-        return moved, R_object_contact @ additional_rotation(self._alpha[:, :, 0])
+        return moved, matmul(R_object_contact, additional_rotation(self._alpha[:, :, 0]))
 
     def invert_adjustment(self, x_adjusted_m: Floats, R_adjusted: Floats) -> tuple[Floats, Floats]:
         """Invert `adjust`: return the originals of x_new (C, 3) [m] and R_new (C, 3, 3)."""
         moved = x_adjusted_m if self._position is None else extend_vectors(x_adjusted_m, -self._s[:, 0])
-        return moved, R_adjusted @ additional_rotation(-self._alpha[:, :, 0])
+        return moved, matmul(R_adjusted, additional_rotation(-self._alpha[:, :, 0]))
 
 
 def _at_zero_velocity(state: Floats) -> Floats:

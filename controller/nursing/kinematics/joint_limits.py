@@ -50,7 +50,7 @@ class JointLimits:
         fastest = self.max_speed * period_s
         lowest = np.clip(-self._max_step_towards(q - self.position_range[:, 0], period_s), -fastest, fastest)
         highest = np.clip(self._max_step_towards(self.position_range[:, 1] - q, period_s), -fastest, fastest)
-        change = self.max_acceleration * period_s**2
+        change = self.max_acceleration * (period_s * period_s)
         return np.clip(last_step - change, lowest, highest), np.clip(last_step + change, lowest, highest)
 
     def _max_step_towards(self, distance: Floats, period_s: float) -> Floats:
@@ -60,7 +60,7 @@ class JointLimits:
         k x - aΔt² k (k - 1) / 2; x is the largest step for which that equals the distance.
         """
         braking = np.isfinite(self.max_acceleration) & np.isfinite(distance) & (distance > 0.0)
-        change = np.where(braking, self.max_acceleration * period_s**2, 1.0)
+        change = np.where(braking, self.max_acceleration * (period_s * period_s), 1.0)
         way = np.where(braking, distance, 0.0)
         count = np.maximum(np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * way / change) - 1.0)), 1.0)
         return np.where(braking, way / count + 0.5 * change * (count - 1.0), distance)

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.pinned_linalg import matmul, smallest_eigenvalue, solve
+
 __all__ = ["mobility"]
 
 Floats = NDArray[np.float64]
@@ -24,7 +26,7 @@ def mobility(J_x: Floats, weights: Floats, damping_m: float) -> float:
     share = weights / weights.sum()
     stacked = J_x.reshape(-1, J_x.shape[2])
     weighted = stacked * np.repeat(share, 3)[:, None]
-    asked = weighted.T @ np.tile(np.eye(3), (len(weights), 1))
-    hessian = weighted.T @ stacked + damping_m**2 * np.eye(J_x.shape[2])
-    follows = asked.T @ np.linalg.solve(hessian, asked)
-    return float(np.linalg.eigvalsh(0.5 * (follows + follows.T))[0])
+    asked = matmul(weighted.T, np.tile(np.eye(3), (len(weights), 1)))
+    hessian = matmul(weighted.T, stacked) + damping_m * damping_m * np.eye(J_x.shape[2])
+    follows = matmul(asked.T, solve(hessian, asked))
+    return smallest_eigenvalue(0.5 * (follows + follows.T))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
 import skinnet.mujoco_loading  # noqa: F401 -- before MuJoCo, which may lack its renderer
+from skinnet.pinned_linalg import matmul
 
 # isort: split
 import mujoco
@@ -147,10 +148,10 @@ class Kinematics:
         for c, point in enumerate(points):
             body = _body(self.mj, point.body)
             R_world_body = data.xmat[body].reshape(3, 3)
-            position_m = data.xpos[body] + R_world_body @ point.position_m
+            position_m = data.xpos[body] + matmul(R_world_body, point.position_m)
             mujoco.mj_jac(self.mj, data, linear, angular, position_m, body)
             result.position_m[c] = position_m
-            result.R_world_surface[c] = R_world_body @ point.R_body_surface
+            result.R_world_surface[c] = matmul(R_world_body, point.R_body_surface)
             result.J_x[c], result.J_w[c] = linear[:, self.dofs], angular[:, self.dofs]
         return result
 

@@ -7,6 +7,7 @@ import numpy as np
 from skinnet.analysis.metrics.object_pose import rotation_deg
 from skinnet.analysis.metrics.packet_traffic import percentile_us
 from skinnet.deployment import Deployment
+from skinnet.pinned_linalg import norm
 from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["board_metrics", "contact_label", "nursing_metrics"]
@@ -90,5 +91,5 @@ def _object_metrics(deployment: Deployment, controller: ProcessResult, body: Pro
         t_ns, pose = body.arrays["object_t_ns"], body.arrays["object_pose"]
         start = pose[min(int(np.searchsorted(t_ns, begin_ns)), len(pose) - 1), :3]
         wanted = np.array(deployment.nursing.waypoints[-1].displacement_m)
-        metrics["object_error_mm"] = 1e3 * float(np.linalg.norm(pose[-1, :3] - start - wanted))
+        metrics["object_error_mm"] = 1e3 * norm(pose[-1, :3] - start - wanted)
     return metrics

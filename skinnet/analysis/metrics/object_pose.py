@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.pinned_arcs import asin_of
+
 __all__ = ["rotation_deg"]
 
 
@@ -18,5 +20,5 @@ def rotation_deg(poses: NDArray[np.floating]) -> NDArray[np.float64]:
     turned = poses[:, 3:].astype(np.float64)
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     chord = np.minimum(*(np.linalg.norm(turned - sign * turned[:1], axis=1) for sign in (1.0, -1.0)))
-    angle_deg: NDArray[np.float64] = np.degrees(4.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0)))
+    angle_deg: NDArray[np.float64] = np.degrees(4.0 * asin_of(np.clip(0.5 * chord, 0.0, 1.0)))
     return angle_deg

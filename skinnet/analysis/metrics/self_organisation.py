@@ -1,5 +1,6 @@
 """Self-organisation metrics: explored structure and sensory-motor map against the model."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from skinnet.analysis.metrics.model_reference import ModelReference
 from skinnet.analysis.metrics.stages import stage_intervals
 from skinnet.deployment import Deployment
+from skinnet.pinned_linalg import dot, norm
 from skinnet.runtime.process_result import ProcessResult
 
 __all__ = ["map_metrics", "structure_metrics"]
@@ -59,8 +61,8 @@ def map_metrics(
     large = np.abs(shares) > _MIN_COMPARED_WEIGHT
     return {
         "smm.sign_agreement": float(np.mean(np.sign(maps[large]) == np.sign(shares[large]))),
-        "smm.correlation": float(np.corrcoef(maps.ravel(), shares.ravel())[0, 1]),
-        "smm.correlation_normal": float(np.corrcoef(maps.ravel(), plain.ravel())[0, 1]),
+        "smm.correlation": _correlation(maps, shares),
+        "smm.correlation_normal": _correlation(maps, plain),
         "smm.entries_compared": int(np.count_nonzero(large)),
         "smm.excluded_cells": int(np.count_nonzero(~kept)),
         "smm.problems": list(controller.facts["map_problems"]),
@@ -83,6 +85,13 @@ def _normal_fraction(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
         -jacobian[:, :, 2], total, out=np.zeros(total.shape), where=total > 1e-9
     )
     return share
+
+
+def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Pearson correlation of two arrays; NaN if one is constant."""
+    a, b = (one - one.mean()).ravel(), (other - other.mean()).ravel()
+    scale = norm(a) * norm(b)
+    return dot(a, b) / scale if scale > 0.0 else math.nan
 
 
 def _unit_rows(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

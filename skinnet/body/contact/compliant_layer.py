@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.added_elements import builtin_defaults, unused_name
 from skinnet.deployment.robot import FoamSpec
+from skinnet.pinned_linalg import matmul
 from skinnet.skin.placement import PlacedPatch
 
 __all__ = ["CompliantLayer", "compliant_layer", "delay_rigid_contact", "foam_fraction", "geoms_under_skin"]
@@ -40,14 +41,20 @@ class CompliantLayer(NamedTuple):
 
 
 def foam_fraction(stiffness_pa_per_m: float, foam: FoamSpec) -> float:
-    """Fraction of the overlap that the foam takes against an elastic face: two springs in series."""
-    return 1.0 / (1.0 + foam.stiffness_pa_per_m / stiffness_pa_per_m)
+    """Fraction of the overlap that the foam takes against an elastic face: two springs in series.
+
+    Foam with a curve takes this fraction at its secant stiffness; `foam_curve` has it at any compression.
+    """
+    return 1.0 / (1.0 + foam.secant_stiffness_pa_per_m / stiffness_pa_per_m)
 
 
 def compliant_layer(stiffness_pa_per_m: float, foam: FoamSpec) -> CompliantLayer:
     """Compliance of an elastic body, indented until the foam is fully compressed, at most 30 mm."""
     share = foam_fraction(stiffness_pa_per_m, foam)
-    return CompliantLayer(share, min(foam.thickness_m * (1.0 / share - 1.0), _MAX_INDENTATION_M))
+    flat_m = foam.thickness_m * (1.0 / share - 1.0)
+    if foam.curve is not None:
+        flat_m = foam.curve.loading_pa(1.0) / stiffness_pa_per_m
+    return CompliantLayer(share, min(flat_m, _MAX_INDENTATION_M))
 
 
 def delay_rigid_contact(
@@ -102,8 +109,8 @@ def geoms_under_skin(mj: mujoco.MjModel, patches: Sequence[PlacedPatch]) -> list
         geoms = [g for g in range(first, first + int(mj.body_geomnum[body])) if mj.geom_contype[g]]
         R_world_body, origin_m = data.xmat[body].reshape(3, 3), data.xpos[body]
         for position_m, R_body_cell in zip(patch.position_m, patch.R_body_cell, strict=True):
-            normal = R_world_body @ R_body_cell[:, 2]
-            start_m = origin_m + R_world_body @ position_m + _RAY_START_HEIGHT_M * normal
+            normal = matmul(R_world_body, R_body_cell[:, 2])
+            start_m = origin_m + matmul(R_world_body, position_m) + _RAY_START_HEIGHT_M * normal
             met_m = {g: _ray_m(mj, data, g, start_m, -normal) for g in geoms}
             found |= {g for g, m in met_m.items() if 0.0 <= m == min(d for d in met_m.values() if d >= 0.0)}
     return sorted(found)

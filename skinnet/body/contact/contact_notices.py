@@ -39,7 +39,21 @@ def contact_notices(deployment: Deployment, base_dir: Path) -> list[str]:
             "contact margins and gaps were set to 0 where skin can be touched, as rigid contact would hold "
             f"things off the foam: {', '.join(cleared)}"
         )
+    if foam_notice := _foam_notice(deployment):
+        lines.append(foam_notice)
     return lines + _mesh_notices(mj, bodies)
+
+
+def _foam_notice(deployment: Deployment) -> str | None:
+    """Key figures of the foam's compression curve, if it has one."""
+    foam = deployment.body.foam
+    if foam.curve is None:
+        return None
+    lost = foam.curve.hysteresis_loss
+    return (
+        f"body.foam.curve: CC40 {foam.curve.cc40_kpa:.3g} kPa, {foam.secant_stiffness_pa_per_m:.3g} Pa/m to "
+        f"40 % strain; between both columns lies {100.0 * lost:.0f} % of the work of loading"
+    )
 
 
 def _filter_notices(mj: mujoco.MjModel, bodies: NDArray[np.int64]) -> list[str]:

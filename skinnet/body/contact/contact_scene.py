@@ -130,7 +130,7 @@ def build_contact_scene(
         foam_fraction=np.array([each.foam_fraction for each in gives], dtype=np.float64),
         max_indentation_m=np.array([each.max_indentation_m for each in gives], dtype=np.float64),
         largest_indentation_m=max((each.max_indentation_m for each in gives), default=0.0),
-        collides=felt[:, geom],
+        collides=np.ascontiguousarray(felt[:, geom]),  # else of another type where it is one row
     )
 
 

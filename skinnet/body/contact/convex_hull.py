@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from skinnet.compilation import compiled_without_nrt
+from skinnet.pinned_linalg import matmul
 
 __all__ = [
     "ConvexHulls",
@@ -137,7 +138,7 @@ def _hull(points_m: Floats) -> tuple[Floats, Floats, Floats, Indices, Indices]:
 
 def _start_triangles(plane: Floats, centre_m: Floats) -> Indices:
     """Triangle (d,) by which a ray from the centre leaves a hull, for each direction of the table."""
-    height_m = plane[:, 3] - plane[:, :3] @ centre_m
+    height_m = plane[:, 3] - matmul(plane[:, :3], centre_m)
     axis, sign, row, column = np.unravel_index(
         np.arange(_DIRECTIONS), (3, 2, _DIRECTIONS_PER_SIDE, _DIRECTIONS_PER_SIDE)
     )
@@ -146,7 +147,7 @@ def _start_triangles(plane: Floats, centre_m: Floats) -> Indices:
     direction[each, axis] = 1.0 - 2.0 * sign
     direction[each, (axis + 1) % 3] = (2.0 * row + 1.0) / _DIRECTIONS_PER_SIDE - 1.0
     direction[each, (axis + 2) % 3] = (2.0 * column + 1.0) / _DIRECTIONS_PER_SIDE - 1.0
-    start: Indices = np.argmax(direction @ plane[:, :3].T / height_m, axis=1).astype(np.int64)
+    start: Indices = np.argmax(matmul(direction, plane[:, :3].T) / height_m, axis=1).astype(np.int64)
     return start
 
 

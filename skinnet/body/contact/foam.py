@@ -4,12 +4,19 @@ Friction is shear of the foam: a spring and damper with half of k and c (the rat
 stiffness of a foam with Poisson's ratio 0, assumed) that slides at μ p.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skinnet import pinned_math
-from skinnet.compilation import compiled_without_nrt
+from skinnet.compilation import compiled_inline
+from skinnet.deployment.robot import FoamSpec
 
 __all__ = ["SHEAR_STIFFNESS_RATIO", "Foam", "friction_force"]
+
+Floats = NDArray[np.float64]
+_PA_PER_KPA = 1e3
 
 SHEAR_STIFFNESS_RATIO = 0.5
 """Ratio of the foam's shear stiffness and damping to the normal ones; assumed."""
@@ -20,18 +27,43 @@ class Foam(NamedTuple):
 
     Attributes:
         thickness_m: Distance from the rigid surface to the outer face [m].
-        stiffness_pa_per_m: Foundation stiffness k [Pa/m].
+        stiffness_pa_per_m: Foundation stiffness k [Pa/m]; with a curve, its secant to 40 % strain.
         damping_pa_s_per_m: Damping c [Pa s/m].
         friction: Friction coefficient μ.
+        curve: (r, 3) compression [m], pressure of loading and of unloading [Pa]; no rows for linear foam.
+        reversal_m: Way back [m] within which the pressure changes from one to the other; 0 if they are one.
     """
 
     thickness_m: float
     stiffness_pa_per_m: float
     damping_pa_s_per_m: float
     friction: float
+    curve: Floats
+    reversal_m: float
+
+    @classmethod
+    def of(cls, spec: FoamSpec) -> Self:
+        """Material of `spec`."""
+        curve, reversal_m = np.zeros((0, 3)), 0.0
+        if spec.curve is not None:
+            columns = spec.curve.loading_kpa, spec.curve.unloading_kpa or spec.curve.loading_kpa
+            strain = np.array(spec.curve.strain)
+            curve = np.column_stack(
+                [spec.thickness_m * strain, *(_PA_PER_KPA * np.array(c) for c in columns)]
+            )
+            if spec.curve.unloading_kpa:
+                reversal_m = spec.curve.reversal_strain * spec.thickness_m
+        return cls(
+            thickness_m=spec.thickness_m,
+            stiffness_pa_per_m=spec.secant_stiffness_pa_per_m,
+            damping_pa_s_per_m=spec.damping_pa_s_per_m,
+            friction=spec.friction,
+            curve=curve,
+            reversal_m=reversal_m,
+        )
 
 
-@compiled_without_nrt
+@compiled_inline
 def friction_force(
     foam: Foam,
     area: float,

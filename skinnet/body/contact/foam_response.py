@@ -8,18 +8,20 @@ This is the backward Euler method: the foam takes at least the energy that it st
 method damps by h k of its own, which c' leaves out of c: so the damping in all is the foam's.
 A point that the step brings into contact (d < 0) is damped for that part of the step only in which it is in
 contact, (d + h u) / (h u): p = max(0, (k + c' / h) (d + h u)). Shear is strained likewise.
+Where foam has a curve (`foam_curve`), its elastic pressure at the end of the step stands for k (d + h u).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
+from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
+from skinnet.body.contact.foam_curve import closing_response, stored_energy_j_per_m2
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.point_kinematics import cell_axis, point_above_cell
-from skinnet.body.contact.winkler import ContactProblem
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = ["PairResponse", "add_pairs", "add_response", "elastic_energy_j", "no_pairs"]
@@ -154,28 +156,41 @@ def _add_cell_response(
     stiffness_pa_per_m = foam.stiffness_pa_per_m
     slope_pa_s_per_m = max(foam.damping_pa_s_per_m, step_s * stiffness_pa_per_m)
     damping_pa_s_per_m = slope_pa_s_per_m - step_s * stiffness_pa_per_m
-    entry_pa_per_m = slope_pa_s_per_m / step_s
+    entry_pa_per_m, has_curve = slope_pa_s_per_m / step_s, len(foam.curve) > 0
     for m in range(first, last):
-        a, b = surface.sample_m[points.sample[m], 0], surface.sample_m[points.sample[m], 1]
+        a, b = points.x_m[m], points.y_m[m]
         d, h = points.depth_m[m], points.height_m[m]
-        area = surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
+        area = points.area_m2[m] * problem.scene.foam_fraction[points.solid[m]]
         closing = -(vz + wx * b - wy * a)
         elastic_pa = d * (stiffness_pa_per_m if d >= 0.0 else entry_pa_per_m)
-        pressure_pa = elastic_pa + slope_pa_s_per_m * closing
+        pressure_pa, normal_slope = elastic_pa + slope_pa_s_per_m * closing, area * slope_pa_s_per_m
+        shear_slope = SHEAR_STIFFNESS_RATIO * normal_slope
         height_m += h
+        if has_curve:
+            pressure_pa, slope = closing_response(
+                foam,
+                d,
+                closing,
+                step_s,
+                problem.scene.foam_fraction[points.solid[m]],
+                contact.play_m,
+                cell,
+                points.sample[m],
+            )
+            normal_slope = area * slope
         if pressure_pa <= 0.0:
             continue
-        normal_n, normal_slope = area * pressure_pa, area * slope_pa_s_per_m
+        normal_n = area * pressure_pa
         slip_x, slip_y = vx + wy * h - wz * b, vy + wz * a - wx * h
         shear_x = contact.shear_m[cell, points.sample[m], 0] + step_s * slip_x
         shear_y = contact.shear_m[cell, points.sample[m], 1] + step_s * slip_y
         k, c = SHEAR_STIFFNESS_RATIO * stiffness_pa_per_m, SHEAR_STIFFNESS_RATIO * damping_pa_s_per_m
         fx, fy = -area * (k * shear_x + c * slip_x), -area * (k * shear_y + c * slip_y)
-        xx = yy = SHEAR_STIFFNESS_RATIO * normal_slope
+        xx = yy = shear_slope
         xy = 0.0
         limit_n = foam.friction * normal_n
-        if abs(fx) + abs(fy) > limit_n and math.hypot(fx, fy) > limit_n:
-            tried_n = math.hypot(fx, fy)
+        if abs(fx) + abs(fy) > limit_n and pinned_math.hypot(fx, fy) > limit_n:
+            tried_n = pinned_math.hypot(fx, fy)
             along_x, along_y = fx / tried_n, fy / tried_n
             fx, fy = limit_n * along_x, limit_n * along_y
             slope = xx * limit_n / tried_n
@@ -289,9 +304,18 @@ def elastic_energy_j(problem: ContactProblem) -> float:
     """Elastic energy [J] of all loaded points: compression and shear of the foam, and of solids in series."""
     points, energy_j = problem.points, 0.0
     for m in range(points.total[0]):
-        area = problem.surface.sample_area_m2 * problem.scene.foam_fraction[points.solid[m]]
+        area = points.area_m2[m] * problem.scene.foam_fraction[points.solid[m]]
+        if points.depth_m[m] <= 0.0:
+            continue
         shear = problem.contact.shear_m
         x, y = shear[points.cell[m], points.sample[m], 0], shear[points.cell[m], points.sample[m], 1]
-        stretch_m2 = max(0.0, points.depth_m[m]) ** 2 + SHEAR_STIFFNESS_RATIO * (x * x + y * y)
+        stretch_m2 = SHEAR_STIFFNESS_RATIO * (x * x + y * y)
+        if len(problem.foam.curve):
+            fraction, play_m = problem.scene.foam_fraction[points.solid[m]], problem.contact.play_m
+            energy_j += area * stored_energy_j_per_m2(
+                problem.foam, points.depth_m[m], fraction, play_m, points.cell[m], points.sample[m]
+            )
+        else:
+            stretch_m2 += points.square_m2[m]
         energy_j += 0.5 * problem.foam.stiffness_pa_per_m * area * stretch_m2
     return energy_j

@@ -16,18 +16,28 @@ class LoadedPoints(NamedTuple):
 
     Attributes:
         total: (1,) m.
+        lost: (1,) number of points for which there was no space.
         cell: Row of the cell of each point.
-        sample: Number of the sample point in its cell.
+        sample: Number of the sample in its cell.
         solid: Number of the solid in the contact scene.
-        depth_m: Overlap of foam and solid; negative before contact [m].
+        area_m2: Area of the part of the sample that the point stands for [m²].
+        x_m: Centre of pressure of this part, plane of the cell [m].
+        y_m: As x_m [m].
+        depth_m: Mean overlap of foam and solid; negative before contact [m].
+        square_m2: Mean square of the overlap [m²].
         height_m: Height above the rigid surface at which forces act [m].
     """
 
     total: Indices
+    lost: Indices
     cell: Indices
     sample: Indices
     solid: Indices
+    area_m2: Floats
+    x_m: Floats
+    y_m: Floats
     depth_m: Floats
+    square_m2: Floats
     height_m: Floats
 
 
@@ -35,9 +45,14 @@ def no_loaded_points(capacity: int) -> LoadedPoints:
     """Return an empty list of points for at most `capacity` points."""
     return LoadedPoints(
         total=np.zeros(1, dtype=np.int64),
+        lost=np.zeros(1, dtype=np.int64),
         cell=np.zeros(capacity, dtype=np.int64),
         sample=np.zeros(capacity, dtype=np.int64),
         solid=np.zeros(capacity, dtype=np.int64),
+        area_m2=np.zeros(capacity),
+        x_m=np.zeros(capacity),
+        y_m=np.zeros(capacity),
         depth_m=np.zeros(capacity),
+        square_m2=np.zeros(capacity),
         height_m=np.zeros(capacity),
     )

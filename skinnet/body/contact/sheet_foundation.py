@@ -1,5 +1,6 @@
 """Elastic foundation of tactile sheets: plane strips of foam on a curved surface, read as pressures."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.sample_grid import sample_grid
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import SkinSurface, surface_of_patches
 from skinnet.body.model import require_body_id
@@ -18,7 +20,7 @@ __all__ = ["SheetFoundation", "sheet_surface"]
 Floats = NDArray[np.float64]
 
 _STRIPS_PER_ELEMENT = 3
-"""Plane strips per element, 3 sample points each: force ripple 3.5 %, with one 29 %; docs/assumptions.md."""
+"""Strips per element, of 3 samples each."""
 _PA_PER_KPA = 1e3
 
 
@@ -37,7 +39,7 @@ class SheetFoundation(Foundation):
 
     def pressure_kpa(self) -> Floats:
         """Mean pressure (n,) on each element [kPa]."""
-        area_m2 = _STRIPS_PER_ELEMENT**2 * self.surface.sample_area_m2
+        area_m2 = _STRIPS_PER_ELEMENT**2 * self.surface.grid.area_m2
         return self.element_force_n() / (area_m2 * _PA_PER_KPA) if area_m2 else np.zeros(0)
 
     def body_force_n(self) -> Floats:
@@ -51,7 +53,7 @@ class SheetFoundation(Foundation):
 def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Path | str) -> SkinSurface:
     """Build the surface of `sheets` on the bodies of `mj`: three strips of foam per element, in their order.
 
-    A sheet bends along ξ1 only. So a strip along ξ2 is plane, and its points and their normals are exact.
+    A sheet bends along ξ1 only. So a strip along ξ2 is straight, and normals in its middle are exact.
 
     Raises:
         ModelError: a surface names a body that the model does not have.
@@ -59,7 +61,7 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
     """
     areas_m2 = {sheet.area_m2 for sheet in sheets}
     if len(areas_m2) > 1:
-        pitches_m = ", ".join(f"{area_m2**0.5:g}" for area_m2 in sorted(areas_m2))
+        pitches_m = ", ".join(f"{math.sqrt(area_m2):g}" for area_m2 in sorted(areas_m2))
         raise DeploymentError(f"sheets: pitches of {pitches_m} m; all sheets must have the same pitch")
     pitch_m = float(np.sqrt(areas_m2.pop())) if areas_m2 else 0.0
     steps_m = (
@@ -68,16 +70,24 @@ def sheet_surface(mj: mujoco.MjModel, sheets: Sequence[PlacedSheet], source: Pat
     frames = [_strips(sheet, steps_m) for sheet in sheets]
     return surface_of_patches(
         [require_body_id(mj, s.surface.body, f"surfaces.{s.surface.name}.body", source) for s in sheets],
-        [position_m for position_m, _ in frames],
-        [rotation for _, rotation in frames],
-        sample_m=np.column_stack([np.zeros(_STRIPS_PER_ELEMENT), steps_m]),
-        sample_area_m2=(pitch_m / _STRIPS_PER_ELEMENT) ** 2,
+        [position_m for position_m, _, _ in frames],
+        [rotation for _, rotation, _ in frames],
+        grid=sample_grid(
+            np.column_stack([np.zeros(_STRIPS_PER_ELEMENT), steps_m]),
+            np.tile(np.eye(2) * pitch_m / _STRIPS_PER_ELEMENT, (_STRIPS_PER_ELEMENT, 1, 1)),
+            0.5 * pitch_m * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / [_STRIPS_PER_ELEMENT, 1],
+        ),
         n_taxels=1,
+        curvature_per_m=[curvature_per_m for _, _, curvature_per_m in frames],
     )
 
 
-def _strips(sheet: PlacedSheet, steps_m: Floats) -> tuple[Floats, Floats]:
-    """Centres (k, 3) [m] and rotations (k, 3, 3) of the strips of a sheet, frame of its body."""
+def _strips(sheet: PlacedSheet, steps_m: Floats) -> tuple[Floats, Floats, Floats]:
+    """Centres (k, 3) [m], rotations (k, 3, 3) and curvatures (k,) [1/m] of strips, frame of the body."""
     xi_m = np.repeat(sheet.xi_m, len(steps_m), axis=0)
     xi_m[:, 0] += np.tile(steps_m, sheet.n_elements)
-    return sheet.surface.frame_at(xi_m)
+    position_m, rotation = sheet.surface.frame_at(xi_m)
+    half_m = np.array([0.5 * (steps_m[1] - steps_m[0]), 0.0])
+    (_, before), (_, after) = (sheet.surface.frame_at(xi_m + sign * half_m) for sign in (-1.0, 1.0))
+    turned = np.einsum("ki,ki->k", rotation[:, :, 0], after[:, :, 2] - before[:, :, 2])
+    return position_m, rotation, turned / (2.0 * half_m[0])

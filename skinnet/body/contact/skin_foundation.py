@@ -10,27 +10,31 @@ from numpy.typing import NDArray
 from skinnet.body.added_elements import added_id
 from skinnet.body.contact.broad_phase import ActiveCells
 from skinnet.body.contact.compliant_layer import CompliantLayer, compliant_layer, foam_fraction
+from skinnet.body.contact.contact_problem import (
+    RAY_START_DEPTH_M,
+    ContactProblem,
+    ContactState,
+    Workspace,
+)
 from skinnet.body.contact.contact_scene import ContactScene, build_contact_scene
 from skinnet.body.contact.foam import Foam
 from skinnet.body.contact.link_thickness import start_depths_m
 from skinnet.body.contact.loaded_points import no_loaded_points
 from skinnet.body.contact.point_kinematics import Motion, motion_views
 from skinnet.body.contact.skin_surface import SkinSurface
-from skinnet.body.contact.winkler import (
-    RAY_START_DEPTH_M,
-    ContactProblem,
-    ContactState,
-    Workspace,
-    compute_contact,
-)
+from skinnet.body.contact.winkler import compute_contact
 from skinnet.body.environment.stand_model import OBJECT
 from skinnet.body.model import PAYLOAD, BodyModel
+from skinnet.compiled_reference import reference
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import NO_OBJECT, OBJECTS
+from skinnet.errors import ModelError
 
 __all__ = ["Foundation"]
 
 Floats = NDArray[np.float64]
+_SPARE_POINTS = 1000
+"""Loaded points beyond a pressed and a near part of all samples, where several solids share them."""
 
 
 def _compliant_layers(mj: mujoco.MjModel, deployment: Deployment) -> dict[int, CompliantLayer]:
@@ -57,7 +61,7 @@ class Foundation:
         applied_wrench: (nbody, 6) MuJoCo's `xfrc_applied`; forces are added in place.
         contact: Contact state of the last call of `compute_contact`.
         n_in_contact: Number of cells in contact.
-        problem: All of these, as compiled code reads them.
+        problem: All of these, a `reference` for compiled code.
     """
 
     surface: SkinSurface
@@ -73,7 +77,7 @@ class Foundation:
     def __post_init__(self) -> None:
         n, n_samples, n_bodies = (
             len(self.surface.body_id),
-            len(self.surface.sample_m),
+            self.surface.grid.n_samples,
             len(self.temperature_c),
         )
         self.contact = ContactState(
@@ -84,31 +88,36 @@ class Foundation:
             peak_force_n=np.zeros(1),
             force_weighted_slip_n_m=np.zeros(n_bodies),
             shear_m=np.zeros((n, n_samples, 2)),
+            play_m=np.full((n, n_samples) if self.foam.reversal_m > 0.0 else (0, 0), -self.foam.reversal_m),
             in_contact=np.zeros(n, dtype=np.bool_),
         )
-        solids = len(self.scene.geom_id)
-        self.problem = ContactProblem(
-            self.surface,
-            self.scene,
-            self.motion,
-            self.foam,
-            self.temperature_c,
-            self.contact,
-            self.applied_wrench,
-            no_loaded_points(n * n_samples),
-            start_depths_m(
+        solids, n_points = len(self.scene.geom_id), len(self.surface.grid.x_m)
+        self.problem = reference(
+            ContactProblem(
                 self.surface,
                 self.scene,
                 self.motion,
-                RAY_START_DEPTH_M + self.scene.largest_indentation_m,
-            ),
-            Workspace(
-                near=np.zeros(solids, dtype=np.int64),
-                active=ActiveCells.of(self.surface),
-                close=np.zeros(solids, dtype=np.int64),
-                hit=np.zeros(n_samples, dtype=np.int64),
-                nearest_m=np.zeros(n_samples),
-            ),
+                self.foam,
+                self.temperature_c,
+                self.contact,
+                self.applied_wrench,
+                no_loaded_points(2 * n * n_samples + _SPARE_POINTS),
+                start_depths_m(
+                    self.surface,
+                    self.scene,
+                    self.motion,
+                    RAY_START_DEPTH_M + self.scene.largest_indentation_m,
+                ),
+                Workspace(
+                    near=np.zeros(solids, dtype=np.int64),
+                    active=ActiveCells.of(self.surface),
+                    close=np.zeros(solids, dtype=np.int64),
+                    hit=np.zeros(n_points, dtype=np.int64),
+                    nearest_m=np.zeros(n_points),
+                    height_m=np.zeros(n_points),
+                    inner_grid=np.zeros(n_samples, dtype=np.int64),
+                ),
+            )
         )
 
     @classmethod
@@ -126,14 +135,24 @@ class Foundation:
             scene=build_contact_scene(
                 mj, surface, _compliant_layers(mj, deployment), always_felt=(model.finger_body_id,)
             ),
-            foam=Foam(foam.thickness_m, foam.stiffness_pa_per_m, foam.damping_pa_s_per_m, foam.friction),
+            foam=Foam.of(foam),
             motion=motion_views(mj, data),
             temperature_c=model.temperature_c,
             applied_wrench=data.xfrc_applied,
         )
 
     def compute_contact(self, step_s: float) -> None:
-        """Compute contact forces at the present poses and add them to `applied_wrench`; step `step_s` [s]."""
-        if not len(self.surface.body_id):  # the call alone, with all its arrays, costs 7 µs
+        """Compute contact forces at the present poses and add them to `applied_wrench`; step `step_s` [s].
+
+        Raises:
+            ModelError: more solids share the samples of the skin than there is space for.
+        """
+        if not len(self.surface.body_id):
             return
         self.n_in_contact = compute_contact(self.problem, step_s)
+        lost = int(self.problem.points.lost[0])
+        if lost:
+            raise ModelError(
+                f"contact of skin: {lost} loaded points beyond the {len(self.problem.points.cell)} that are "
+                "expected at most; several solids press most samples of all cells: merge their geoms"
+            )

@@ -1,6 +1,5 @@
 """Skin surface on its bodies: cells of all patches as arrays, and sample points of the foam."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
+from skinnet.body.contact.sample_grid import SampleGrid, sample_grid
 from skinnet.body.model import require_body_id
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.skin.placement import PlacedPatch
@@ -19,17 +19,17 @@ __all__ = [
     "N_SAMPLES_PER_CELL",
     "SkinSurface",
     "build_skin_surface",
+    "cell_grid",
     "force_cell_centre_m",
     "hexagon_m",
     "rows_by_patch",
-    "sample_points_m",
     "surface_of_patches",
 ]
 
 N_FORCE_CELLS = 3
 """Force cells (taxels) per cell: the three rhombi of the hexagon."""
 _SAMPLES_PER_SIDE = 3
-"""Sample points per side of a force cell: force ripple of 3.5 %, with one point 29 %, docs/assumptions.md."""
+"""Samples per side of a force cell; those that are partly covered are sampled finer (`cell_loading`)."""
 N_SAMPLES_PER_CELL = N_FORCE_CELLS * _SAMPLES_PER_SIDE**2
 
 Floats = NDArray[np.float64]
@@ -39,31 +39,31 @@ Indices = NDArray[np.int64]
 class SkinSurface(NamedTuple):
     """Skin surface: cells of all patches in deployment order, on the rigid surface that they cover.
 
-    A cell is a HEX-o-SKIN cell with e = 3 force cells and s = 27 sample points, or another plane piece of
+    A cell is a HEX-o-SKIN cell with e = 3 force cells and s = 27 samples, or another plane piece of
     skin whose foam is sampled in the same way (`sheet_surface`).
 
     Attributes:
         body_id: (n,) id of the body that carries each cell.
         position_m: (n, 3) centre of the cell on the rigid surface, frame of the body [m].
         R_body_cell: (n, 3, 3) columns are the cell's x, y and z (outward normal).
+        curvature_per_m: (n,) curvature along each cell's x, 0 for HEX-o-SKIN, which is plane [1/m].
         patch_start: (p + 1,) row of the first cell of each patch, then the number of cells.
         patch_body_id: (p,) id of the body of each patch.
         patch_centre_m: (p, 3) centre of the bounding sphere of each patch's cells, frame of the body [m].
         patch_radius_m: (p,) radius of the bounding sphere [m].
-        sample_m: (s, 2) sample points of a cell's foam, plane of the cell [m]; s / e per force cell, in turn.
-        sample_area_m2: Area per sample point [m²].
+        grid: Sample points of a cell's foam; s / e samples per force cell, in turn.
         n_taxels: e, number of force cells per cell.
     """
 
     body_id: Indices
     position_m: Floats
     R_body_cell: Floats
+    curvature_per_m: Floats
     patch_start: Indices
     patch_body_id: Indices
     patch_centre_m: Floats
     patch_radius_m: Floats
-    sample_m: Floats
-    sample_area_m2: float
+    grid: SampleGrid
     n_taxels: int
 
 
@@ -79,8 +79,7 @@ def build_skin_surface(
         [require_body_id(mj, p.body, f"patches.{p.name}.body", source) for p in patches],
         [p.position_m for p in patches],
         [p.R_body_cell for p in patches],
-        sample_m=sample_points_m(cells.side_m),
-        sample_area_m2=1.5 * math.sqrt(3.0) * cells.side_m**2 / N_SAMPLES_PER_CELL,
+        grid=cell_grid(cells.side_m),
         n_taxels=N_FORCE_CELLS,
     )
 
@@ -96,11 +95,11 @@ def surface_of_patches(
     position_m: Sequence[Floats],
     R_body_cell: Sequence[Floats],
     *,
-    sample_m: Floats,
-    sample_area_m2: float,
+    grid: SampleGrid,
     n_taxels: int,
+    curvature_per_m: Sequence[Floats] = (),
 ) -> SkinSurface:
-    """Build a skin surface from lists with one entry per patch; fields as in `SkinSurface`."""
+    """Build a skin surface from lists with one entry per patch, plane unless told; fields: `SkinSurface`."""
     centre_m = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in position_m]
     radius_m = [np.linalg.norm(p - c, axis=1).max() for p, c in zip(position_m, centre_m, strict=True)]
     counts = [len(p) for p in position_m]
@@ -108,31 +107,29 @@ def surface_of_patches(
         body_id=np.repeat(np.array(body_id, dtype=np.int64), counts),
         position_m=np.concatenate([np.zeros((0, 3)), *position_m]),
         R_body_cell=np.concatenate([np.zeros((0, 3, 3)), *R_body_cell]),
+        curvature_per_m=np.concatenate(curvature_per_m) if curvature_per_m else np.zeros(sum(counts)),
         patch_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         patch_body_id=np.array(body_id, dtype=np.int64),
         patch_centre_m=np.array(centre_m).reshape(-1, 3),
         patch_radius_m=np.array(radius_m, dtype=np.float64),
-        sample_m=sample_m,
-        sample_area_m2=sample_area_m2,
+        grid=grid,
         n_taxels=n_taxels,
     )
 
 
-def sample_points_m(side_m: float) -> Floats:
-    """Sample points (27, 2) [m] of a hexagon of side `side_m` [m], of equal areas, plane of the cell.
+def cell_grid(side_m: float) -> SampleGrid:
+    """Lay out the 27 samples of a hexagon of side `side_m` [m]: all of its area, as cells in a lattice tile.
 
-    Three rhombi meet at the centre of the hexagon; each is cut into 3 × 3 equal rhombi with a point at
-    the centre. Corners of the hexagon lie at 30°, 90°, …: the x axis points to an edge.
+    Three rhombi meet at the centre of the hexagon; each is cut into 3 × 3 equal rhombi. Corners of the
+    hexagon lie at 30°, 90°, …: the x axis points to an edge.
     """
     corners = hexagon_m(side_m)
     steps = (np.arange(_SAMPLES_PER_SIDE) + 0.5) / _SAMPLES_PER_SIDE
-    return np.array(
-        [
-            a * corners[2 * k] + b * corners[(2 * k + 2) % 6]
-            for k in range(N_FORCE_CELLS)
-            for a in steps
-            for b in steps
-        ]
+    axes = [(corners[2 * k], corners[(2 * k + 2) % 6]) for k in range(N_FORCE_CELLS)]
+    return sample_grid(
+        np.array([a * one + b * other for one, other in axes for a in steps for b in steps]),
+        np.repeat(np.array(axes) / _SAMPLES_PER_SIDE, _SAMPLES_PER_SIDE**2, axis=0),
+        corners,
     )
 
 

@@ -14,6 +14,7 @@ from skinnet.body.environment.payload import Payload
 from skinnet.body.model import BodyModel
 from skinnet.deployment.environment.payload import PayloadSpec
 from skinnet.errors import DeploymentError
+from skinnet.pinned_linalg import matmul
 
 __all__ = ["GripController", "close_grip"]
 
@@ -66,7 +67,7 @@ class GripController:
         Raises:
             DeploymentError: the grip does not settle within 10 s.
         """
-        force_n = self._subtree_masks @ body_force_n
+        force_n = matmul(self._subtree_masks, body_force_n)
         missing = (self._spec.grip_force_n - force_n) / self._spec.grip_force_n
         closed = bool(np.all(np.abs(missing) < _GRIP_TOLERANCE))
         self._settled_s = self._settled_s + self._step_s if closed else 0.0

@@ -1,15 +1,15 @@
 """Payload in the robot's arms: fixed in the world until its release, then free."""
 
-import math
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.added_elements import added_id
 from skinnet.body.model import PAYLOAD
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.payload import PayloadSpec
+from skinnet.deployment.types import ns_of_s
 
 __all__ = ["Payload"]
 
@@ -29,7 +29,7 @@ class Payload:
         """Initialise the payload at its pose in the model; it is updated every `step_s` [s]."""
         self.released_ns: int | None = None
         self._data, self._spec = data, spec
-        self._release_factor = math.exp(-_RELEASE_DAMPING_PER_S * step_s)
+        self._step_s, self._step_ns = step_s, ns_of_s(step_s)
         joint = data.model.joint(added_id(data.model, mujoco.mjtObj.mjOBJ_JOINT, PAYLOAD))
         self._qpos = slice(int(joint.qposadr[0]), int(joint.qposadr[0]) + 7)
         self._qvel = slice(int(joint.dofadr[0]), int(joint.dofadr[0]) + 6)
@@ -48,7 +48,7 @@ class Payload:
     def begin_stage(self, name: str, t_ns: int) -> None:
         """Begin stage `name` of the program at `t_ns` [ns]; the release stage schedules the release."""
         if self.released_ns is None and name == self._spec.release_stage:
-            self.released_ns = t_ns + round(self._spec.release_delay_s * NS_PER_S)
+            self.released_ns = t_ns + ns_of_s(self._spec.release_delay_s)
 
     def fix_pose(self) -> None:
         """Fix the payload: reset its pose and velocity to the held pose."""
@@ -59,5 +59,20 @@ class Payload:
         """Update the payload at `t_ns` [ns], after a physics step: fix it, or damp it during its release."""
         if self.released_ns is None or t_ns <= self.released_ns:
             self.fix_pose()
-        elif t_ns <= self.released_ns + round(self._spec.release_ramp_s * NS_PER_S):
-            self._data.qvel[self._qvel] *= self._release_factor
+            return
+        begin_ns = max(self.released_ns, t_ns - self._step_ns)
+        end_ns = min(self.released_ns + ns_of_s(self._spec.release_ramp_s), t_ns)
+        if end_ns > begin_ns:
+            self._damp((end_ns - begin_ns) / NS_PER_S)
+
+    def _damp(self, damped_s: float) -> None:
+        """Damp the velocity for `damped_s` [s], and the step's motion, which MuJoCo made at that before.
+
+        A step moves the pose by its last velocity. Foam shears by that velocity times the step: without the
+        second part it would stay behind the pose, by a tenth at 1 ms.
+        """
+        pose, velocity = self._data.qpos[self._qpos], self._data.qvel[self._qvel]
+        change = pinned_math.expm1(-_RELEASE_DAMPING_PER_S * damped_s)
+        pose[:3] += change * self._step_s * velocity[:3]
+        mujoco.mju_quatIntegrate(pose[3:], velocity[3:], change * self._step_s)
+        velocity *= 1.0 + change

@@ -69,7 +69,7 @@ class HeightTrajectory:
             self.height_m, self.speed_m_s = self.target_m, 0.0
             return True
         # The largest v with v² / 2 + v a Δt / 2 ≤ a × way: braking by a Δt a step then ends at the target.
-        brakes_m_s = math.sqrt(0.25 * change_m_s**2 + 2.0 * self._acceleration_m_s2 * abs(way_m))
+        brakes_m_s = math.sqrt(0.25 * change_m_s * change_m_s + 2.0 * self._acceleration_m_s2 * abs(way_m))
         wanted_m_s = math.copysign(min(self._limit_m_s, brakes_m_s - 0.5 * change_m_s), way_m)
         self.speed_m_s += min(max(wanted_m_s - self.speed_m_s, -change_m_s), change_m_s)
         self.height_m += self.speed_m_s * step_s

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.body.model import BodyModel
+from skinnet.pinned_linalg import matmul
 
 __all__ = [
     "MovingSkin",
@@ -59,7 +60,7 @@ def cell_poses(skin: SkinState) -> tuple[Floats, Floats]:
     """
     data, surface = skin.data, skin.surface
     R_world_body = data.xmat[surface.body_id].reshape(-1, 3, 3)
-    R_world_cell = R_world_body @ surface.R_body_cell
+    R_world_cell = matmul(R_world_body, surface.R_body_cell)
     on_surface_m = data.xpos[surface.body_id] + np.einsum("nij,nj->ni", R_world_body, surface.position_m)
     return on_surface_m + skin.thickness_m * R_world_cell[:, :, 2], R_world_cell
 
@@ -76,7 +77,7 @@ def cell_jacobian(skin: SkinState, rows: Indices | None = None) -> Floats:
     linear = np.empty((3, model.mj.nv))
     for index, row in enumerate(wanted):
         mujoco.mj_jac(model.mj, skin.data, linear, None, position_m[row], int(body_id[row]))
-        result[index] = linear[:, model.dof_address].T @ R_world_cell[row]
+        result[index] = matmul(linear[:, model.dof_address].T, R_world_cell[row])
     return result
 
 

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.added_elements import added_id
-from skinnet.body.contact.winkler import ContactState
+from skinnet.body.contact.contact_problem import ContactState
 from skinnet.body.environment.stand import Stand, StandPhase
 from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject
 from skinnet.clock import NS_PER_S
 from skinnet.errors import DeploymentError
+from skinnet.pinned_linalg import dot, norm
 
 __all__ = ["GraspGroundTruth", "RigidContact"]
 
@@ -103,7 +104,7 @@ class GraspGroundTruth:
         there = placed_object.object_model is not None
         self._body = added_id(mj, mujoco.mjtObj.mjOBJ_BODY, OBJECT) if there else -1
         self._dof = int(mj.body_dofadr[self._body]) if there and not placed_object.stand.fix_object else -1
-        gravity_m_s2 = float(np.linalg.norm(mj.opt.gravity))
+        gravity_m_s2 = norm(mj.opt.gravity)
         self._weight_n = gravity_m_s2 * float(mj.body_mass[self._body]) if there else 0.0
         self._max_bare_lift_n = placed_object.stand.bare_weight_fraction * self._weight_n
         self._geom_body = mj.geom_bodyid.tolist()
@@ -238,7 +239,7 @@ class GraspGroundTruth:
     def _upward_n(self, index: int, *, on_second: bool) -> float:
         """Upward force of contact `index` [N], normal and friction, on one of its geoms."""
         # MuJoCo's contact frame: rows are its axes in the world; its force acts on the second geom
-        upward_n = float(self._wrench[:3] @ self._data.contact[index].frame.reshape(3, 3)[:, 2])
+        upward_n = dot(self._wrench[:3], self._data.contact[index].frame.reshape(3, 3)[:, 2])
         return upward_n if on_second else -upward_n
 
     def _is_dropped(self, height_m: float, stand_force_n: float) -> bool:
@@ -248,7 +249,7 @@ class GraspGroundTruth:
         data, body, phase = self._data, self._body, self._stand.phase
         height_m = float(data.xpos[body, 2])
         free = self._dof >= 0
-        speed_m_s = float(np.linalg.norm(data.qvel[self._dof : self._dof + 3])) if free else 0.0
+        speed_m_s = norm(data.qvel[self._dof : self._dof + 3]) if free else 0.0
         self._poses.append(np.concatenate([data.xpos[body], data.xquat[body]]))
         self._patch_n.append(self._contact.patch_body_force_n[:, body].copy())
         self._speeds_m_s.append(speed_m_s)

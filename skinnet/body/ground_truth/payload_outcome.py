@@ -12,6 +12,7 @@ from skinnet.body.environment.payload import Payload
 from skinnet.body.model import PAYLOAD
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.payload import PayloadSpec
+from skinnet.pinned_linalg import matmul, norm
 
 __all__ = ["PayloadGroundTruth"]
 
@@ -111,14 +112,14 @@ class PayloadGroundTruth:
         bodies = np.unique(self._sheet_body_id[holding] if holding.any() else self._sheet_body_id).tolist()
         xpos, xmat = self._data.xpos, self._data.xmat
         centre_m = xpos[self._body_id]
-        self._arms = [(body, xmat[body].reshape(3, 3).T @ (centre_m - xpos[body])) for body in bodies]
+        self._arms = [(body, matmul(xmat[body].reshape(3, 3).T, centre_m - xpos[body])) for body in bodies]
         self._supported_ns = t_ns
 
     def _displacement_m(self) -> float:
         """Displacement of the centre [m] from where it was held, mean over the links that held it."""
         xpos, xmat = self._data.xpos, self._data.xmat
-        held_m = [xpos[body] + xmat[body].reshape(3, 3) @ place_m for body, place_m in self._arms]
-        return float(np.linalg.norm(xpos[self._body_id] - np.mean(held_m, axis=0)))
+        held_m = [xpos[body] + matmul(xmat[body].reshape(3, 3), place_m) for body, place_m in self._arms]
+        return norm(xpos[self._body_id] - np.mean(held_m, axis=0))
 
     def _drop_cause(self, t_ns: int) -> str:
         if self.slid_m > self._spec.drop_threshold_m:

@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet import pinned_math
 from skinnet.body.contact.skin_surface import SkinSurface
+from skinnet.pinned_linalg import matmul
 
 __all__ = ["UnsensedForce"]
 
@@ -55,10 +57,10 @@ class UnsensedForce:
         body = int(self._geom_body[geom])
         if not self._on_covered_body[geom]:
             return False
-        local_m = data.xmat[body].reshape(3, 3).T @ (point_m - data.xpos[body])
+        local_m = matmul(data.xmat[body].reshape(3, 3).T, point_m - data.xpos[body])
         for position_m, R_body_cell, reach_m in self._cells_of_body[body]:
             offset_m = np.einsum("nij,ni->nj", R_body_cell, local_m - position_m)
-            beside = np.hypot(offset_m[:, 0], offset_m[:, 1]) <= reach_m
+            beside = pinned_math.hypot_of(offset_m[:, 0], offset_m[:, 1]) <= reach_m
             if np.any(beside & (np.abs(offset_m[:, 2]) <= self._thickness_m)):
                 return True
         return False
@@ -70,7 +72,7 @@ def _cells_by_body(surfaces: Sequence[SkinSurface]) -> dict[int, list[tuple[Floa
     for surface in surfaces:
         for body in np.unique(surface.body_id).tolist():
             rows = np.flatnonzero(surface.body_id == body)
-            # points lie inside a cell; a cell reaches as far again beyond the outermost of them
-            reach_m = 1.3 * float(np.hypot(*surface.sample_m.T).max())
+            outline = slice(surface.grid.n_corners)
+            reach_m = float(pinned_math.hypot_of(surface.grid.x_m[outline], surface.grid.y_m[outline]).max())
             cells.setdefault(body, []).append((surface.position_m[rows], surface.R_body_cell[rows], reach_m))
     return cells

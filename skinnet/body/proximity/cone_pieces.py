@@ -14,6 +14,7 @@ position of the piece, so that along a family of parallel slices the rank has on
 import math
 
 from skinnet.compilation import compiled_without_nrt
+from skinnet.pinned_arcs import asin, atan2
 
 __all__ = ["BEHIND", "OUT_OF_VIEW", "ball_rank", "facet_rank", "half_space_distance_m", "segment_rank"]
 
@@ -55,8 +56,8 @@ def ball_rank(x: float, y: float, z: float, radius: float, cosine: float, sine: 
     along, off = z * cosine + across * sine, across * cosine - z * sine
     if along > 0.0 and off <= radius:
         return along - math.sqrt(radius * radius - off * off)
-    beyond = math.asin(radius / distance)
-    angle = math.atan2(across, z) - beyond
+    beyond = asin(radius / distance)
+    angle = atan2(across, z) - beyond
     return _hidden_rank(angle, z + radius)
 
 
@@ -105,7 +106,7 @@ def _angle_at(ax: float, ay: float, az: float, dx: float, dy: float, dz: float, 
     """Angle [rad] between the axis and a + t d, for t cut off at 0 and 1."""
     t = min(max(t, 0.0), 1.0)
     x, y, z = ax + t * dx, ay + t * dy, az + t * dz
-    return math.atan2(math.sqrt(x * x + y * y), z)
+    return atan2(math.sqrt(x * x + y * y), z)
 
 
 @compiled_without_nrt

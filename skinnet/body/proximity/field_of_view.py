@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
+from skinnet import pinned_math
 from skinnet.body.contact import ray_casting as geometry
 from skinnet.body.contact.contact_scene import ContactScene, flat_mesh_error, may_intersect_sphere
 from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell
@@ -56,7 +57,7 @@ class FieldOfView(NamedTuple):
         Raises:
             ModelError: a mesh of the scene is flat.
         """
-        cosine = math.cos(half_angle_rad)
+        cosine = pinned_math.cos(half_angle_rad)
         is_narrow = cosine > 0.5  # the ball through the apex and the rim is smaller than that about the apex
         none = np.zeros((0, N_FACET_COLUMNS))
         facets = [
@@ -66,7 +67,7 @@ class FieldOfView(NamedTuple):
         return cls(
             range_m=range_m,
             cosine=cosine,
-            sine=math.sin(half_angle_rad),
+            sine=pinned_math.sin(half_angle_rad),
             ball_m=0.5 * range_m / cosine if is_narrow else 0.0,
             ball_radius_m=0.5 * range_m / cosine if is_narrow else range_m,
             first_facet=np.cumsum([0, *map(len, facets)]).astype(np.int64),

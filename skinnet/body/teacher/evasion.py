@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.ground_truth.cell_kinematics import SkinState, cell_jacobian
+from skinnet.pinned_linalg import norm
 
 __all__ = ["Evasion", "ideal_sensory_motor_map"]
 
@@ -64,7 +65,7 @@ class Evasion:
         """Observe the joint motion (D,) [rad] since the finger approached a cell; False if too small."""
         jacobian_m = cell_jacobian(self._skin, np.array([row]))[0]
         its_own_rad = np.where(jacobian_m.any(axis=1), joint_motion_rad, 0.0)
-        length_rad = float(np.linalg.norm(its_own_rad))
+        length_rad = norm(its_own_rad)
         if length_rad < _MIN_OBSERVED_MOTION_RAD:
             return False
         self._observed[row] = its_own_rad / length_rad

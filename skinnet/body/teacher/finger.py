@@ -12,6 +12,7 @@ from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.contact.skin_surface import force_cell_centre_m
 from skinnet.compilation import compiled
 from skinnet.deployment.skin.cells import CellSpec
+from skinnet.pinned_linalg import dot, matmul, norm
 
 __all__ = ["ApproachLine", "ContactTarget", "Finger", "contact_target"]
 
@@ -57,7 +58,7 @@ def contact_target(
     if force_cell is not None:
         across_m = force_cell_centre_m(force_cell, cell.force_cell_radius_m)
     R_body_cell = surface.R_body_cell[row]
-    on_face_m = R_body_cell @ np.array([*across_m, foundation.foam.thickness_m])
+    on_face_m = matmul(R_body_cell, np.array([*across_m, foundation.foam.thickness_m]))
     return ContactTarget(
         int(surface.body_id[row]), row, surface.position_m[row] + on_face_m, R_body_cell[:, 2]
     )
@@ -90,7 +91,8 @@ class Finger:
         """Approach line outwards from `target` at its present pose, world."""
         R_world_body = self._data.xmat[target.body_id].reshape(3, 3)
         return ApproachLine(
-            self._data.xpos[target.body_id] + R_world_body @ target.point_m, R_world_body @ target.normal
+            self._data.xpos[target.body_id] + matmul(R_world_body, target.point_m),
+            matmul(R_world_body, target.normal),
         )
 
     def place(self, line: ApproachLine, height_m: float) -> None:
@@ -110,7 +112,7 @@ class Finger:
         before_m = self._data.mocap_pos[self._mocap].copy()
         self.place(line, height_m)
         velocity_m_s = _PURSUIT_GAIN_PER_S * (self._data.mocap_pos[self._mocap] - before_m)
-        velocity_m_s *= min(1.0, speed_m_s / max(float(np.linalg.norm(velocity_m_s)), 1e-9))
+        velocity_m_s *= min(1.0, speed_m_s / max(norm(velocity_m_s), 1e-9))
         self._data.mocap_pos[self._mocap] = before_m + velocity_m_s * step_s
         self._velocity_m_s = velocity_m_s
 
@@ -122,7 +124,7 @@ class Finger:
     def height_m(self, line: ApproachLine) -> float:
         """Height [m] of the tip above the plane through the origin of `line`, normal to it."""
         to_tip_m = self._data.mocap_pos[self._mocap] - line.point_m
-        return float(to_tip_m @ line.normal) - self.tip_radius_m
+        return dot(to_tip_m, line.normal) - self.tip_radius_m
 
     def force_n(self) -> float:
         """Normal force [N] on the finger: foam, and rigid contact once the foam is fully compressed."""
@@ -144,7 +146,7 @@ class Finger:
     def free_distance_m(self, line: ApproachLine, max_distance_m: float) -> float:
         """Free distance [m] of the tip along `line` before it meets a solid; at most `max_distance_m` [m]."""
         across = np.cross(line.normal, np.eye(3)[np.argmin(np.abs(line.normal))])
-        across *= self.tip_radius_m / np.linalg.norm(across)
+        across *= self.tip_radius_m / norm(across)
         sideways = np.cross(line.normal, across)
         top_m = max_distance_m + 2.0 * self.tip_radius_m
         for offset_m in (np.zeros(3), across, -across, sideways, -sideways):

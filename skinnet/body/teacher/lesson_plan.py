@@ -6,10 +6,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from skinnet.body.model import BodyModel, require_body_id
 from skinnet.deployment.environment.teacher import GoalSpec
+from skinnet.pinned_least_squares import non_negative_least_squares
 
 __all__ = ["PositionGoals", "plan_motions_rad"]
 
@@ -89,10 +89,6 @@ def plan_motions_rad(error_m: Floats, jacobian_m: Floats, directions: Floats) ->
         jacobian_m: Jacobian J (m, D) [m/rad].
         directions: Joint directions W (r, D), rows of norm one or less.
     """
-    if not len(directions):  # SciPy's solver fails on an empty problem
-        return np.zeros(0)
     effect = np.einsum("md,rd->mr", jacobian_m, directions)
     effort = np.full((1, len(directions)), _REGULARISATION_M_PER_RAD)
-    motions, _ = nnls(np.vstack([effect, effort]), np.append(error_m, 0.0))
-    result: Floats = motions
-    return result
+    return non_negative_least_squares(np.vstack([effect, effort]), np.append(error_m, 0.0))

@@ -15,6 +15,7 @@ from skinnet.body.teacher.finger_task import FingerPhase
 from skinnet.body.teacher.lesson_plan import PositionGoals
 from skinnet.deployment.environment.teacher import LessonSpec
 from skinnet.deployment.types import ns_of_s
+from skinnet.pinned_linalg import norm
 
 __all__ = ["CLEARANCE_M", "POSITION_TOLERANCE_M", "LessonContext", "LessonTouchServo"]
 
@@ -100,7 +101,7 @@ class LessonTouchServo:
         """
         if t_ns < self._next_observation_ns:
             return phase
-        self._next_observation_ns = t_ns + _OBSERVATION_PERIOD_NS
+        self._next_observation_ns += _OBSERVATION_PERIOD_NS  # on a grid of its own, whatever the step
         self._free_height_m = self._lesson.usable_height_m(line)
         if phase is FingerPhase.WITHDRAW:
             self.height_m = self._free_height_m
@@ -126,7 +127,7 @@ class LessonTouchServo:
         """Observe the arm's motion; return the remaining motion [rad], or None to leave the cell."""
         lesson, touch = self._lesson, self.touch
         moved_rad = lesson.evasion.position_rad() - self._start_rad
-        touch.joint_motion_rad = float(np.linalg.norm(moved_rad))
+        touch.joint_motion_rad = norm(moved_rad)
         seen = lesson.evasion.observe(touch.cell, moved_rad)
         remaining_rad = self._remaining_rad()
         if not near or touch.joint_motion_rad >= self._progress[1] + _STALL_MOTION_RAD:

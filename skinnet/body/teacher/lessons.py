@@ -15,6 +15,7 @@ from skinnet.body.teacher.finger import ContactTarget
 from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.body.teacher.lesson_touch import POSITION_TOLERANCE_M, LessonContext, LessonTouchServo
 from skinnet.clock import NS_PER_S
+from skinnet.pinned_linalg import norm
 
 __all__ = ["Lesson"]
 
@@ -114,7 +115,7 @@ class Lesson(FingerTask):
         if t_ns >= self._lesson.end_ns:
             self._decide(LessonOutcome.TIMEOUT)
             return
-        total_m = float(np.linalg.norm(error_m))
+        total_m = norm(error_m)
         improved = total_m < self._smallest_error_m - _MIN_IMPROVEMENT_M
         self._ineffective_touches = 0 if improved else self._ineffective_touches + 1
         self._smallest_error_m = min(self._smallest_error_m, total_m)

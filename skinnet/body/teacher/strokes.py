@@ -12,6 +12,7 @@ from skinnet.body.teacher.finger import ContactTarget, Finger
 from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.teacher import StrokeSpec
+from skinnet.pinned_linalg import dot, norm
 from skinnet.skin.lattice import pitch_m
 
 __all__ = ["Stroke", "SweepPath", "plan_sweeps"]
@@ -50,7 +51,7 @@ class SweepPath:
             np.array([np.interp(arc_length_m, self._arc_length_m, values[:, axis]) for axis in range(3)])
             for values in (self._point_m, self._normal)
         )
-        return self.targets[0]._replace(point_m=point_m, normal=normal / np.linalg.norm(normal))
+        return self.targets[0]._replace(point_m=point_m, normal=normal / norm(normal))
 
 
 class Stroke(FingerTask):
@@ -146,13 +147,14 @@ def _interpolate(one: ContactTarget, other: ContactTarget) -> tuple[Floats, Floa
     A cubic Hermite curve with tangents in the faces of the cells; on a cylinder it approximates the arc.
     """
     chord_m = other.point_m - one.point_m
-    tangents_m = [chord_m - (chord_m @ spot.normal) * spot.normal for spot in (one, other)]
-    start_m, end_m = (t * np.linalg.norm(chord_m) / np.linalg.norm(t) for t in tangents_m)
+    tangents_m = [chord_m - dot(chord_m, spot.normal) * spot.normal for spot in (one, other)]
+    start_m, end_m = (t * norm(chord_m) / norm(t) for t in tangents_m)
     t = np.arange(_SEGMENTS_PER_CELL)[:, None] / _SEGMENTS_PER_CELL
+    t2, t3 = t * t, t * t * t
     point_m = (
-        (2 * t**3 - 3 * t**2 + 1) * one.point_m
-        + (t**3 - 2 * t**2 + t) * start_m
-        + (3 * t**2 - 2 * t**3) * other.point_m
-        + (t**3 - t**2) * end_m
+        (2 * t3 - 3 * t2 + 1) * one.point_m
+        + (t3 - 2 * t2 + t) * start_m
+        + (3 * t2 - 2 * t3) * other.point_m
+        + (t3 - t2) * end_m
     )
     return point_m, (1 - t) * one.normal + t * other.normal

@@ -1,5 +1,6 @@
 """Teacher: one finger that executes a script of touches, lessons and strokes, by program stage."""
 
+import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -22,12 +23,14 @@ from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.body.teacher.lesson_plan import PositionGoals
 from skinnet.body.teacher.lesson_touch import LessonContext
 from skinnet.body.teacher.lessons import Lesson
+from skinnet.body.teacher.reachable_force import largest_force_n
 from skinnet.body.teacher.strokes import Stroke, SweepPath, plan_sweeps
 from skinnet.body.teacher.touches import Touch
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.cell_names import parse_cell_range
 from skinnet.deployment.environment.teacher import TeacherSpec
 from skinnet.deployment.skin.cells import CellSpec
+from skinnet.errors import DeploymentError
 
 __all__ = ["Teacher", "TeacherSkin"]
 
@@ -95,7 +98,8 @@ class Teacher:
             source: Model file, for error messages.
 
         Raises:
-            DeploymentError: the script names a cell that does not exist.
+            DeploymentError: the script names a cell that does not exist, or a force that the finger cannot
+                reach there.
             ModelError: a lesson's goal names a body that does not exist.
         """
         self.outcome = TeachingOutcome()
@@ -107,6 +111,7 @@ class Teacher:
             skin.contact_targets(f"teacher.touches[{i}].cell", [touch.cell], touch.force_cell)[0]
             for i, touch in enumerate(spec.touches)
         ]
+        self._require_reachable_forces(data)
         self._lesson_targets = [
             skin.contact_targets(
                 f"teacher.lessons[{i}].cells",
@@ -167,6 +172,25 @@ class Teacher:
         """Record that the robot begins to move, if a touch is under way."""
         if isinstance(self._task, Touch):
             self._task.record_motion_onset()
+
+    def _require_reachable_forces(self, data: mujoco.MjData) -> None:
+        """Require of all touches by force that the foam can give it before the tip meets the rigid shell.
+
+        Raises:
+            DeploymentError: it cannot; names the largest force.
+        """
+        for i, (touch, target) in enumerate(zip(self._spec.touches, self._touch_targets, strict=True)):
+            if touch.force_n is None:
+                continue
+            largest_n = largest_force_n(data, self._foundation, self.finger, target, touch.force_cell)
+            if touch.force_n > largest_n:
+                place = "" if touch.force_cell is None else f" on force cell {touch.force_cell}"
+                raise DeploymentError(
+                    f"teacher.touches[{i}].force_n = {touch.force_n:g}: the finger reaches at most "
+                    f"{math.floor(1e3 * largest_n) / 1e3:g} N{place} of {touch.cell}, with the foam fully "
+                    "compressed under its tip; take less, a larger teacher.tip_radius_m, or stiffer or "
+                    "thicker body.foam"
+                )
 
     def _touch(self, index: int, t_ns: int) -> FingerTask:
         spec = self._spec.touches[index]

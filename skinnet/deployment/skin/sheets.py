@@ -96,7 +96,7 @@ class PressureSpec(Table, frozen=True, kw_only=True):
     @property
     def lsb_kpa(self) -> float:
         """Resolution of a reading [kPa]."""
-        return self.range_kpa / (2.0**self.bits - 1.0)
+        return self.range_kpa / float((1 << self.bits) - 1)
 
 
 class RegionSpec(Table, frozen=True, kw_only=True):

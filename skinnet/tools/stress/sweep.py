@@ -15,7 +15,7 @@ from skinnet.deployment.experiment.stress import StressSpec
 from skinnet.errors import SkinnetError
 from skinnet.files import write_json
 from skinnet.output_folder import add_output_file, identity_of
-from skinnet.run.arithmetic import arithmetic
+from skinnet.run.arithmetic import arithmetic, compare_arithmetic, used_parts
 from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import PreparedRun, RunOptions
 from skinnet.run.process_list import process_list
@@ -67,13 +67,16 @@ def run_sweep(
         head = f"{number}/{len(points)} {point.name}"
         folder, mark = out / point.name, _fingerprint(what, file)
         result = _load_finished(folder, mark, point) if resume else None
+        if resume and result is None and (reason := _other_arithmetic(folder, what)):
+            progress(f"{head}: not kept, {reason}")
         if result is not None:
             progress(f"{head}: kept, {_result_line(result)}")
         else:
             result = _run_point(file, what, spec, point, folder)
             if result.failure is None:
                 add_output_file(folder, _RESULT)
-                write_json(folder / _RESULT, {"mark": mark, "run_id": _run_id(folder)} | asdict(result))
+                made = {"mark": mark, "run_id": _run_id(folder), "arithmetic": arithmetic(used_parts(what))}
+                write_json(folder / _RESULT, made | asdict(result))
             progress(f"{head}: {_result_line(result)}")
         results.append(result)
     return results
@@ -81,7 +84,7 @@ def run_sweep(
 
 def _fingerprint(deployment: Deployment, file: Path) -> str:
     """Fingerprint of a result's inputs: deployment, folder of its paths, program version, arithmetic."""
-    where = f"{file.resolve().parent} {__version__} {arithmetic()['all']}"
+    where = f"{file.resolve().parent} {__version__} {arithmetic(used_parts(deployment))['all']}"
     what = resolved_json(deployment) + where.encode()
     return hashlib.sha256(what).hexdigest()
 
@@ -93,6 +96,15 @@ def _load_finished(folder: Path, mark: str, point: Point) -> PointResult | None:
         return None
     marks = saved.get("mark"), saved.get("run_id")
     return PointResult(point, saved["metrics"]) if marks == (mark, _run_id(folder)) else None
+
+
+def _other_arithmetic(folder: Path, deployment: Deployment) -> str:
+    """Return why a finished result cannot be compared with one of this computer; empty if it can."""
+    try:
+        saved = msgspec.json.decode((folder / _RESULT).read_bytes())
+    except (FileNotFoundError, msgspec.DecodeError):
+        return ""
+    return compare_arithmetic({"arithmetic": arithmetic(used_parts(deployment))}, saved)
 
 
 def _run_id(folder: Path) -> str | None:

@@ -271,6 +271,19 @@ def test_it_says_anything_that_a_sensor_can_read() -> None:
         assert stats.kstest(share, "uniform").statistic < 1.0 / width + 2.0 / math.sqrt(len(share))
 
 
+def test_no_event_tells_of_the_next() -> None:
+    """Waiting times, channels and values of successive events are independent: no draw is used twice."""
+    events = said(faults(BABBLE | {"rate_hz": 4000.0}), 0, 30 * 10**9)
+    what = np.array([0, 3, 4, 7])[events.modality] + events.channel
+    _, lsb, lowest, highest = channel_scales(SPEC)
+    share = (events.value / lsb[what] - lowest[what]) / (highest[what] - lowest[what])
+    series = (np.diff(events.t_ns), what[1:], share[1:])
+    bound = 5.0 / math.sqrt(len(share))
+    for one in series:
+        for other in series:
+            assert abs(stats.spearmanr(one[:-1], other[1:]).statistic) < bound
+
+
 @given(st.lists(st.integers(0, 3 * 10**9), max_size=12))
 def test_how_time_is_cut_changes_nothing_that_is_said(cuts_ns: list[int]) -> None:
     rules = (BABBLE | {"duration_s": 1.0}, BABBLE | {"target": "hand", "at_s": 0.2, "rate_hz": 90.0})

@@ -6,6 +6,7 @@ import pytest
 from controller.nursing.contacts.board_input import BoardInput
 from controller.nursing.contacts.contact_frames import Region
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
+from skinnet.errors import ProtocolError
 from skinnet.protocol.sheet_messages import REGION_ROW, SCAN_FRAME_ROW, Regions
 from skinnet.skin.tactile_sheets import place_sheets
 
@@ -78,3 +79,89 @@ def test_surfaces_keep_apart_and_ids_tell_boards() -> None:
 
 def test_a_region_without_elements_is_none() -> None:
     assert regions_of((0, 1, 0.0, 0.0, 1.0, 1.0), n_elements=0) == ()
+
+
+def test_a_message_is_taken_frame_by_frame_as_it_is_due() -> None:
+    """Three scans of one board in one message, with one, two and no regions."""
+    n_regions, times_ns = (1, 2, 0), (10, 20, 30)
+    frames = np.zeros(len(SHEETS) + 2, dtype=SCAN_FRAME_ROW)
+    frames["board"] = [1, 2, 0, 0, 0]
+    frames["t_delivered_ns"] = [1, 1, *times_ns]
+    frames["t_sampled_ns"] = frames["t_delivered_ns"]
+    frames["n_regions"] = [0, 0, *n_regions]
+    rows = np.zeros(3, dtype=REGION_ROW)
+    rows["n_elements"], rows["region_id"], rows["force_n"] = 1, (5, 6, 7), (1.0, 2.0, 3.0)
+    rows["xi2_m"] = (0.0, 0.0, 0.1)
+    board_input = BoardInput(SHEETS, MERGE_DISTANCE_M)
+    board_input.add(Regions(t_ns=0, watermark_ns=0, frames=frames.tobytes(), rows=rows.tobytes()))
+    assert board_input.latest_input(1) is None  # nothing is due; asking takes nothing
+    found = []
+    for before_ns in (11, 21, 31):
+        tactile = board_input.latest_input(before_ns)
+        assert tactile is not None
+        found.append([region.region_id for region in tactile.regions])
+    assert found == [[5], [7, 6], []]
+    assert board_input.received_frames == len(frames)
+
+
+def message(boards: list[int], n_regions: int, n_rows: int) -> Regions:
+    """Message with one frame of each of `boards`, each with `n_regions`, and `n_rows` region records."""
+    frames = np.zeros(len(boards), dtype=SCAN_FRAME_ROW)
+    frames["board"], frames["n_regions"], frames["t_delivered_ns"] = boards, n_regions, 1
+    rows = np.zeros(n_rows, dtype=REGION_ROW)
+    rows["n_elements"] = rows["force_n"] = 1
+    return Regions(t_ns=0, watermark_ns=0, frames=frames.tobytes(), rows=rows.tobytes())
+
+
+def test_a_message_without_frames_tells_nothing() -> None:
+    board_input = BoardInput(SHEETS, MERGE_DISTANCE_M)
+    board_input.add(message([], 0, 0))
+    assert board_input.latest_input(10) is None
+    assert board_input.received_frames == 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (message([0, 3], 0, 0), "regions of board 3; there are 3"),
+        (message([0, 1], 1, 1), "1 region records, but the frame records count 2"),
+        (message([0], 1, 2), "2 region records, but the frame records count 1"),
+        (message([], 0, 1), "1 region records, but the frame records count 0"),
+    ],
+    ids=["unknown board", "too few records", "too many records", "records without frames"],
+)
+def test_a_wrong_message_is_refused_and_leaves_nothing(wrong: Regions, says: str) -> None:
+    board_input = BoardInput(SHEETS, MERGE_DISTANCE_M)
+    with pytest.raises(ProtocolError, match=says):
+        board_input.add(wrong)
+    assert board_input.latest_input(10) is None
+    assert board_input.received_frames == 0
+
+
+def test_there_is_no_input_until_every_board_was_heard() -> None:
+    """Its time is that of the board that was heard longest ago."""
+    board_input = BoardInput(SHEETS, MERGE_DISTANCE_M)
+    for board, sampled_ns in ((0, 5), (2, 7), (1, 6)):
+        assert board_input.latest_input(10) is None
+        frames = np.zeros(1, dtype=SCAN_FRAME_ROW)
+        frames["board"], frames["t_sampled_ns"], frames["t_delivered_ns"] = board, sampled_ns, 8
+        board_input.add(Regions(t_ns=0, watermark_ns=0, frames=frames.tobytes(), rows=b""))
+    tactile = board_input.latest_input(10)
+    assert tactile is not None
+    assert (tactile.t_ns, tactile.regions) == (5, ())
+
+
+def test_a_scan_that_comes_after_a_newer_one_is_not_taken() -> None:
+    frames = np.zeros(len(SHEETS) + 1, dtype=SCAN_FRAME_ROW)
+    frames["board"] = [1, 2, 0, 0]
+    frames["t_sampled_ns"] = [9, 9, 9, 8]
+    frames["t_delivered_ns"] = [10, 10, 10, 11]
+    frames["n_regions"] = [0, 0, 1, 1]
+    rows = np.zeros(2, dtype=REGION_ROW)
+    rows["n_elements"], rows["region_id"], rows["force_n"] = 1, (5, 4), 1.0
+    board_input = BoardInput(SHEETS, MERGE_DISTANCE_M)
+    board_input.add(Regions(t_ns=0, watermark_ns=0, frames=frames.tobytes(), rows=rows.tobytes()))
+    tactile = board_input.latest_input(12)
+    assert tactile is not None
+    assert (tactile.t_ns, [region.region_id for region in tactile.regions]) == (9, [5])
+    assert board_input.received_frames == len(frames)

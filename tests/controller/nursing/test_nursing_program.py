@@ -133,6 +133,7 @@ def test_the_program_goes_through_and_reports(solver: str, feedback: str) -> Non
     assert {command.state for command in resting} == {State.HOLD, State.RECORD}
     assert all((command.velocity_rad_s == 0.0).all() for command in resting)
     assert arms.until(State.REPORT).stopped_by is None
+    assert arms.program.progress == 1.0
     assert [state for state, _ in arms.program.state_history] == [*State][:5]
     times = dict(arms.program.state_history)
     assert times[State.SETTLE] - times[State.MOVE] == 500_000_000
@@ -152,6 +153,54 @@ def test_the_program_goes_through_and_reports(solver: str, feedback: str) -> Non
     assert rows["object_m"][-1].tolist() == [0.03, 0.0, 0.0]
     assert (np.diff(rows["t_ns"]) == PERIOD_NS).all()
     assert rows["alpha_rad"].shape == (len(rows["t_ns"]), 2, 2)
+
+
+def test_progress_rises_to_1_in_every_state_and_stays_there() -> None:
+    arms = Arms(spec())
+    shown: dict[State, list[float]] = {}
+    while not arms.program.done:
+        arms.tick()
+        shown.setdefault(arms.program.state, []).append(arms.program.progress)
+    due_s = {State.HOLD: 0.1, State.RECORD: 0.05, State.MOVE: 0.5, State.SETTLE: 0.2}
+    for state, duration_s in due_s.items():
+        assert shown[state] == pytest.approx(np.arange(len(shown[state])) * PERIOD_NS * 1e-9 / duration_s)
+        assert len(shown[state]) == round(duration_s * 1e9) // PERIOD_NS
+    assert shown[State.REPORT] == [1.0]
+
+    waiting = Arms(spec(hold_s=0.02)).program
+    for t_ns in range(0, 40_000_001, PERIOD_NS):
+        assert waiting.step(t_ns, POSE, t_ns, None).state is State.HOLD  # no board has been heard
+        assert waiting.progress == min(1.0, t_ns / 20_000_000)
+
+
+def test_a_summary_has_extremes_and_ends_of_each_contact() -> None:
+    """One contact is pressed harder and wanders by 13 mm, the other stays as it is."""
+    arms = Arms(spec(feedback="none", settle_s=0.4))
+    arms.until(State.MOVE)
+    resting, moved = (touch(name) for name in sorted(FOREARMS))
+    for force_n, xi_m in ((20.0, (0.0, 0.004)), (50.0, (0.012, -0.005))):
+        arms.touches = (resting, moved._replace(force_n=force_n, xi_m=xi_m))
+        arms.ticks(20)
+    force_n = 35.0
+    while not arms.program.done:
+        force_n += 0.125
+        arms.touches = (resting, moved._replace(force_n=force_n, xi_m=(0.0, 1e-4 * force_n)))
+        arms.tick()
+    assert arms.program.state is State.REPORT
+    assert arms.program.contact_series is not None
+    still, pressed = arms.program.contact_series.summarise()
+    assert (pressed.force_start_n, pressed.force_min_n) == (30.0, 20.0)
+    assert (pressed.force_max_n, pressed.force_end_n) == (50.0, force_n)
+    assert (pressed.cop_peak_m, pressed.cop_end_m) == pytest.approx((0.013, 1e-4 * force_n))
+    rows = arms.program.contact_series.arrays()
+    for contact, position_m, rotation_rad in zip(
+        (still, pressed), rows["position_dev_m"].T, rows["rotation_dev_rad"].T, strict=True
+    ):
+        assert (contact.position_dev_peak_m, contact.position_dev_end_m) == (position_m.max(), position_m[-1])
+        assert contact.rotation_dev_peak_rad == rotation_rad.max()
+        assert contact.rotation_dev_end_rad == rotation_rad[-1]
+    assert (still.force_start_n, still.force_min_n, still.force_max_n, still.force_end_n) == (30.0,) * 4
+    assert (still.cop_peak_m, still.cop_end_m) == (0.0, 0.0)
 
 
 def test_initial_contacts_are_the_mean_over_the_record() -> None:

@@ -94,3 +94,17 @@ def test_a_row_that_is_refused_tells_no_level(reading: float) -> None:
     send_row(tactile_state, 0, row)
     assert levels(tactile_state) == [0, 0]
     assert (tactile_state.rejected, tactile_state.missed_level_events) == (1, 0)
+
+
+def test_a_channel_that_the_modality_does_not_have_is_refused() -> None:
+    tactile_state = state()
+    before = tactile_state.rejected
+    send_event(tactile_state, 0, column=2, level=1, value=0.2)
+    assert tactile_state.rejected == before
+    for modality, channel in ((Modality.PROXIMITY, 1), (Modality.FORCE, 3), (Modality.FORCE, -1)):
+        integers = [0, PERIOD_NS, modality, channel, EventKind.LEVEL_CROSSING, 1]
+        columns = (np.array([one], dtype=np.int64) for one in integers)
+        tactile_state.apply_events(*columns, np.array([0.9]))
+        before += 1
+        assert tactile_state.rejected == before, (modality, channel)
+    assert levels(tactile_state) == [1, 0]

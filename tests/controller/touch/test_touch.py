@@ -14,6 +14,7 @@ from controller.touch.safety_clamp import SafetyClamp, SafetyLimits
 from controller.touch.tactile_reaction import TactileReaction
 from controller.touch.tactile_state import COLUMNS, TactileState
 from skinnet.deployment.controller.controller import SafetySpec
+from skinnet.deployment.controller.stages import StageSpec
 from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import FOREVER_NS, READING_NAMES, EventKind, Modality
 
@@ -117,6 +118,8 @@ def test_age_says_when_anything_was_last_heard() -> None:
         (0, 0, -1, 0, LEVEL, 1, 0.5),
         (0, 0, FORCE, 3, LEVEL, 1, 0.5),
         (0, 0, PROXIMITY, 1, DELTA, 1, 0.5),
+        (0, 0, Modality.ACCELERATION, 3, DELTA, 1, 0.5),
+        (0, 0, Modality.TEMPERATURE, 1, DELTA, 1, 0.5),
         (0, 0, FORCE, -1, LEVEL, 1, 0.5),
         (0, 0, FORCE, 0, 2, 1, 0.5),
         (0, 0, FORCE, 0, LEVEL, -1, 0.5),
@@ -315,6 +318,16 @@ def test_joints_arrive_together_as_in_equation_5() -> None:
     np.testing.assert_allclose(velocity, np.array([0.4, -0.2, 0.0]))
 
 
+def test_speed_and_accuracy_of_the_paper_are_the_defaults() -> None:
+    """0.4 rad/s and 0.01 rad [M14, Table II], in the posture and in the deployment's stage."""
+    posture = PostureControl()
+    posture.set_target(PoseTarget("closed", np.array([1.0, 0.0101, 0.0099])))
+    velocity, _ = posture.step(0, np.zeros(D))
+    np.testing.assert_allclose(velocity, np.array([0.4, 0.4 * 0.0101, 0.0]))
+    stage = StageSpec(kind="posture", pose="closed")
+    assert (stage.speed_rad_s, stage.tolerance_rad) == (0.4, 0.01)
+
+
 @pytest.mark.parametrize("deactivate", [False, True])
 def test_a_reached_posture_is_held_or_let_go(deactivate: bool) -> None:
     posture = PostureControl()
@@ -411,6 +424,17 @@ def test_the_speed_limit_keeps_the_direction_and_lets_the_rest_through(
     largest = np.abs(velocity).max()
     np.testing.assert_allclose(out, velocity / max(1.0, largest / limit_rad_s), atol=1e-12)
     assert clamp.counters.clamped == (largest > limit_rad_s)
+
+
+def test_the_acceleration_limit_leads_to_the_command_in_equal_steps() -> None:
+    """10 rad/s² are 0.05 rad/s in 5 ms; all joints keep step with the one that changes most."""
+    clamp = SafetyClamp(SafetyLimits(acceleration_rad_s2=10.0), 2, PERIOD_NS)
+    out = [
+        clamp.clamp(0, np.array(wanted), np.zeros(2), 0, 0)
+        for wanted in 4 * [(0.2, -0.1)] + 4 * [(0.1, -0.05)]
+    ]
+    share = np.array([0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.5, 0.5])
+    np.testing.assert_allclose(out, share[:, None] * (0.2, -0.1), atol=1e-12)
 
 
 def test_rounding_does_not_exceed_the_limit() -> None:

@@ -229,6 +229,18 @@ def test_seeds_are_summed_up(several: Path) -> None:
     assert "Metrics over all seeds" in page.text
 
 
+def test_seeds_of_two_arithmetics_are_said_to_be_incomparable(several: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "several"
+    shutil.copytree(several, folder)
+    said = "The runs were computed with 2 different arithmetics"
+    for digests, expected in ((("a", "a"), False), (("a", "b"), True)):
+        whole = json.loads((folder / "summary.json").read_text())
+        for run, digest in zip(whole["runs"], digests, strict=True):
+            run["arithmetic"] = {"all": digest}
+        (folder / "summary.json").write_text(json.dumps(whole))
+        assert (said in page_of(folder).text) == expected
+
+
 def test_a_sweep_is_a_row_for_each_point(tmp_path: Path) -> None:
     folder = sweep(tmp_path / "sweep")
     results = read_run_folder(folder)

@@ -38,7 +38,7 @@ def skinnet(*arguments: str, **environment: str) -> subprocess.CompletedProcess[
 
 BAD = {
     "unknown key": ("body.moddel=x", ["body.moddel", "unknown key", "did you mean model?"]),
-    "wrong type": ("body.timestep_ms=fast", ["body.timestep_ms", "'fast'", "expected `float`"]),
+    "wrong type": ("body.timestep_ms=fast", ["body.timestep_ms", "'fast'", "expected a number"]),
     "out of range": ("body.timestep_ms=-1.0", ["body.timestep_ms", "-1.0", "> 0"]),
     "period that does not divide": (
         "body.stimulus_period_ms=4.5",

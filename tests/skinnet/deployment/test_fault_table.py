@@ -100,13 +100,13 @@ def interrupts() -> Iterator[None]:
         ("kind='babbling_idiot', target='torso/0', rate_hz=1e9", ("rate_hz", "<= 100000")),
         ("kind='burst_loss', target='*', mean_good_s=1, mean_bad_s=0", ("mean_bad_s = 0", ">= 0.0001")),
         ("kind='loss', target='*', probability=1.1", ("probability = 1.1", "<= 1.0")),
-        ("kind='loss', target='*'", ("faults[0]", "missing required field `probability`")),
+        ("kind='loss', target='*'", ("faults[0]", "the table lacks `probability`")),
         (
             "kind='lnk_cut', target='*'",
             ("faults[0].kind = 'lnk_cut': did you mean 'link_cut'? allowed: 'link_cut', 'cell_dead'",),
         ),
-        ("target='*'", ("faults[0]", "missing required field `kind`; allowed: 'link_cut'")),
-        ("kind=3", ("faults[0].kind = 3", "expected `str`")),
+        ("target='*'", ("faults[0]", "the table lacks `kind`; allowed: 'link_cut'")),
+        ("kind=3", ("faults[0].kind = 3", "expected text")),
         (
             "kind='stuck_at', target='*', chanel='all'",
             ("chanel: unknown key; did you mean channel?", "value"),

@@ -80,7 +80,7 @@ def test_every_number_of_the_schema_has_a_range(file: Any) -> None:
         ),
         (("network", "queue_packets"), 1e20, r"network\.queue_packets = 1e\+20"),
         (("patches", 0, "lattice", "columns"), 10**8, r"columns × rows = 100000000 × "),
-        (("robot",), "arm\n", r"robot = 'arm\\n': expected `str` matching regex"),
+        (("robot",), "arm\n", r"robot = 'arm\\n': expected text matching regex"),
         (("patches", 0, "name"), "arm\n", r"patches\[0\]\.name = 'arm\\n'"),
     ],
 )

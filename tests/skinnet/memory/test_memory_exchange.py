@@ -69,9 +69,12 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "another version": (changed("version", to=3), "version = 3: 'skinnet memory', version 1 to 2 is"),
     "no poses": (changed("poses"), "the file: poses is missing"),
     "more keys": (changed("posses", to={}), "the file.posses: unknown key"),
-    "list of poses": (changed("poses", to=[]), "poses: expected `object`, got `array`"),
+    "list of poses": (changed("poses", to=[]), "poses: expected a table, got a list"),
     "robot without joints": (changed("robot", "joints", to=[]), "robot.joints: empty"),
-    "number for a joint": (changed("robot", "joints", to=[1]), "robot.joints: expected `str`, got `int`"),
+    "number for a joint": (
+        changed("robot", "joints", to=[1]),
+        "robot.joints: expected text, got a whole",
+    ),
     "patch twice": (
         changed("robot", "patches", 1, "name", to="arm"),
         r"robot.patches\[1\].name = 'arm': duplicate",
@@ -90,7 +93,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "joint without position": (changed(*OPEN, "position_rad", "elbow"), "poses.open.position_rad: elbow is"),
     "position in words": (
         changed(*OPEN, "position_rad", "elbow", to="far"),
-        "poses.open.position_rad.elbow: expected `float`, got `str`",
+        "poses.open.position_rad.elbow: expected a number, got text",
     ),
     "weight of an unknown joint": (
         changed(*OPEN, "weights", "arm/0", to={"knee": 1.0}),
@@ -98,9 +101,9 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     ),
     "weight in words": (
         changed(*OPEN, "weights", "arm/0", to={"elbow": None}),
-        "poses.open.weights.arm/0.elbow: expected `float`, got `null`",
+        "poses.open.weights.arm/0.elbow: expected a number, got nothing",
     ),
-    "name of a pose": (changed("poses", "a b", to=None), "poses.a b: expected `object`, got `null`"),
+    "name of a pose": (changed("poses", "a b", to=None), "poses.a b: expected a table, got nothing"),
     "area without cells": (changed("areas", "pat", to=[]), "areas.pat: has no cells"),
     "cell that is not there": (
         changed("areas", "pat", to=["arm/3"]),
@@ -112,7 +115,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     ),
     "parameter in words": (
         changed("parameters", "x", to="much"),
-        "parameters.x: expected `float`, got `str`",
+        "parameters.x: expected a number, got text",
     ),
 }
 

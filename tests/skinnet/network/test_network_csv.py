@@ -334,9 +334,11 @@ def test_ids_are_remembered_as_runs() -> None:
                 break
         repeated = [i for i in range(ids.size) if ids[i] in ids[:i]]
         assert first == (repeated[0] if repeated else None)
-    dense = IdSet()
+    dense, nobody = IdSet(), np.empty(0, dtype=np.int64)
+    assert dense.add(nobody) is None
     for block in np.array_split(np.random.default_rng(1).permutation(1000), 9):
         assert dense.add(block) is None
+    assert dense.add(nobody) is None
     assert dense.n_intervals == 1
 
 

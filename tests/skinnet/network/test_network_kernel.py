@@ -606,6 +606,12 @@ def test_a_port_has_one_link_in_each_direction() -> None:
         Topology(3, src=[0, 1], src_port=0, dst=2, dst_port=[0, 1], delay_ns=[0, -1], **BYTE_PER_NS)
 
 
+def test_a_link_ends_at_nodes_that_exist() -> None:
+    for ends in ({"src": [0, 3], "dst": 1}, {"src": [0, 0], "dst": [1, 3]}, {"src": [0, -1], "dst": 1}):
+        with pytest.raises(ValueError, match=r"of link 1 is (3|-1); allowed are 0 to 2"):
+            Topology(3, **ends, src_port=[0, 1], dst_port=[0, 1], **BYTE_PER_NS)
+
+
 def lose_first_pending(until_ns: int, hop_limit: int, state: KernelState, scratch: KernelScratch) -> int:
     """Kernel step of a broken kernel: forgets the first packet of the first queue that has any."""
     for link in state.links:

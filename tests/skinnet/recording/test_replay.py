@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -78,6 +79,24 @@ def test_one_gain_changed_is_named(touched: Path, tmp_path: Path) -> None:
     velocity = decode(command.payload, Command).velocity_rad_s[joint]
     assert float(named[4]) == velocity != float(named[5])
     assert float(named[5]) == pytest.approx(velocity * 1.001, rel=1e-3)
+
+
+def test_a_difference_after_another_arithmetic_is_no_proof(touched: Path, tmp_path: Path) -> None:
+    """The summary beside the recording says with which arithmetic it was made."""
+    summary = json.loads((touched.parent / "summary.json").read_text())
+    summary["arithmetic"]["functions"] = "0"
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    shutil.copy(touched, tmp_path / "run.mcap")
+    gain = "controller.stages.force_guidance.force_gain=1.001"
+    line = [sys.executable, "-m", "skinnet.cli", "replay", str(tmp_path / "run.mcap")]
+    line += ["--into", "controller", "--set", gain]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+    first, second = done.stdout.splitlines()
+    assert first.startswith("different at")
+    assert second == (
+        f"{tmp_path / 'run.mcap'}: computed with another arithmetic (functions): values may differ in their "
+        "last bits, and hashes cannot be compared"
+    )
 
 
 def test_another_program_is_a_difference_as_well(touched: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -77,6 +78,7 @@ def called(*arguments: str) -> tuple[int, str]:
 def test_a_second_run_leaves_the_folder_of_the_first_alone(tmp_path: Path) -> None:
     with launched(ARM, tmp_path, settings=("run.max_s=4",)) as process:
         wait_for(process, "structure")
+        process.send_signal(signal.SIGSTOP)  # else it may be over before the second has started
         late = subprocess.run(
             command(ARM, "--seed", "2", "--no-plots", "--out", str(tmp_path)),
             capture_output=True,
@@ -84,6 +86,7 @@ def test_a_second_run_leaves_the_folder_of_the_first_alone(tmp_path: Path) -> No
             check=False,
             timeout=200,
         )
+        process.send_signal(signal.SIGCONT)
         assert late.returncode == 2
         assert "another run is writing there" in late.stderr
         process.communicate(timeout=200)

@@ -300,6 +300,19 @@ def test_a_sweep_goes_on_where_it_was_killed(
     kept = run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
     assert [result.failure for result in kept] == [None, None]
     assert kept[0].metrics == json.loads((out / "c15-periodic-s0.5" / "point.json").read_text())["metrics"]
+    assert not any("arithmetic" in line for line in told)
+    # nor does a result of another computer's arithmetic belong beside ours
+    saved = out / "c15-periodic-s0.5" / "point.json"
+    ours = json.loads(saved.read_text())
+    theirs = ours | {"mark": "another", "arithmetic": ours["arithmetic"] | {"functions": "0"}}
+    saved.write_text(json.dumps(theirs))
+    run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
+    saved.write_text(json.dumps(ours))
+    (reason,) = [line for line in told if "arithmetic" in line]
+    assert reason == (
+        "1/2 c15-periodic-s0.5: not kept, computed with another arithmetic (functions): values may differ in "
+        "their last bits, and hashes cannot be compared"
+    )
     # another seed makes other points
     points = derive_points(prepare_run(RunOptions(ARM, (*SCRIPTED, "seed=2"))).deployment, spec)
     other = run_sweep(ARM, points, spec, out, resume=True, progress=told.append)
@@ -325,11 +338,11 @@ def test_a_skin_that_does_not_form_is_a_failed_point(small_sweep: tuple[Path, di
     [
         (("--cells", "99"), "stress.cells: 99; two_link_arm has 15 cells"),
         (("--cells", "ten"), "--cells ten: must be numbers"),
-        (("--cells", "0"), "stress: Expected `int` >= 1"),
+        (("--cells", "0"), "stress: Expected a whole number >= 1"),
         (("--encodings", "morse"), "stress: Invalid enum value 'morse'"),
-        (("--stimulated", "1.5"), "stress: Expected `float` <= 1.0"),
-        (("--sigmas", "0"), "stress: Expected `float` > 0.0"),
-        (("--duration-s", "-1"), "stress: Expected `float` > 0.0"),
+        (("--stimulated", "1.5"), "stress: Expected a number <= 1.0"),
+        (("--sigmas", "0"), "stress: Expected a number > 0.0"),
+        (("--duration-s", "-1"), "stress: Expected a number > 0.0"),
         (("--gateways", "7"), "7 gateways: give 1 to"),
         (("--resume",), "--resume needs --out"),
     ],

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_results import GRASP_DEPLOYMENT, grasp_body, grasp_controller, grasp_transitions
+from synthetic_results import GRASP_DEPLOYMENT, S, grasp_body, grasp_controller, grasp_transitions
 
 from skinnet.analysis.metrics.grasp import grasp_metrics, object_metrics
 from skinnet.analysis.metrics.object_pose import rotation_deg
@@ -79,6 +79,24 @@ def test_readings_and_speeds_are_those_of_the_grasp() -> None:
     assert metrics["grasp.start_s.hold"] == pytest.approx(6.0)
     assert metrics["grasp.attempts"] == 1
     assert metrics["grasp.final_state"] == "idle" or metrics["grasp.final_state"] == "release"
+
+
+@pytest.mark.parametrize("peak_s", [0.5, 8.0, 16.0])
+def test_only_the_time_of_the_grasp_counts(peak_s: float) -> None:
+    """It begins with its stage at 0.5 s and ends at 16 s; what is greater before and after is not its own."""
+    controller, body = grasp_controller(grasp_transitions()[:6]), grasp_body()
+    controller.facts |= {"stages": [["guide", 0], ["teach_and_grasp", S // 2]], "end_ns": 17 * S}
+    controller.facts["transitions"][-1]["next_state"] = "idle"
+    peak_n, t_ns = body.arrays["peak_force_n"], body.arrays["peak_force_t_ns"]
+    told, speed = controller.arrays["patch_readings"], controller.arrays["velocity_rad_s"]
+    for series in (peak_n, told[:, 0, 0], speed[:, 0]):
+        series[:] = 0.9
+        series[(t_ns >= S // 2) & (t_ns <= 16 * S)] = 0.6
+        series[t_ns == peak_s * S] = 0.7
+    metrics = grasp_metrics(GRASP_DEPLOYMENT, controller, body)
+    assert metrics["grasp.start_s.open"] == 0.5
+    for name in ("peak_force_n", "peak_reading_received", "peak_speed_rad_s"):
+        assert metrics[f"grasp.{name}"] == pytest.approx(0.7), name
 
 
 def test_a_cancelled_grasp_says_where_and_why() -> None:

@@ -67,6 +67,16 @@ def test_the_way_of_the_object_is_compared_with_its_target() -> None:
     assert "B.object_error_mm" not in nursing_metrics(CYLINDER_DEPLOYMENT, never, body())
 
 
+def test_a_move_that_begins_at_the_end_has_no_way_yet() -> None:
+    """The run ends before the next pose is recorded: the object has still its whole way before it."""
+    moved = body()
+    moved.arrays["object_pose"][-1, :3] += 0.007
+    for begin_ns in (3 * S - 10 * MS, 3 * S):
+        metrics = nursing_metrics(CYLINDER_DEPLOYMENT, controller(states=[["move", begin_ns]]), moved)
+        target_m = CYLINDER_DEPLOYMENT.nursing.waypoints[-1].displacement_m
+        assert metrics["B.object_error_mm"] == pytest.approx(1e3 * np.linalg.norm(target_m))
+
+
 def test_drop_slip_and_rotation_are_ground_truth() -> None:
     held = nursing_metrics(CYLINDER_DEPLOYMENT, controller(), body())
     assert held["B.dropped"] is False
@@ -77,12 +87,13 @@ def test_drop_slip_and_rotation_are_ground_truth() -> None:
     fallen = body(dropped_ns=5, dropped_by="slid", slid_m=0.111)
     fallen.arrays["object_pose"][100:200, 3:] = np.cos(np.pi / 12), 0.0, np.sin(np.pi / 12), 0.0
     fallen.arrays["object_pose"][200:, 3:] = np.cos(np.pi / 36), 0.0, np.sin(np.pi / 36), 0.0
+    fallen.arrays["object_pose"][-1, 3:] = np.cos(np.pi / 60), 0.0, np.sin(np.pi / 60), 0.0
     metrics = nursing_metrics(CYLINDER_DEPLOYMENT, controller(), fallen)
     assert metrics["B.dropped"] is True
     assert metrics["B.dropped_by"] == "slid"
     assert metrics["B.slid_mm"] == pytest.approx(111.0)
     assert metrics["B.rotation_deg.peak"] == pytest.approx(30.0)
-    assert metrics["B.rotation_deg.end"] == pytest.approx(10.0)
+    assert metrics["B.rotation_deg.end"] == pytest.approx(6.0)
 
 
 def test_contacts_pressure_and_outcome_are_the_controllers() -> None:

@@ -21,3 +21,22 @@ def test_the_error_of_a_lesson_is_that_of_its_worst_goal() -> None:
     assert metrics["lessons.duration_s"] == [3.0]
     assert metrics["lessons.min_distance_mm"] == 20.0
     assert metrics["lessons.peak_force_n"] == 0.5
+
+
+def test_missed_and_unintended_cells_are_counted_over_all_strokes() -> None:
+    strokes = [
+        {"requested_cells": [1, 2, 3], "touched_cells": [2, 3, 4], "peak_force_n": 0.4},
+        {"requested_cells": [7, 8], "touched_cells": [], "peak_force_n": 0.0},
+    ]
+    metrics = teaching_metrics(ProcessResult("body", "body", {"lessons": [], "strokes": strokes}))
+    assert metrics == {
+        "strokes.count": 2,
+        "strokes.touched_cells": [3, 0],
+        "strokes.missed_cells": 3,
+        "strokes.unintended_cells": 1,
+        "strokes.peak_force_n": 0.4,
+    }
+
+
+def test_a_run_without_lessons_and_strokes_has_no_teaching_metrics() -> None:
+    assert teaching_metrics(ProcessResult("body", "body", {"lessons": [], "strokes": []})) == {}

@@ -8,9 +8,9 @@ import pytest
 
 from skinnet.body.contact.skin_surface import (
     N_SAMPLES_PER_CELL,
+    cell_grid,
     force_cell_centre_m,
     hexagon_m,
-    sample_points_m,
 )
 from skinnet.deployment.robot import FoamSpec
 
@@ -117,7 +117,9 @@ def test_action_equals_reaction_and_elements_add_up_to_the_force(tmp_path, seed)
 
 
 def test_samples_stand_for_equal_areas_of_the_hexagon():
-    samples = sample_points_m(SIDE_M)
+    grid = cell_grid(SIDE_M)
+    samples = np.column_stack([grid.x_m, grid.y_m])[grid.n_nodes :][: grid.n_samples]
+    assert grid.n_samples * grid.area_m2 == pytest.approx(1.5 * math.sqrt(3.0) * SIDE_M**2)
     assert samples.shape == (N_SAMPLES_PER_CELL, 2)
     np.testing.assert_allclose(samples.mean(axis=0), 0.0, atol=1e-15)
     # polar moment of a hexagon over its area: 5/12 side²; each of the 27 rhombi holds (side/3)²/6 of its own

@@ -53,14 +53,15 @@ def test_a_lift_keeps_its_limits_wherever_it_is_sent(targets, limit, acceleratio
     assert not lift.step(STEP_S), "it arrives once"
 
 
-def test_a_lift_takes_the_time_of_a_trapezoid():
+@pytest.mark.parametrize("step_s", [0.125e-3, 0.25e-3, 0.5e-3, STEP_S, 2e-3])
+def test_a_lift_takes_the_time_of_a_trapezoid(step_s):
     lift = HeightTrajectory(0.1, 0.5)
     lift.target_m = 0.4
     heights = []
     while not heights or heights[-1] < 0.4:
-        lift.step(STEP_S)
+        lift.step(step_s)
         heights.append(lift.height_m)
-    assert len(heights) * STEP_S == pytest.approx(0.4 / 0.1 + 0.1 / 0.5, abs=0.01)
+    assert len(heights) * step_s == pytest.approx(0.4 / 0.1 + 0.1 / 0.5, abs=3.0 * step_s)
     assert np.all(np.diff(heights) >= 0.0), "it does not overshoot"
 
 
@@ -327,7 +328,7 @@ def test_a_rigid_touch_is_told_with_place_time_and_stage(tmp_path):
     left = body.ground_truth().facts["object"]["rigid_contacts"]["bare"]
     assert left["first_ns"] < body.t_ns - 300 * MS
     assert left["duration_by_stage_s"].keys() == {"guide", "hold.it"}
-    assert left["duration_by_stage_s"]["hold.it"] == pytest.approx(0.1, abs=0.002)
+    assert left["duration_by_stage_s"]["hold.it"] == pytest.approx(0.1, abs=0.005)
     assert math.fsum(left["duration_by_stage_s"].values()) == pytest.approx(left["duration_s"])
     assert left["first_ns"] <= left["peak_ns"] < body.t_ns
     assert left["peak_force_n"] > 0.0
