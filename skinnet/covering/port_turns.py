@@ -129,9 +129,9 @@ def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
                     improved = True
                 else:
                     turns[:] = before
+        _count(neighbours, turns, root)
         for p in range(len(neighbours.pair)):
             a, b = neighbours.pair[p, 0], neighbours.pair[p, 1]
-            _count(neighbours, turns, root)
             if root[a] == root[b]:
                 continue
             kept_a, kept_b = turns[a], turns[b]
@@ -144,6 +144,7 @@ def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
                     components, wires = trial
                     kept_a, kept_b, improved = turns[a], turns[b], True
             turns[a], turns[b] = kept_a, kept_b
+            _count(neighbours, turns, root)
         if not improved:
             break
     return components, wires
