@@ -20,7 +20,7 @@ from skinnet.errors import DeploymentError, UsageError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from skinnet.covering.covered_deployment import Covering
+    from skinnet.covering.covered_links import Covering
 
 __all__ = ["register"]
 
@@ -39,7 +39,9 @@ _COLUMNS = (
     "wired",
     "components",
     "bridges",
+    "groups",
     "gateways",
+    "unreached",
 )
 
 

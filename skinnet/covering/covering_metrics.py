@@ -1,6 +1,7 @@
 """Metrics of a covering, from the cells as they will be placed: coverage, faults, gap, wiring."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,13 @@ from scipy.spatial import cKDTree
 from skinnet.covering.cell_fit import heights_under_cell
 from skinnet.covering.cell_settling import Ground
 from skinnet.covering.hexagons import hexagon_grid, piercing_m
+from skinnet.deployment.network import BridgeSpec
+from skinnet.deployment.skin.cells import CellSpec
+from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.skin.lattice import pitch_m
+from skinnet.skin.placement import place_patch
 
-__all__ = ["covering_metrics"]
+__all__ = ["covering_metrics", "network_metrics"]
 
 Floats = NDArray[np.float64]
 
@@ -71,6 +76,52 @@ def covering_metrics(
         "gap_mm_p95": round(_MM_PER_M * float(np.percentile(gaps_m, 95)), 2),
         "wired": round(n_wires / max(neighbours, 1), 4),
     }
+
+
+def network_metrics(
+    own: Sequence[str], patches: Sequence[PatchSpec], bridges: Sequence[BridgeSpec], cells: CellSpec
+) -> dict[str, Any]:
+    """Metrics of the network of one link, whose patches are named `own`.
+
+    `groups` counts parts that no wire and no bridge joins, also over patches of the same link in other
+    covers; `gateways` interfaces; `unreached` cells without a path to one.
+    """
+    placed = {patch.name: place_patch(patch, cells) for patch in patches}
+    wires: dict[str, set[str]] = {}
+    for patch in placed.values():
+        for a, _, b, _ in patch.wires.tolist():
+            _join(wires, f"{patch.name}/{a}", f"{patch.name}/{b}")
+    for bridge in bridges:
+        _join(wires, bridge.a.partition(":")[0], bridge.b.partition(":")[0])
+    mine = [f"{name}/{cell}" for name in own for cell in range(placed[name].n_cells)]
+    gateways = [f"{patch.name}/{cell}" for patch in placed.values() for cell, _ in patch.interfaces.tolist()]
+    groups, seen = 0, set[str]()
+    for cell in mine:
+        if cell not in seen:
+            groups += 1
+            seen |= _reached_from([cell], wires)
+    reached = _reached_from(gateways, wires)
+    return {
+        "bridges": sum(bridge.a.rpartition("/")[0] in own for bridge in bridges),
+        "groups": groups,
+        "gateways": sum(len(placed[name].interfaces) for name in own),
+        "unreached": sum(cell not in reached for cell in mine),
+    }
+
+
+def _join(wires: dict[str, set[str]], a: str, b: str) -> None:
+    wires.setdefault(a, set()).add(b)
+    wires.setdefault(b, set()).add(a)
+
+
+def _reached_from(cells: Sequence[str], wires: dict[str, set[str]]) -> set[str]:
+    """Cells that wires lead to from `cells`, with these."""
+    reached, ahead = set(cells), list(cells)
+    while ahead:
+        new = wires.get(ahead.pop(), set()) - reached
+        reached |= new
+        ahead += new
+    return reached
 
 
 def _piercing_m(R: Floats, R_other: Floats, offset_m: Floats, side_m: float) -> float:

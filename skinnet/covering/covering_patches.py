@@ -1,10 +1,9 @@
-"""Patches of a covering: components of its wiring, bridges between them, one gateway for each group."""
+"""Patches of a covering: components of its wiring, and bridges that join those of a link."""
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -14,20 +13,20 @@ from scipy.spatial import cKDTree
 from skinnet import pinned_math
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
-from skinnet.deployment.skin.patches import CellPoseSpec, InterfaceSpec, PatchSpec
-from skinnet.skin.gateway_placement import choose_gateway_ports, free_ports
+from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
+from skinnet.skin.gateway_placement import free_ports
 from skinnet.skin.lattice import PORT_ANGLES_RAD, pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch
 
-__all__ = ["bridges_between", "component_patches", "patch_name", "with_one_gateway_each"]
+__all__ = ["bridges_between", "component_patches", "patch_name"]
 
 Floats = NDArray[np.float64]
 
-_MAX_BRIDGE_FRACTION = 1.0
-"""Greatest length of a bridge from port to port, as a fraction of the pitch."""
+_PORTS_OF_JOINED = 3
+"""Least number of free ports of two groups that are joined: a bridge takes two, a gateway one."""
 _SAME_SIDE_COSINE = -0.5
 _MAX_NAME = 64
-_DIGITS_M, _DIGITS_AXIS = 6, 6
+_DIGITS_M, _DIGITS_AXIS, _DIGITS_LENGTH = 6, 6, 5
 
 
 def component_patches(
@@ -75,16 +74,51 @@ def patch_name(*parts: str) -> str:
 def bridges_between(
     patches: Sequence[PlacedPatch], poses: Sequence[tuple[Floats, Floats]], side_m: float
 ) -> list[BridgeSpec]:
-    """Bridges that join patches of one link where free ports are near: the shortest first (Kruskal).
+    """Bridges that join all patches of one link into one group, the shortest first (Kruskal, 1956).
+
+    A bridge to the other side of the link counts one pitch more, as it leads round an edge. Each end takes a
+    free port, and one stays free for a gateway; patches without free ports stay alone.
 
     Args:
         patches: Patches of the link.
         poses: Rotation and translation of each patch's body in one common frame.
         side_m: Side of the cells [m].
     """
+    ends, ports_m, normals = _free_ports(patches, poses, 0.5 * pitch_m(side_m))
+    if len(patches) < 2 or not ends:
+        return []
+    group = list(range(len(patches)))
+    free = [sum(end[0] == number for end in ends) for number in group]
+    bridges: list[BridgeSpec] = []
+    taken: set[tuple[int, int, int]] = set()
+    tree, reach_m = cKDTree(ports_m), 2.0 * pitch_m(side_m)
+    extent_m = float(np.sqrt((np.ptp(ports_m, axis=0) ** 2).sum()))
+    while len(bridges) < len(patches) - 1 and reach_m < 2.0 * extent_m + 4.0 * pitch_m(side_m):
+        pairs = tree.query_pairs(reach_m, output_type="ndarray")
+        between = np.array(group)[np.array([end[0] for end in ends])]
+        a, b = pairs[between[pairs[:, 0]] != between[pairs[:, 1]]].T
+        length_m = np.sqrt(((ports_m[a] - ports_m[b]) ** 2).sum(axis=1))
+        opposite = (normals[a] * normals[b]).sum(axis=1) <= _SAME_SIDE_COSINE
+        cost = np.round(length_m + pitch_m(side_m) * opposite, _DIGITS_LENGTH)
+        order = np.lexsort((b, a, cost))
+        for one, other in ((ends[a[i]], ends[b[i]]) for i in order.tolist()):
+            new, old = group[one[0]], group[other[0]]
+            if new == old or one in taken or other in taken or free[new] + free[old] < _PORTS_OF_JOINED:
+                continue
+            taken |= {one, other}
+            free[new] += free[old] - 2
+            group = [new if number == old else number for number in group]
+            bridges.append(BridgeSpec(a=_port_name(patches, one), b=_port_name(patches, other)))
+        reach_m *= 2.0
+    return bridges
+
+
+def _free_ports(
+    patches: Sequence[PlacedPatch], poses: Sequence[tuple[Floats, Floats]], apothem_m: float
+) -> tuple[list[tuple[int, int, int]], Floats, Floats]:
+    """Free ports (f) as patch, cell and port, their positions (f, 3) [m] and the normals (f, 3) there."""
     ends: list[tuple[int, int, int]] = []
-    ports_m, normals = [], []
-    apothem_m = 0.5 * pitch_m(side_m)
+    ports_m, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for number, (patch, (R, t)) in enumerate(zip(patches, poses, strict=True)):
         used = [(int(cell), int(port)) for cell, port in patch.interfaces]
         for cell, port in free_ports(patch.n_cells, patch.wires, used).tolist():
@@ -94,63 +128,13 @@ def bridges_between(
                 pinned_math.cos(angle) * x + pinned_math.sin(angle) * y
             )
             ends.append((number, cell, port))
-            ports_m.append(t + (R * at_m).sum(axis=1))
-            normals.append((R * z).sum(axis=1))
-    if len(patches) < 2 or not ends:
-        return []
-    candidates = []
-    for a, b in sorted(cKDTree(np.array(ports_m)).query_pairs(_MAX_BRIDGE_FRACTION * 2.0 * apothem_m)):
-        if ends[a][0] != ends[b][0] and float((normals[a] * normals[b]).sum()) > _SAME_SIDE_COSINE:
-            length_m = float(np.sqrt(((ports_m[a] - ports_m[b]) ** 2).sum()))
-            candidates.append((round(length_m, 5), min(ends[a], ends[b]), max(ends[a], ends[b])))
-    group, bridges = list(range(len(patches))), []
-    taken: set[tuple[int, int, int]] = set()
-    for _, one, other in sorted(candidates):
-        if group[one[0]] == group[other[0]] or one in taken or other in taken:
-            continue
-        taken |= {one, other}
-        old, new = group[other[0]], group[one[0]]
-        group = [new if number == old else number for number in group]
-        bridges.append(
-            BridgeSpec(
-                a=f"{patches[one[0]].name}/{one[1]}:{one[2]}",
-                b=f"{patches[other[0]].name}/{other[1]}:{other[2]}",
-            )
-        )
-    return bridges
+            ports_m.append((t + (R * at_m).sum(axis=1))[None])
+            normals.append((R * z).sum(axis=1)[None])
+    return ends, np.concatenate(ports_m), np.concatenate(normals)
 
 
-def with_one_gateway_each(
-    patches: Sequence[PatchSpec], bridges: Iterable[BridgeSpec], cells: CellSpec
-) -> list[PatchSpec]:
-    """Patches with one interface for each group that bridges join, near to all of its cells."""
-    number = {patch.name: i for i, patch in enumerate(patches)}
-    placed = [place_patch(patch, cells) for patch in patches]
-    first = np.concatenate([[0], np.cumsum([p.n_cells for p in placed])]).astype(np.int64)
-    wires = [p.wires + np.array([first[i], 0, first[i], 0]) for i, p in enumerate(placed)]
-    for bridge in bridges:
-        rows = []
-        for end in (bridge.a, bridge.b):
-            name, _, place = end.rpartition("/")
-            cell, _, port = place.partition(":")
-            rows += [first[number[name]] + int(cell), int(port)]
-        wires.append(np.array([rows]))
-    every = np.concatenate(wires) if wires else np.zeros((0, 4), dtype=np.int64)
-    label = _components(int(first[-1]), every)
-    interfaces: list[list[InterfaceSpec]] = [[] for _ in patches]
-    for group in range(label.max() + 1):
-        mine = np.flatnonzero(label == group)
-        new = np.full(len(label), -1, dtype=np.int64)
-        new[mine] = np.arange(len(mine))
-        own = every[label[every[:, 0]] == group].copy()
-        own[:, [0, 2]] = new[own[:, [0, 2]]]
-        cell, port = choose_gateway_ports(len(mine), own, free_ports(len(mine), own), 1)[0]
-        patch = int(np.searchsorted(first, mine[cell], side="right")) - 1
-        interfaces[patch].append(InterfaceSpec(cell=int(mine[cell] - first[patch]), port=int(port)))
-    return [
-        msgspec.structs.replace(patch, interfaces=tuple(found))
-        for patch, found in zip(patches, interfaces, strict=True)
-    ]
+def _port_name(patches: Sequence[PlacedPatch], end: tuple[int, int, int]) -> str:
+    return f"{patches[end[0]].name}/{end[1]}:{end[2]}"
 
 
 def _components(n_cells: int, wires: NDArray[np.int64]) -> NDArray[np.int64]:

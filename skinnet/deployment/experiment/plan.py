@@ -10,7 +10,7 @@ __all__ = ["LinkBudgetSpec"]
 
 
 class LinkBudgetSpec(Table, frozen=True, kw_only=True):
-    """Load and limits of a link budget; runs ignore them."""
+    """Load and limits of a link budget, which `[[cover]]` keeps when it places gateways; runs ignore them."""
 
     encoding: Encoding | None = None
     """Event encoding; that of `cells.encoding` unless given, but `periodic` if the program has an exploration

@@ -75,7 +75,8 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Cover: cells over the felt surface of links, placed and wired before a run; it becomes patches.
 
     A link is a body with all that is welded to it. Felt are primitives and convex hulls of meshes, as MuJoCo
-    collides them.
+    collides them. Bridges join the cells of a link into one network, which gets as few gateways as keep
+    `plan.max_latency_ms` and `plan.max_utilisation`.
     """
 
     name: Name

@@ -19,7 +19,7 @@ from skinnet.tools.plan.gateway_search import (
 from skinnet.tools.plan.link_budget import LinkBudget, compute_budget
 from skinnet.tools.plan.traffic import Traffic, traffic_of
 
-__all__ = ["Plan", "make_plan"]
+__all__ = ["Plan", "limits_of", "make_plan", "patch_groups"]
 
 
 @dataclass(frozen=True)
@@ -74,19 +74,20 @@ def make_plan(deployment: Deployment) -> Plan:
     power = deployment.power
     feeds = np.empty(0, dtype=np.int64) if power is None else skin.feed_cells(power.feeds)
     traffic = traffic_of(deployment)
-    limits = _limits(deployment)
+    limits = limits_of(deployment)
     budget = compute_budget(
         skin.n_cells, skin.wires, skin.gateways, feeds, traffic, deployment.network, deployment.power
     )
     own_feeds = power is not None and bool(power.feeds)
-    groups = tuple(_group(skin, number, feeds if own_feeds else None) for number in _group_numbers(skin))
+    groups = patch_groups(skin, feeds if own_feeds else None)
     searches = tuple(
         search_fewest_gateways(group, limits, traffic, deployment.network, power) for group in groups
     )
     return Plan(deployment, skin, feeds, traffic, limits, budget, groups, searches)
 
 
-def _limits(deployment: Deployment) -> Limits:
+def limits_of(deployment: Deployment) -> Limits:
+    """Limits that the gateways of `deployment` must keep, as its `[plan]` says."""
     plan, power = deployment.plan, deployment.power
     lowest_v = 0.0 if power is None else power.brown_out_v
     return Limits(
@@ -96,9 +97,14 @@ def _limits(deployment: Deployment) -> Limits:
     )
 
 
-def _group_numbers(skin: WholeSkin) -> list[int]:
-    """Group numbers in the order of their first patches."""
-    return list(dict.fromkeys(skin.component_of_patch.tolist()))
+def patch_groups(skin: WholeSkin, feeds: NDArray[np.int64] | None) -> tuple[PatchGroup, ...]:
+    """Groups of patches joined by bridges, in the order of their first patches.
+
+    Args:
+        skin: Cells, wires and gateways of the whole skin.
+        feeds: (f,) fed cells; None if the gateways' cells are fed.
+    """
+    return tuple(_group(skin, number, feeds) for number in dict.fromkeys(skin.component_of_patch.tolist()))
 
 
 def _group(skin: WholeSkin, number: int, feeds: NDArray[np.int64] | None) -> PatchGroup:

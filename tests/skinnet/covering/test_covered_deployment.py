@@ -1,14 +1,18 @@
 """Covers of a deployment: patches that can run, equal ones from the cache, and what is refused by name."""
 
+import io
 from pathlib import Path
 
 import pytest
 from link_models import write_two_links
+from rich.console import Console
 
 from skinnet.covering.covered_deployment import cover_deployment, load_covered
 from skinnet.deployment import load
 from skinnet.errors import DeploymentError
+from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import RunOptions, prepare_run
+from skinnet.run.progress import ProgressDisplay
 from skinnet.skin.placement import place_patches
 
 SKIN = '[[cover]]\nname = "skin"\nbody = ["upper", "fore"]\n'
@@ -27,9 +31,21 @@ def test_covers_become_patches_that_a_run_accepts(tmp_path: Path) -> None:
     assert {patch.body for patch in prepared.patches} == {"upper", "fore"}
     place_patches(prepared.patches, prepared.cells, prepared.bridges)  # wired, reached, without overlap
     groups = prepared.bridged_patches()
-    gateways = {patch.name: len(patch.interfaces) for patch in prepared.patches}
-    assert [sum(gateways[name] for name in group) for group in groups] == [1] * len(groups)
+    body = {patch.name: patch.body for patch in prepared.patches}
+    assert [{body[name] for name in group} for group in groups] == [{"upper"}, {"fore"}]
+    assert sum(len(patch.interfaces) for patch in prepared.patches) == 2
     assert sum(patch.n_cells for patch in prepared.patches) > 100
+
+
+@pytest.mark.timeout(120)
+def test_a_covered_robot_runs_and_every_cell_is_reached(tmp_path: Path) -> None:
+    file = write_two_links(tmp_path, SKIN)
+    order = RunOptions(file, ("run.max_s=0.2",), in_process=True, plots=False)
+    display = ProgressDisplay(Console(file=io.StringIO()), quiet=True)
+    figures = run_once(prepare_run(order), tmp_path / "out", display)["metrics"]
+    assert figures["formation.unreached_cells"] == 0
+    assert figures["network.conserved"] is True
+    assert figures["network.dropped"] == 0
 
 
 def test_the_metrics_of_all_links_are_without_fault(tmp_path: Path) -> None:
@@ -39,7 +55,8 @@ def test_the_metrics_of_all_links_are_without_fault(tmp_path: Path) -> None:
         assert (link["overlaps"], link["piercing"], link["buried"]) == (0, 0, 0), link
         assert link["within_0_6_pitch"] >= 0.9, link
         assert link["wired"] >= 0.55, link
-        assert link["gateways"] == link["components"] - link["bridges"], link
+        assert (link["groups"], link["gateways"], link["unreached"]) == (1, 1, 0), link
+        assert link["bridges"] == link["components"] - 1, link
     assert sum(link["cells"] for link in made.links) == sum(patch.n_cells for patch in made.patches)
 
 

@@ -1,4 +1,4 @@
-"""Patches of a covering: components, their names, bridges and gateways, on cells placed by hand."""
+"""Patches of a covering: components, their names, and bridges, on cells placed by hand."""
 
 import math
 from itertools import pairwise
@@ -11,11 +11,10 @@ from skinnet.covering.covering_patches import (
     bridges_between,
     component_patches,
     patch_name,
-    with_one_gateway_each,
 )
 from skinnet.covering.port_turns import best_turns, turned
 from skinnet.deployment.skin.cells import CellSpec
-from skinnet.skin.placement import place_patch, place_patches
+from skinnet.skin.placement import place_patch, resolve_bridges
 
 CELLS = CellSpec(side_m=SIDE_M)
 HERE = (np.eye(3), np.zeros(3))
@@ -47,15 +46,15 @@ def test_names_have_only_what_names_may_have() -> None:
     assert long.endswith("_12")
 
 
-def test_bridges_join_near_components_by_free_ports_and_leave_far_ones() -> None:
+def test_bridges_join_all_components_of_a_link_the_nearest_first() -> None:
     specs = component_patches("skin", "arm", *row(0, 1, 2.4, 3.4, 9), CELLS, 1)
     placed = [place_patch(spec, CELLS) for spec in specs]
     bridges = bridges_between(placed, [HERE] * len(placed), SIDE_M)
-    assert [(bridge.a, bridge.b) for bridge in bridges] == [("skin_0/1:0", "skin_1/0:2")]
-    joined = with_one_gateway_each(specs, bridges, CELLS)
-    assert [len(spec.interfaces) for spec in joined].count(1) == 2
-    assert len(joined[2].interfaces) == 1  # the far cell has one of its own
-    place_patches(joined, CELLS, bridges)
+    assert [(bridge.a, bridge.b) for bridge in bridges] == [
+        ("skin_0/1:0", "skin_1/0:2"),
+        ("skin_1/1:0", "skin_2/0:2"),
+    ]
+    resolve_bridges(bridges, placed)
 
 
 def test_bridges_form_a_tree() -> None:
@@ -65,7 +64,18 @@ def test_bridges_form_a_tree() -> None:
     assert sorted((b.a.split("/")[0], b.b.split("/")[0]) for b in bridges) == list(
         pairwise(f"skin_{i}" for i in range(4))
     )
-    assert sum(len(spec.interfaces) for spec in with_one_gateway_each(specs, bridges, CELLS)) == 1
+
+
+def test_a_bridge_rather_stays_on_its_side() -> None:
+    """Of two cells at one distance, the one that faces the other way is joined last."""
+    turned_over = np.diag([1.0, -1.0, -1.0])
+    specs = [
+        spec
+        for x, R in ((0.0, np.eye(3)), (-1.4, turned_over), (1.5, np.eye(3)))
+        for spec in component_patches(f"at{x:g}", "arm", np.array([[PITCH_M * x, 0, 0]]), R[None], CELLS, 1)
+    ]
+    bridges = bridges_between([place_patch(spec, CELLS) for spec in specs], [HERE] * 3, SIDE_M)
+    assert [bridge.b.split("/")[0] for bridge in bridges] == ["at1_5", "at-1_4"]
 
 
 def test_turns_join_cells_whose_ports_do_not_face() -> None:
