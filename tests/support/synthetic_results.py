@@ -83,6 +83,9 @@ def touch_facts(**changes: Any) -> dict[str, Any]:
         "hold_ns": 300 * MS,
         "end_ns": 800 * MS,
         "peak_force_n": 1.1,
+        "mean_hold_force_n": 1.0,
+        "mean_felt_force_n": 1.0,
+        "evaded_m": 0.02,
         "depth_controlled": False,
         "onset_gap_m": None,
     } | changes

@@ -13,6 +13,8 @@ from skinnet.runtime.process_result import ProcessResult
 __all__ = [
     "Reaction",
     "actuation_metrics",
+    "evasion_metrics",
+    "force_metrics",
     "guidance_metrics",
     "proximity_metrics",
     "reaction_metrics",
@@ -26,6 +28,8 @@ _HELD_READING = 0.14
 _HELD_TOLERANCE_N = 0.05
 """Tolerance of the true force that counts as held [N]; the finger's control keeps 2 % (assumed)."""
 _PROXIMITY_CHANNEL = 3
+_EVADED_M = 0.001
+"""Way of a cell [m] from which it has evaded: servos yield to a newton by less (assumed)."""
 _MAX_REACTION_NS = 100_000_000
 """Longest time from a crossing to a sample that counts as its reaction [ns]."""
 
@@ -47,7 +51,8 @@ def touch_metrics(deployment: Deployment, controller: ProcessResult, body: Proce
     metrics: dict[str, Any] = {}
     metrics |= reaction_metrics(*reactions(deployment, controller, body))
     metrics |= actuation_metrics(deployment, controller, body)
-    metrics |= _force_metrics(body)
+    metrics |= force_metrics(deployment, body)
+    metrics |= evasion_metrics(deployment, controller, body)
     metrics |= guidance_metrics(deployment, controller, body)
     metrics |= proximity_metrics(deployment, controller, body)
     return metrics
@@ -139,10 +144,50 @@ def actuation_metrics(
     }
 
 
-def _force_metrics(body: ProcessResult) -> dict[str, Any]:
-    """Peak force of the touches that follow a path; those under force control set it themselves."""
-    pushed = [touch["peak_force_n"] for touch in body.facts["touches"] if touch["depth_controlled"]]
-    return {"contact.peak_force_n": max(pushed)} if pushed else {}
+def force_metrics(deployment: Deployment, body: ProcessResult) -> dict[str, Any]:
+    """Peak force of the touches that follow a path, and what the skin feels of a force that is held.
+
+    Touches under force control set their own peak. The felt error is that of the sum over all cells against
+    the force on the finger, as a fraction, in the hold phases of touches of cells as a whole.
+    """
+    touches, specs = body.facts["touches"], deployment.teacher.touches
+    pushed = [touch["peak_force_n"] for touch in touches if touch["depth_controlled"]]
+    metrics = {"contact.peak_force_n": max(pushed)} if pushed else {}
+    errors = [
+        abs(touch["mean_felt_force_n"] / touch["mean_hold_force_n"] - 1.0)
+        for touch in touches
+        if touch["hold_ns"] is not None
+        and not touch["depth_controlled"]
+        and specs[touch["touch"]].force_cell is None
+        and touch["mean_hold_force_n"] > 0.0
+    ]
+    if errors:
+        metrics["contact.felt_error.p50"] = float(np.median(errors))
+        metrics["contact.felt_error.max"] = max(errors)
+    return metrics
+
+
+def evasion_metrics(deployment: Deployment, controller: ProcessResult, body: ProcessResult) -> dict[str, Any]:
+    """Ways of touched cells along their inward normals, in stages that react to force.
+
+    A cell that moves inwards by more than what a stiff servo yields has evaded; one that moves towards the
+    finger shows a wrong sign.
+    """
+    spans = stage_intervals(deployment, controller, "guide")
+    stages = {span.name for span in spans if span.spec.force_gain > 0.0}
+    ways_m = [
+        touch["evaded_m"]
+        for touch in body.facts["touches"]
+        if touch["stage"] in stages and touch["evaded_m"] is not None
+    ]
+    if not ways_m:
+        return {}
+    return {
+        "evasion.touches": len(ways_m),
+        "evasion.inwards": sum(way_m > _EVADED_M for way_m in ways_m),
+        "evasion.outwards": sum(way_m < -_EVADED_M for way_m in ways_m),
+        "evasion.way_mm.p50": 1e3 * float(np.median(ways_m)),
+    }
 
 
 def guidance_metrics(

@@ -44,6 +44,10 @@ class TouchGroundTruth:
         peak_force_n: Largest normal force on the finger [N].
         target_peak_force_n: Largest normal force on the target: a force cell, or the finger [N].
         mean_hold_force_n: Mean force on the target in the hold phase [N]; NaN without one.
+        mean_felt_force_n: Mean of the sum of normal forces on all force cells of the skin in the hold phase,
+            beyond that before the contact [N]; NaN without one.
+        evaded_m: Way of the cell along its inward normal at the contact, from the contact to the end of the
+            hold phase [m]; None without contact.
         impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
         depth_controlled: True for depth control, False for force control.
         onset_gap_m: Gap between finger and face of the target when a command first set the robot in motion
@@ -60,6 +64,8 @@ class TouchGroundTruth:
     peak_force_n: float = 0.0
     target_peak_force_n: float = 0.0
     mean_hold_force_n: float = math.nan
+    mean_felt_force_n: float = math.nan
+    evaded_m: float | None = None
     impulse_n_s: float = 0.0
     depth_controlled: bool = False
     onset_gap_m: float | None = None
@@ -69,17 +75,21 @@ class TouchGroundTruth:
         """Public fields as facts."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
-    def record(self, t_ns: int, step_s: float, finger_n: float, target_force_n: float, holding: bool) -> None:
+    def record(self, t_ns: int, step_s: float, finger_n: float, target_force_n: float) -> None:
         """Record one physics step at `t_ns` [ns]: forces on the finger and on the target [N]."""
         if finger_n > 0.0 and self.contact_ns is None:
             self.contact_ns = t_ns
         self.peak_force_n = max(self.peak_force_n, finger_n)
         self.target_peak_force_n = max(self.target_peak_force_n, target_force_n)
         self.impulse_n_s += finger_n * step_s
-        if holding:
-            mean_n = 0.0 if self._held_steps == 0 else self.mean_hold_force_n
-            self._held_steps += 1
-            self.mean_hold_force_n = mean_n + (target_force_n - mean_n) / self._held_steps
+
+    def record_hold(self, target_force_n: float, felt_force_n: float) -> None:
+        """Record one physics step of the hold phase: forces on the target, and on all cells [N]."""
+        if self._held_steps == 0:
+            self.mean_hold_force_n = self.mean_felt_force_n = 0.0
+        self._held_steps += 1
+        self.mean_hold_force_n += (target_force_n - self.mean_hold_force_n) / self._held_steps
+        self.mean_felt_force_n += (felt_force_n - self.mean_felt_force_n) / self._held_steps
 
 
 @dataclass

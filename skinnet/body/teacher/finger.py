@@ -139,6 +139,10 @@ class Finger:
         """Normal force [N] of the foam on the finger, summed over all cells."""
         return float(self._foundation.contact.body_normal_force_n[self._body])
 
+    def skin_force_n(self) -> float:
+        """Normal force [N] on all force cells of the skin together, of whatever touches it."""
+        return float(self._foundation.contact.force_n.sum())
+
     def force_on_cell_n(self, row: int, force_cell: int) -> float:
         """Normal force [N] on force cell `force_cell` of cell `row`."""
         return float(self._foundation.contact.force_n[row, force_cell])

@@ -1,10 +1,11 @@
 """Touch task: the finger approaches a cell, holds a depth or a force, and withdraws."""
 
 from skinnet.body.ground_truth.teaching_outcome import TouchGroundTruth
-from skinnet.body.teacher.finger import ContactTarget, Finger
+from skinnet.body.teacher.finger import ApproachLine, ContactTarget, Finger
 from skinnet.body.teacher.finger_task import FingerPhase, FingerTask
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.environment.teacher import TouchSpec
+from skinnet.pinned_linalg import dot
 
 __all__ = ["Touch"]
 
@@ -41,23 +42,38 @@ class Touch(FingerTask):
         self._spec, self._target = spec, target
         self._min_height_m = -foam_thickness_m
         self._height_m = spec.approach_m
+        self._contact_line: ApproachLine | None = None
+        self._before_n = finger.skin_force_n()
         self._line = finger.approach_line(target)
         finger.place(self._line, self._height_m)
 
     def step(self, t_ns: int, step_ns: int) -> None:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         spec, finger, step_s = self._spec, self._finger, step_ns / NS_PER_S
-        felt_n = self._target_force_n()
-        self.ground_truth.record(t_ns, step_s, finger.force_n(), felt_n, self.phase is FingerPhase.HOLD)
+        target_n = self._target_force_n()
+        self._record(t_ns, step_s, target_n)
         if self.phase is FingerPhase.WITHDRAW:
             if self._raise(spec, step_s):
                 self._finish(t_ns)
                 return
         else:
-            self._advance(felt_n, t_ns, step_s)
+            self._advance(target_n, t_ns, step_s)
         if spec.force_n is not None:  # a touch by force tracks the moving cell
             self._line = finger.approach_line(self._target)
         finger.move(self._line, self._height_m, step_s)
+
+    def _record(self, t_ns: int, step_s: float, target_n: float) -> None:
+        """Record forces at `t_ns` [ns], and the way of the cell since the contact."""
+        truth, finger = self.ground_truth, self._finger
+        truth.record(t_ns, step_s, finger.force_n(), target_n)
+        if self.phase is FingerPhase.HOLD:
+            truth.record_hold(target_n, finger.skin_force_n() - self._before_n)
+        if truth.contact_ns is None or self.phase is FingerPhase.WITHDRAW:
+            return
+        line = finger.approach_line(self._target)
+        if self._contact_line is None:
+            self._contact_line = line
+        truth.evaded_m = dot(self._contact_line.point_m - line.point_m, self._contact_line.normal)
 
     def record_motion_onset(self) -> None:
         """Record the gap to the target, where it is now, at the first motion of the robot in this touch."""

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from synthetic_results import (
     MS,
     N_CELLS,
@@ -19,6 +20,8 @@ from synthetic_results import (
 
 from skinnet.analysis.metrics.touch import (
     actuation_metrics,
+    evasion_metrics,
+    force_metrics,
     guidance_metrics,
     proximity_metrics,
     reaction_metrics,
@@ -195,3 +198,26 @@ def test_the_peak_force_is_of_touches_along_a_path() -> None:
     metrics = touch_metrics(TOUCH_DEPLOYMENT, touch_controller(), touch_body(touches=touches))
     assert metrics["contact.peak_force_n"] == 3.5
     assert TOUCH_DEPLOYMENT.controller.period_ns == TICK_NS
+
+
+def test_what_the_skin_feels_is_compared_with_the_force_on_the_finger() -> None:
+    whole = replace(TOUCH_DEPLOYMENT.teacher.touches[0], force_cell=None)
+    deployment = replace(TOUCH_DEPLOYMENT, teacher=replace(TOUCH_DEPLOYMENT.teacher, touches=(whole,)))
+    touches = [touch_facts(mean_felt_force_n=felt_n) for felt_n in (1.01, 0.9, 1.02)]
+    metrics = force_metrics(deployment, touch_body(touches=touches))
+    assert metrics["contact.felt_error.p50"] == pytest.approx(0.02)
+    assert metrics["contact.felt_error.max"] == pytest.approx(0.1)
+    others = [touch_facts(depth_controlled=True, peak_force_n=2.0), touch_facts(hold_ns=None)]
+    assert force_metrics(deployment, touch_body(touches=others)) == {"contact.peak_force_n": 2.0}
+    assert force_metrics(TOUCH_DEPLOYMENT, touch_body(touches=touches)) == {}, "of force cells"
+
+
+def test_cells_that_move_inwards_evade_and_others_show_a_wrong_sign() -> None:
+    ways_m = (0.02, 0.0005, -0.003, 0.004, None)
+    touches = [touch_facts(evaded_m=way_m) for way_m in ways_m]
+    touches.append(touch_facts(stage="proximity_guidance", evaded_m=0.1))
+    metrics = evasion_metrics(TOUCH_DEPLOYMENT, touch_controller(), touch_body(touches=touches))
+    assert metrics["evasion.touches"] == 4
+    assert (metrics["evasion.inwards"], metrics["evasion.outwards"]) == (2, 1)
+    assert metrics["evasion.way_mm.p50"] == pytest.approx(2.25)
+    assert evasion_metrics(TOUCH_DEPLOYMENT, touch_controller(), touch_body()) == {}
