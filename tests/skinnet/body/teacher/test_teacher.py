@@ -78,7 +78,21 @@ def test_a_force_touch_holds_its_force_within_two_percent_on_an_arm_that_evades(
     assert body.joints()[1] > 0.2, "the arm has evaded"
     steady = rows[400:, :3].sum(axis=1)
     np.testing.assert_allclose(steady, force_n, rtol=0.02)
-    assert body.teacher.outcome.touches[0].mean_hold_force_n == pytest.approx(force_n, rel=0.02)
+    (truth,) = body.teacher.outcome.touches
+    assert truth.mean_hold_force_n == pytest.approx(force_n, rel=0.02)
+    assert truth.mean_felt_force_n == pytest.approx(force_n, rel=0.02), "the whole tip is on cells"
+
+
+@pytest.mark.parametrize("speed_rad_s", [0.1, -0.1])
+def test_the_way_of_the_touched_cell_has_the_sign_of_evasion(tmp_path, speed_rad_s):
+    """The cell is 0.3 m from the axis and its face 22 mm above it: inwards is down."""
+    body = body_scenes.arm(tmp_path, touches=(touch(force_n=1.0, hold_s=2.0),))
+    body.begin_stage("guide")
+    run(body, 1500, command=lambda s: [0.0, speed_rad_s if s[:3].sum() > 0.3 else 0.0])
+    angle_rad = body.joints()[1]
+    assert abs(angle_rad) > 0.04
+    expected_m = 0.3 * math.sin(angle_rad) + 0.022 * (1.0 - math.cos(angle_rad))
+    assert body.teacher.outcome.touches[0].evaded_m == pytest.approx(expected_m, abs=1e-3)
 
 
 @pytest.mark.parametrize("element", range(3))
