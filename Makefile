@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run memory test long values mutants check pictures clean help
+.PHONY: run memory test long values mutants robots check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -39,6 +39,9 @@ values: $(STAMP) ## runs every shipped deployment and compares values and metric
 
 mutants: $(STAMP) ## puts 300 small faults into the code, one at a time, and says which ones no test notices (hours)
 	$(BIN)/python tests/support/mutants.py --count 300 --out mutants.csv
+
+robots: $(STAMP) ## puts skin on a dozen robots of other projects, whose models it fetches, and reports (an hour)
+	$(BIN)/skinnet bench robots --fetch --json robots.json
 
 pictures: $(STAMP) ## makes every picture of README.md and docs/ anew (docs/images/pictures.toml)
 	$(BIN)/python docs/pictures.py

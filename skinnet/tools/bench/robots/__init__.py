@@ -1,1 +1,1 @@
-"""Benchmark of robots that are not ours: from the model's file to skin, map and reactions, as a user would go."""
+"""Benchmark of robots that are not ours: from a model's file to skin, structure, map and reactions."""
