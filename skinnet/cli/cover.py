@@ -35,7 +35,9 @@ _COLUMNS = (
     "overlaps",
     "piercing",
     "buried",
+    "filled",
     "gap_mm_p95",
+    "visual_gap_mm_p95",
     "wired",
     "components",
     "bridges",
@@ -68,7 +70,8 @@ def cover(
     """Cover links with cells as the deployment's covers ask.
 
     Lists of each link: cells, share of the asked surface within 0.6 pitch of one, faults, gap to it,
-    share of neighbours that are wired, components, bridges and gateways.
+    share of neighbours that are wired, components, bridges, groups that these form, gateways, and cells
+    that no gateway reaches.
     """
     from skinnet.covering.covered_deployment import cover_deployment
     from skinnet.deployment import load
@@ -86,7 +89,8 @@ def cover(
     _print(terminal, covering)
     report = {
         "deployment": deployment.name,
-        "cells": sum(patch.n_cells for patch in covering.patches),
+        "cover": covering.total,
+        "cpu_s": covering.cpu_s,
         "links": covering.links,
         "bare": covering.bare,
     }
@@ -104,6 +108,8 @@ def _print(terminal: "Console", covering: "Covering") -> None:
         table.add_column(name.replace("_", " "), justify="left" if name in ("cover", "body") else "right")
     for link in covering.links:
         table.add_row(link["cover"], link["body"], *(f"{link[name]:g}" for name in _COLUMNS))
+    table.add_section()
+    table.add_row("all", "", *(f"{covering.total[name]:g}" for name in _COLUMNS))
     terminal.print(table)
     for line in covering.bare:
         line_printer(terminal)(f"bare: {line}")

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.compilation import compiled_without_nrt
+from skinnet.covering.cell_heights import heights_under_cell, peak_m
 from skinnet.covering.cell_limits import CellLimits
 from skinnet.covering.felt_solids import FeltSolids, first_entry_m
 from skinnet.covering.hexagons import HEXAGON_POINTS, HEXAGON_WEIGHTS, hexagon_spread, in_hexagon
 from skinnet.covering.sample_search import SurfaceSamples, bins_within, mean_normal, nearest_sample
 
-__all__ = ["FIT", "NO_SURFACE", "N_FINE_POINTS", "fit_cell", "heights_under_cell"]
+__all__ = ["FIT", "NO_SURFACE", "N_FINE_POINTS", "fit_cell"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -134,38 +135,6 @@ def fit_cell(
 
 
 @compiled_without_nrt
-def heights_under_cell(
-    solids: FeltSolids,
-    position_m: Floats,
-    R: Floats,
-    points: Floats,
-    side_m: float,
-    start_m: float,
-    depth_m: float,
-    heights_m: Floats,
-) -> None:
-    """Heights (p,) [m] of the solids above the plane of a cell at `points` (p, 2) of its hexagon, in place.
-
-    Rays start `start_m` above the plane; where they start inside a solid, that is the height. Heights below
-    −`depth_m` are −inf.
-    """
-    nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
-    for i in range(len(points)):
-        a, b = side_m * points[i, 0], side_m * points[i, 1]
-        entry_m = first_entry_m(
-            solids,
-            position_m[0] + a * R[0, 0] + b * R[0, 1] + start_m * nx,
-            position_m[1] + a * R[1, 0] + b * R[1, 1] + start_m * ny,
-            position_m[2] + a * R[2, 0] + b * R[2, 1] + start_m * nz,
-            -nx,
-            -ny,
-            -nz,
-            start_m + depth_m,
-        )
-        heights_m[i] = start_m - entry_m
-
-
-@compiled_without_nrt
 def set_axes(R: Floats, nx: float, ny: float, nz: float, ux: float, uy: float, uz: float) -> bool:
     """Set the columns of `R` (3, 3) to x along (ux, uy, uz), y, and z along the normal; False if parallel."""
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
@@ -251,6 +220,18 @@ def _verdict(
         return UNSUPPORTED
     if gap_m > limits.gap_m * held:
         return GAP
+    for i in range(len(fine_m)):
+        fine_m[i] -= lift_m
+    peak = peak_m(solids, position_m, R, _FINE_POINTS, fine_m, limits.side_m, start_m)
+    more_m = max(peak - limits.intrusion_m, 0.0)
+    if peak >= start_m - 1e-9:
+        return BURIED
+    if more_m - fine_m[N_FINE_POINTS - 1] > limits.lift_m:
+        return LIFTED
+    if gap_m + more_m * held > limits.gap_m * held:
+        return GAP
+    for k in range(3):
+        position_m[k] += more_m * R[k, 2]
     s = nearest_sample(
         samples, position_m[0], position_m[1], position_m[2], R[0, 2], R[1, 2], R[2, 2], 0.2, limits.pitch_m
     )

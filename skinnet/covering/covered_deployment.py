@@ -1,5 +1,6 @@
 """Covers of a deployment made into patches, bridges and gateways, on the links of its model."""
 
+import time
 from pathlib import Path
 
 import msgspec
@@ -62,7 +63,9 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
     key = covering_key(deployment, model_bytes(mj))
     made = read_covering(key, Covering) if cached else None
     if made is None:
+        start_s = time.process_time()
         made = cover_links(deployment, mj)
+        made = msgspec.structs.replace(made, cpu_s=round(time.process_time() - start_s, 2))
         if cached:
             write_covering(key, made)
     patches = with_gateways(made.patches, made.bridges, deployment)
@@ -70,4 +73,6 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
         link | network_metrics(link["patches"], patches, made.bridges, deployment.cells)
         for link in made.links
     )
-    return msgspec.structs.replace(made, patches=patches, links=links)
+    network = network_metrics([patch.name for patch in patches], patches, made.bridges, deployment.cells)
+    total = made.total | {"components": len(patches)} | network
+    return msgspec.structs.replace(made, patches=patches, links=links, total=total)

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.covering.covering_metrics import covering_metrics
+from skinnet.covering.covering_metrics import CellFigures, cell_figures, covering_metrics
 from skinnet.covering.covering_patches import bridges_between, component_patches, patch_name
 from skinnet.covering.felt_solids import (
     Link,
@@ -44,12 +44,16 @@ class Covering(msgspec.Struct, frozen=True, kw_only=True):
         patches: Patches of all covers.
         bridges: Bridges between them.
         links: Metrics of each link, with the names of cover, body and patches.
+        total: Metrics of all links together.
+        cpu_s: CPU time that it took to place and measure the cells [s].
         bare: Links that a pattern names and that took no cell, as "cover: body: why".
     """
 
     patches: tuple[PatchSpec, ...] = ()
     bridges: tuple[BridgeSpec, ...] = ()
     links: tuple[dict[str, Any], ...] = ()
+    total: dict[str, Any] = {}
+    cpu_s: float = 0.0
     bare: tuple[str, ...] = ()
 
 
@@ -113,7 +117,7 @@ def cover_links(deployment: Deployment, mj: Model) -> Covering:
             link = link_of_body(mj, body_names(mj)[explicit.body])
             _add(mj, skins, link, place_patch(explicit, cells)).n_explicit += 1
     patches: list[PatchSpec] = []
-    measured: list[tuple[CoverSpec, LinkGround, list[PatchSpec]]] = []
+    taken: list[tuple[CoverSpec, LinkGround, list[PatchSpec]]] = []
     bare: list[str] = []
     for cover in deployment.cover:
         took = 0
@@ -141,7 +145,7 @@ def cover_links(deployment: Deployment, mj: Model) -> Covering:
             for patch in own:
                 _add(mj, skins, link, place_patch(patch, cells))
             patches += own
-            measured.append((cover, ground, own))
+            taken.append((cover, ground, own))
         if not took:
             first = next((line for line in bare if line.startswith(f"{cover.name}: ")), "")
             raise DeploymentError(
@@ -153,8 +157,18 @@ def cover_links(deployment: Deployment, mj: Model) -> Covering:
         for skin in skins.values()
         for bridge in bridges_between(skin.patches[skin.n_explicit :], skin.poses[skin.n_explicit :], side_m)
     ]
-    metrics = [_link_metrics(cover, ground, own, deployment) for cover, ground, own in measured]
-    return Covering(patches=tuple(patches), bridges=tuple(bridges), links=tuple(metrics), bare=tuple(bare))
+    measured, figures = [], []
+    for cover, ground, own in taken:
+        row, own_figures = _link_metrics(mj, cover, ground, own, deployment)
+        measured.append(row)
+        figures.append(own_figures)
+    return Covering(
+        patches=tuple(patches),
+        bridges=tuple(bridges),
+        links=tuple(measured),
+        total=covering_metrics(figures, sum(row["wires"] for row in measured)),
+        bare=tuple(bare),
+    )
 
 
 def _add(
@@ -220,24 +234,24 @@ def _cover_link(
 
 
 def _link_metrics(
-    cover: CoverSpec,
-    of: LinkGround,
-    patches: Sequence[PatchSpec],
-    deployment: Deployment,
-) -> dict[str, Any]:
+    mj: Model, cover: CoverSpec, of: LinkGround, patches: Sequence[PatchSpec], deployment: Deployment
+) -> tuple[dict[str, Any], CellFigures]:
     placed = [place_patch(patch, deployment.cells) for patch in patches]
-    found = covering_metrics(
-        of.ground,
+    n_wires = sum(len(patch.wires) for patch in placed)
+    figures = cell_figures(
+        mj,
+        of,
         np.concatenate([patch.position_m for patch in placed]),
         np.ascontiguousarray(np.concatenate([patch.R_body_cell for patch in placed])),
-        sum(len(patch.wires) for patch in placed),
         deployment.cells.side_m,
         deployment.body.foam.thickness_m,
     )
-    return {
+    row = {
         "cover": cover.name,
         "body": of.body,
-        **found,
+        **covering_metrics([figures], n_wires),
+        "wires": n_wires,
         "components": len(patches),
         "patches": [patch.name for patch in patches],
     }
+    return row, figures

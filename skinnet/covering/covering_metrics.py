@@ -1,80 +1,126 @@
-"""Metrics of a covering, from the cells as they will be placed: coverage, faults, gap, wiring."""
+"""Metrics of a covering, from the cells as they will be placed: coverage, faults, gaps, wiring.
+
+They share no geometry with the placer of cells (`skinnet.covering.measuring_model`), but what is asked for.
+"""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from skinnet.covering.cell_fit import heights_under_cell
-from skinnet.covering.cell_settling import Ground
-from skinnet.covering.hexagons import hexagon_grid, piercing_m
+from skinnet.covering.cell_limits import CellLimits
+from skinnet.covering.felt_solids import Model
+from skinnet.covering.hexagons import hexagon_grid
+from skinnet.covering.link_covering import LinkGround
+from skinnet.covering.measuring_model import MeasuringModel, plate_overlap_m
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.skin.lattice import pitch_m
 from skinnet.skin.placement import place_patch
 
-__all__ = ["covering_metrics", "network_metrics"]
+__all__ = ["CellFigures", "cell_figures", "covering_metrics", "network_metrics"]
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-_RINGS = 5
 _OVERLAP_FRACTION, _WIRE_FRACTION, _COVERED_FRACTION = 0.9, 1.15, 0.6
 _BACK_TO_BACK_COSINE, _SAME_SIDE_COSINE = math.cos(math.radians(170.0)), -0.5
 _PIERCING_M = _INTRUSION_M = 1e-3
 _PLATE_M = 0.002
 _DEPTH_M = 0.010
+_SAMPLES_PER_CELL, _LEAST_ASKED, _MOST_SAMPLES = 12.0, 300, 3000
+"""Samples for the area of each cell, the least number in what is asked for, and the greatest."""
+_TRIED_SAMPLES = 60
+"""Number of places of a link at which the metrics try whether a cell fits."""
+_NEAREST = 6
 _MM_PER_M = 1e3
 
 
-def covering_metrics(
-    ground: Ground, position_m: Floats, R_body_cell: Floats, n_wires: int, side_m: float, foam_m: float
-) -> dict[str, Any]:
-    """Metrics of the cells (n) of one link.
+@dataclass(frozen=True)
+class CellFigures:
+    """Figures of the cells (n) of one link, and of the surface asked for.
 
-    `within_0_6_pitch` is the share of the asked surface that lies within 0.6 pitch of the centre of a cell
-    whose normal is within 120°; `filled` the area of cells over that of the asked surface; `overlaps` counts
-    pairs of centres closer than 0.9 pitch that are not back to back; `piercing` pairs of plates of 2 mm that
-    overlap by more than 1 mm; `buried` cells into whose foam the link reaches by more than 1 mm, at 91 points
-    of each; `gap_mm_p95` is the 95th percentile over cells of the mean gap between cell and surface; `wired`
-    the share of neighbours that are wired.
+    Attributes:
+        side_m: Side of the cells [m].
+        asked_m2: Area asked for [m²].
+        covered_m2: Area of it within 0.6 pitch of the centre of a cell whose normal is within 120°.
+        fit_m2: Area of it where a cell would fit.
+        pairs: Pairs of cells closer than 1.15 pitch that face within 120° of each other.
+        overlaps: Pairs of centres closer than 0.9 pitch that are not back to back.
+        piercing: Pairs of plates of 2 mm that penetrate each other by more than 1 mm.
+        buried: Cells into whose foam the link reaches by more than 1 mm.
+        gap_m: (n,) mean distances [m] of cells from the felt surface under them, where it is within 10 mm.
+        visual_gap_m: (n,) the same from the surface as drawn, not signed; one pitch where there is none.
     """
+
+    side_m: float
+    asked_m2: float
+    covered_m2: float
+    fit_m2: float
+    pairs: int
+    overlaps: int
+    piercing: int
+    buried: int
+    gap_m: Floats
+    visual_gap_m: Floats
+
+
+def cell_figures(
+    mj: Model, of: LinkGround, position_m: Floats, R_body_cell: Floats, side_m: float, foam_m: float
+) -> CellFigures:
+    """Figures of cells at positions (n, 3) [m] with axes (n, 3, 3) on a link, frame of its body."""
     pitch = pitch_m(side_m)
-    samples, asked = ground.samples, ground.asked
+    measured = MeasuringModel(mj, of.link, side_m, _INTRUSION_M, foam_m)
     pairs = np.array(
         sorted(cKDTree(position_m).query_pairs(2.0 * side_m + _PLATE_M)), dtype=np.int64
     ).reshape(-1, 2)
     a, b = pairs[:, 0], pairs[:, 1]
     off_m = np.sqrt(((position_m[a] - position_m[b]) ** 2).sum(axis=1))
     alike = (R_body_cell[a, :, 2] * R_body_cell[b, :, 2]).sum(axis=1)
-    neighbours = int(((off_m <= _WIRE_FRACTION * pitch) & (alike >= _SAME_SIDE_COSINE)).sum())
-    pierced_m = [
-        _piercing_m(R_body_cell[i], R_body_cell[j], position_m[j] - position_m[i], side_m)
-        for i, j in pairs.tolist()
-    ]
-    points, weights = hexagon_grid(_RINGS)
-    heights_m, gaps_m, buried = np.zeros(len(points)), [], 0
-    for place_m, R in zip(position_m, R_body_cell, strict=True):
-        heights_under_cell(
-            ground.solids, place_m, np.ascontiguousarray(R), points, side_m, foam_m, pitch, heights_m
-        )
-        buried += bool(heights_m.max() > _INTRUSION_M)
-        held = heights_m >= -_DEPTH_M
-        gaps_m.append(-float((weights[held] * heights_m[held]).sum() / max(weights[held].sum(), 1e-9)))
-    asked_m2 = float(samples.area_m2[asked].sum())
+    pierced_m = plate_overlap_m(position_m, R_body_cell, pairs, side_m, _PLATE_M)
+    gaps_m = [_gaps_m(measured, p, R, side_m, foam_m) for p, R in zip(position_m, R_body_cell, strict=True)]
+    point_m, normal, area_m2 = measured.surface_points(_sample_count(of, pitch))
+    asked = _asked(of, point_m, normal)
+    each_m2 = area_m2 / len(point_m)
+    point_m, normal = point_m[asked], normal[asked]
+    return CellFigures(
+        side_m=side_m,
+        asked_m2=each_m2 * len(point_m),
+        covered_m2=each_m2 * int(_near_cells(point_m, normal, position_m, R_body_cell, pitch).sum()),
+        fit_m2=each_m2 * len(point_m) * _share_that_fits(measured, of.limits, point_m, normal),
+        pairs=int(((off_m <= _WIRE_FRACTION * pitch) & (alike >= _SAME_SIDE_COSINE)).sum()),
+        overlaps=int(((off_m < _OVERLAP_FRACTION * pitch) & (alike > _BACK_TO_BACK_COSINE)).sum()),
+        piercing=int((pierced_m > _PIERCING_M).sum()),
+        buried=sum(measured.is_buried(p, R) for p, R in zip(position_m, R_body_cell, strict=True)),
+        gap_m=np.array([gap_m for gap_m, _ in gaps_m]),
+        visual_gap_m=np.array([gap_m for _, gap_m in gaps_m]),
+    )
+
+
+def covering_metrics(figures: Sequence[CellFigures], n_wires: int) -> dict[str, Any]:
+    """Metrics of one or several links with `n_wires` wires: sums, shares of sums, percentiles of all cells.
+
+    `within_0_6_pitch` is the covered share of the asked area; `filled` the area of the cells over that of the
+    surface where a cell fits; `wired` the share of neighbours that are wired.
+    """
+    asked_m2 = sum(link.asked_m2 for link in figures)
+    cells_m2 = sum(1.5 * math.sqrt(3.0) * link.side_m**2 * len(link.gap_m) for link in figures)
     return {
-        "cells": len(position_m),
+        "cells": sum(len(link.gap_m) for link in figures),
         "asked_m2": round(asked_m2, 6),
-        "within_0_6_pitch": round(_covered_m2(ground, position_m, R_body_cell, pitch) / asked_m2, 4),
-        "filled": round(len(position_m) * 1.5 * math.sqrt(3.0) * side_m**2 / asked_m2, 4),
-        "overlaps": int(((off_m < _OVERLAP_FRACTION * pitch) & (alike > _BACK_TO_BACK_COSINE)).sum()),
-        "piercing": sum(depth_m > _PIERCING_M for depth_m in pierced_m),
-        "buried": buried,
-        "gap_mm_p95": round(_MM_PER_M * float(np.percentile(gaps_m, 95)), 2),
-        "wired": round(n_wires / max(neighbours, 1), 4),
+        "within_0_6_pitch": round(sum(link.covered_m2 for link in figures) / max(asked_m2, 1e-12), 4),
+        "filled": round(cells_m2 / max(sum(link.fit_m2 for link in figures), 1e-12), 4),
+        "overlaps": sum(link.overlaps for link in figures),
+        "piercing": sum(link.piercing for link in figures),
+        "buried": sum(link.buried for link in figures),
+        "gap_mm_p95": _percentile_mm([link.gap_m for link in figures]),
+        "visual_gap_mm_p95": _percentile_mm([link.visual_gap_m for link in figures]),
+        "wired": round(n_wires / max(sum(link.pairs for link in figures), 1), 4),
     }
 
 
@@ -124,17 +170,86 @@ def _reached_from(cells: Sequence[str], wires: dict[str, set[str]]) -> set[str]:
     return reached
 
 
-def _piercing_m(R: Floats, R_other: Floats, offset_m: Floats, side_m: float) -> float:
-    x, y, z = offset_m.tolist()
-    return piercing_m(R, R_other, x, y, z, side_m, _PLATE_M)
+def _percentile_mm(gaps_m: Sequence[Floats]) -> float:
+    return round(_MM_PER_M * float(np.percentile(np.concatenate(gaps_m), 95)), 2)
 
 
-def _covered_m2(ground: Ground, position_m: Floats, R_body_cell: Floats, pitch: float) -> float:
-    """Area [m²] of asked surface within 0.6 pitch of a cell on its side."""
-    samples = ground.samples
-    covered = np.zeros(len(samples.point_m), dtype=np.bool_)
-    tree = cKDTree(samples.point_m)
+def _gaps_m(
+    measured: MeasuringModel, position_m: Floats, R: Floats, side_m: float, foam_m: float
+) -> tuple[float, float]:
+    """Mean gaps [m] between a cell and the felt and the drawn surface, over what the felt one supports."""
+    pitch = pitch_m(side_m)
+    points, weights = hexagon_grid(2)
+    at_m = position_m + side_m * (points[:, :1] * R[:, 0] + points[:, 1:] * R[:, 1])
+    felt_m = -measured.felt_heights_m(at_m, R[:, 2], foam_m, pitch)
+    held = felt_m <= _DEPTH_M
+    if not held.any():
+        return pitch, pitch
+    weights = weights[held] / weights[held].sum()
+    drawn_m = -measured.visual_heights_m(at_m[held], R[:, 2], pitch, pitch)
+    return float((weights * felt_m[held]).sum()), float((weights * np.minimum(np.abs(drawn_m), pitch)).sum())
+
+
+def _sample_count(of: LinkGround, pitch: float) -> int:
+    whole_m2 = float(of.ground.samples.area_m2.sum())
+    by_area = _SAMPLES_PER_CELL * whole_m2 / (0.5 * math.sqrt(3.0) * pitch**2)
+    return int(min(max(by_area, _LEAST_ASKED * whole_m2 / of.asked_m2), _MOST_SAMPLES))
+
+
+def _asked(of: LinkGround, point_m: Floats, normal: Floats) -> Bools:
+    """Points (p,) in the surface asked for: where the nearest sample of it on their side is."""
+    samples = of.ground.samples
+    _, found = cKDTree(samples.point_m).query(point_m, min(_NEAREST, len(samples.point_m)))
+    near = np.asarray(found, dtype=np.int64).reshape(len(point_m), -1)
+    facing = (samples.normal[near] * normal[:, None]).sum(axis=2) > 0.0
+    first = np.argmax(facing, axis=1)
+    return np.asarray(of.ground.asked[near[np.arange(len(near)), first]])
+
+
+def _near_cells(
+    point_m: Floats, normal: Floats, position_m: Floats, R_body_cell: Floats, pitch: float
+) -> Bools:
+    """Points (p,) within 0.6 pitch of the centre of a cell on their side."""
+    covered = np.zeros(len(point_m), dtype=np.bool_)
+    if not len(point_m):
+        return covered
+    tree = cKDTree(point_m)
     for place_m, R in zip(position_m, R_body_cell, strict=True):
         near = np.array(sorted(tree.query_ball_point(place_m, _COVERED_FRACTION * pitch)), dtype=np.int64)
-        covered[near] |= (samples.normal[near] * R[:, 2]).sum(axis=1) > _SAME_SIDE_COSINE
-    return float(samples.area_m2[covered & ground.asked].sum())
+        covered[near] |= (normal[near] * R[:, 2]).sum(axis=1) > _SAME_SIDE_COSINE
+    return covered
+
+
+def _share_that_fits(measured: MeasuringModel, limits: CellLimits, point_m: Floats, normal: Floats) -> float:
+    """Share of the asked surface that a cell over it, or at one of the places next to it, would cover."""
+    if not len(point_m):
+        return 0.0
+    tree, tried = cKDTree(point_m), range(0, len(point_m), max(len(point_m) // _TRIED_SAMPLES, 1))
+    count = 0
+    for i in tried:
+        near = np.array(sorted(tree.query_ball_point(point_m[i], 0.5 * limits.pitch_m)), dtype=np.int64)
+        near = near[(normal[near] * normal[i]).sum(axis=1) > 0.0]
+        mean = normal[near].sum(axis=0)
+        mean /= math.sqrt(float((mean * mean).sum()))
+        places = [(i, normal[i]), (i, mean), *((j, normal[j]) for j in near), *((j, mean) for j in near)]
+        count += any(_fits(measured, limits, point_m[j], n) for j, n in places)
+    return count / len(tried)
+
+
+def _fits(measured: MeasuringModel, limits: CellLimits, point_m: Floats, normal: Floats) -> bool:
+    """True if a cell at `point_m` across `normal`, lifted until it rests on the surface, keeps the limits."""
+    x = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    x /= math.sqrt(float((x * x).sum()))
+    R = np.column_stack([x, np.cross(normal, x), normal])
+    points, weights = hexagon_grid(2)
+    at_m = point_m + limits.side_m * (points[:, :1] * R[:, 0] + points[:, 1:] * R[:, 1])
+    heights_m = measured.felt_heights_m(at_m, normal, limits.foam_m, limits.pitch_m)
+    lift_m = max(float(heights_m.max()) - limits.intrusion_m, 0.0)
+    depth_m = lift_m - heights_m
+    held = depth_m <= limits.depth_m
+    return bool(
+        lift_m <= limits.lift_m
+        and weights[held].sum() >= limits.support
+        and (weights[held] * depth_m[held]).sum() <= limits.gap_m * weights[held].sum()
+        and not measured.is_buried(point_m + lift_m * normal, R)
+    )

@@ -24,6 +24,7 @@ from skinnet.compilation import compiled_without_nrt
 from skinnet.errors import ModelError
 
 __all__ = [
+    "SOLID_SHAPES",
     "FeltSolids",
     "Link",
     "Model",
@@ -43,7 +44,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_FELT_SHAPES = (shapes.SPHERE, shapes.CAPSULE, shapes.ELLIPSOID, shapes.CYLINDER, shapes.BOX, shapes.MESH)
+SOLID_SHAPES = (shapes.SPHERE, shapes.CAPSULE, shapes.ELLIPSOID, shapes.CYLINDER, shapes.BOX, shapes.MESH)
 _GRID = 2.0**24
 """Inverse of the grid [m] to which coordinates are rounded, so that last bits of a mesh do not matter."""
 _SWEEP = {1: 24, 2: 9}
@@ -134,7 +135,7 @@ def felt_geoms(mj: Model, bodies: Sequence[int]) -> list[int]:
         geom
         for geom in range(mj.ngeom)
         if int(mj.geom_bodyid[geom]) in bodies
-        and int(mj.geom_type[geom]) in _FELT_SHAPES
+        and int(mj.geom_type[geom]) in SOLID_SHAPES
         and (mj.geom_contype[geom] or mj.geom_conaffinity[geom] or geom in paired)
     ]
 

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from skinnet import pinned_math
 from skinnet.covering.asked_surface import creases, in_region, mark_reached
-from skinnet.covering.cell_fit import heights_under_cell
+from skinnet.covering.cell_heights import heights_under_cell, peak_m
 from skinnet.covering.cell_limits import CellLimits, limits_of
 from skinnet.covering.cell_settling import Ground
 from skinnet.covering.felt_solids import (
@@ -162,7 +162,10 @@ def _clear_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Boo
             of.limits.pitch_m,
             heights_m,
         )
-        clear[i] = heights_m.max() <= _INTRUSION_FRACTION * of.limits.pitch_m
+        top_m = peak_m(
+            of.ground.solids, position_m[i], R, points, heights_m, of.limits.side_m, of.limits.foam_m
+        )
+        clear[i] = top_m <= _INTRUSION_FRACTION * of.limits.pitch_m
     return clear
 
 

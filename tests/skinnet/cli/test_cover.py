@@ -34,7 +34,9 @@ def test_figures_and_explicit_patches(tmp_path: Path) -> None:
     done = cover(str(file), "--json", "-", "--write", str(out), home=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
-    assert report["cells"] == 12
+    assert report["cover"]["cells"] == 12
+    assert (report["cover"]["groups"], report["cover"]["unreached"]) == (2, 0)
+    assert report["cpu_s"] > 0.0
     assert [link["body"] for link in report["links"]] == ["upper", "fore"]
     assert all(link["buried"] == 0 and 0.0 < link["within_0_6_pitch"] < 0.5 for link in report["links"])
     written = prepare_run(RunOptions(out)).deployment

@@ -58,6 +58,15 @@ def test_the_metrics_of_all_links_are_without_fault(tmp_path: Path) -> None:
         assert (link["groups"], link["gateways"], link["unreached"]) == (1, 1, 0), link
         assert link["bridges"] == link["components"] - 1, link
     assert sum(link["cells"] for link in made.links) == sum(patch.n_cells for patch in made.patches)
+    total = made.total
+    assert (total["cells"], total["groups"], total["gateways"], total["unreached"]) == (
+        sum(link["cells"] for link in made.links),
+        2,
+        2,
+        0,
+    )
+    low, high = sorted(link["within_0_6_pitch"] for link in made.links)
+    assert low <= total["within_0_6_pitch"] <= high
 
 
 def test_a_covering_is_made_once_and_made_anew_when_a_cover_or_the_model_changes(
