@@ -144,7 +144,7 @@ def _build(
     """Build the model, and list what of the file is left out of it, one line each."""
     body = deployment.body
     path = model_path(body.model, base_dir)
-    spec = read_model(path)
+    spec = read_model(path, [base_dir / folder for folder in body.package_paths])
     require_joints(spec, path, body)
     left_out = delete_actuators(spec)
     for name in body.locked:

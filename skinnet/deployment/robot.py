@@ -114,10 +114,13 @@ class SwaySpec(Table, frozen=True, kw_only=True):
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
-    """Robot model in MJCF, its controlled joints, and the periods of its simulation."""
+    """Robot model in MJCF or URDF, its controlled joints, and the periods of its simulation."""
 
     model: str
-    """Path of an MJCF file relative to the deployment, or the name of a shipped model."""
+    """Path of an MJCF or URDF file relative to the deployment, or the name of a shipped model."""
+    package_paths: tuple[str, ...] = ()
+    """Folders of the ROS packages of a URDF's meshes (`package://`), relative to the deployment; those above
+    the model and in ROS_PACKAGE_PATH are looked at afterwards."""
     reference_body: str
     """Body of the model that is the root of the kinematic structure."""
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
