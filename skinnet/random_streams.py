@@ -28,6 +28,7 @@ class StreamName:
     FAULT = "fault"
     FAULT_BURST = "burst"
     FAULT_PICK = "pick"
+    HOME_POSE = "home_pose"
     MODEL_ERROR = "nursing"
     MODEL_ERROR_JOINT = "joint"
     MODEL_ERROR_LINK = "link"

@@ -1,6 +1,7 @@
 """Robot file as an editable model: read, named throughout, with its joints checked and locked."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -9,15 +10,26 @@ from numpy.typing import NDArray
 
 from skinnet.body.added_elements import unused_name
 from skinnet.body.model_deletions import delete_joint
+from skinnet.body.package_files import resolve_meshes
 from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
 from skinnet.pinned_linalg import matmul, norm
 from skinnet.suggestions import did_you_mean
 
-__all__ = ["ONE_DOF", "compile_spec", "lock_joint", "model_path", "read_model", "require_joints"]
+__all__ = [
+    "ONE_DOF",
+    "compile_spec",
+    "fix_base",
+    "lock_joint",
+    "model_path",
+    "parse_model",
+    "read_model",
+    "require_joints",
+]
 
 ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 Floats = NDArray[np.float64]
+_WORLD = "world"
 _MODELS = Path(__file__).parent / "models"
 
 
@@ -38,19 +50,21 @@ def model_path(model: str, base_dir: Path) -> Path:
     raise DeploymentError(f'body.model = "{model}": no file {beside}, and no shipped model; {hint}')
 
 
-def read_model(path: Path) -> mujoco.MjSpec:
+def read_model(path: Path, package_paths: Sequence[Path] = ()) -> mujoco.MjSpec:
     """Read an MJCF or URDF file; bodies and joints without a name get one, by their number: body3, joint0.
 
     Bodies that are fixed to their parents stay bodies of their own, so that the deployment can name them;
     MuJoCo would otherwise fuse those of a URDF.
 
+    Args:
+        path: The file.
+        package_paths: Folders of the ROS packages of its meshes, see `resolve_meshes`.
+
     Raises:
-        ModelError: MuJoCo cannot read the file.
+        ModelError: MuJoCo cannot read the file, or a mesh of a package is missing.
     """
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ModelError(f"{path}: {_one_line(error)}") from error
+    spec = parse_model(path)
+    resolve_meshes(spec, path, package_paths)
     spec.compiler.fusestatic = False
     for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
         used = {element.name for element in elements}
@@ -59,6 +73,21 @@ def read_model(path: Path) -> mujoco.MjSpec:
                 element.name = unused_name(f"{kind}{number}", used)
                 used.add(element.name)
     return spec
+
+
+def parse_model(path: Path) -> mujoco.MjSpec:
+    """Parse an MJCF or URDF file, with names and meshes as it gives them.
+
+    Raises:
+        ModelError: MuJoCo cannot read the file.
+    """
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        text = _one_line(error)
+        if "could not find decoder" in text:
+            text = "is no model that MuJoCo reads; give an MJCF (.xml) or URDF (.urdf) file"
+        raise ModelError(f"{path}: {text}") from error
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -99,6 +128,31 @@ def require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
                 "(body.joints, body.sway.joints or body.locked)"
             )
         seen.add(name)
+
+
+def fix_base(spec: mujoco.MjSpec, body: BodySpec) -> list[str]:
+    """Fix the robot's base where the file draws it; list the free joints that this leaves out, one a line.
+
+    The base is the body below the world that carries the reference body or a joint with a servo.
+    """
+    bodies = [spec.joint(name).parent for name in (*body.joints, *body.sway.joints)]
+    reference = spec.body(body.reference_body)
+    if reference is not None and body.reference_body != _WORLD:
+        bodies.insert(0, reference)
+    roots = {root.name: root for root in map(_root, bodies)}
+    left_out = []
+    for root in roots.values():
+        for joint in [joint for joint in root.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
+            left_out.append(f'free joint "{joint.name}" of "{root.name}": body.fixed_base fixes the base')
+            left_out += delete_joint(spec, joint)
+    return left_out
+
+
+def _root(body: mujoco.MjsBody) -> mujoco.MjsBody:
+    """Body below the world that carries `body`."""
+    while body.parent.name != _WORLD:
+        body = body.parent
+    return body
 
 
 def lock_joint(spec: mujoco.MjSpec, name: str) -> list[str]:

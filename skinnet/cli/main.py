@@ -14,6 +14,7 @@ from skinnet.cli import (
     bridge,
     check,
     cover,
+    init,
     memory,
     migrate,
     network,
@@ -56,6 +57,7 @@ _BAD_INPUT_ERRORS = (
 )
 _COMMANDS = (
     run,
+    init,
     check,
     cover,
     plan,

@@ -132,7 +132,17 @@ def _relocate(layer: Layer, folder: Path) -> dict[str, Any]:
         named = values.get(key) if isinstance(values, dict) else None
         if isinstance(values, dict) and isinstance(named, str) and _is_file_name(own, table, named):
             document[table] = values | {key: os.path.relpath(own / named, folder)}
+    body = document.get("body")
+    if isinstance(body, dict) and isinstance(body.get("package_paths"), list):
+        document["body"] = body | {
+            "package_paths": [_moved(path, own, folder) for path in body["package_paths"]]
+        }
     return document
+
+
+def _moved(path: Any, own: Path, folder: Path) -> Any:
+    """Path relative to `folder` of one that is relative to `own`; what is no path stays for the schema."""
+    return os.path.relpath(own / path, folder) if isinstance(path, str) else path
 
 
 def _is_file_name(folder: Path, table: str, named: str) -> bool:

@@ -4,7 +4,6 @@ Tables have every key. Entries of lists and of tables by name (patches, stages, 
 differ from the defaults of their kind, as one would write them. All lines together are a deployment.
 """
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,10 +12,10 @@ from msgspec import NODEFAULT, UNSET, Struct, to_builtins
 from msgspec.structs import FieldInfo, fields
 
 from skinnet.deployment import Deployment
+from skinnet.toml_values import toml_key, toml_value
 
 __all__ = ["Line", "Section", "sections", "toml_tables", "toml_text"]
 
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
 _MAX_COLUMNS = 96
 _REQUIRED = object()
 
@@ -68,7 +67,7 @@ def toml_tables(name: str, entries: Sequence[Struct]) -> list[str]:
 
 def toml_text(text: str) -> str:
     """Write a text as a TOML string."""
-    return _toml_string(text)
+    return toml_value(text)
 
 
 def _section(title: str, lines: Iterable[Line]) -> Section:
@@ -109,19 +108,19 @@ def _key_lines(name: str, value: Any, default: Any) -> list[Line]:
     """Lines of a key and its value; a list too long for one line spans several."""
     differs = default is _REQUIRED or value != default
     if value is None:
-        return [Line(f"# {_key(name)}: none", differs)]
+        return [Line(f"# {toml_key(name)}: none", differs)]
     written = _to_builtins(value)
-    text = f"{_key(name)} = {_toml(written)}"
+    text = f"{toml_key(name)} = {toml_value(written)}"
     if isinstance(written, list) and len(text) > _MAX_COLUMNS:
         rows = [f"  {row}," for row in _rows(written)]
-        return [Line(row, differs) for row in (f"{_key(name)} = [", *rows, "]")]
+        return [Line(row, differs) for row in (f"{toml_key(name)} = [", *rows, "]")]
     told = differs and default is not _REQUIRED and default not in (None, (), {}, "")
-    return [Line(text, differs, _toml(to_builtins(default)) if told else "")]
+    return [Line(text, differs, toml_value(to_builtins(default)) if told else "")]
 
 
 def _rows(values: list[Any]) -> list[str]:
     """Rows of a long list: tables one a line, other entries as many as fit."""
-    texts = [_toml(value) for value in values]
+    texts = [toml_value(value) for value in values]
     rows = [texts[0]]
     for value, text in zip(values[1:], texts[1:], strict=True):
         joined = f"{rows[-1]}, {text}"
@@ -149,31 +148,3 @@ def _to_builtins(value: Any) -> Any:
             return {key: _to_builtins(item) for key, item in value.items()}
         case _:
             return to_builtins(value)
-
-
-def _toml(value: Any) -> str:
-    match value:
-        case bool():
-            return "true" if value else "false"
-        case int() | float():
-            return repr(value)
-        case str():
-            return _toml_string(value)
-        case dict() if not value:
-            return "{}"
-        case dict():
-            return "{ " + ", ".join(f"{_key(key)} = {_toml(item)}" for key, item in value.items()) + " }"
-        case list() | tuple():
-            return "[" + ", ".join(map(_toml, value)) + "]"
-    raise TypeError(f"no TOML for {value!r}")
-
-
-def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else _toml_string(name)
-
-
-def _toml_string(value: str) -> str:
-    """TOML basic string; characters that TOML forbids are escaped by code point."""
-    escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
-    written = (escapes.get(c, c if c.isprintable() or c == " " else f"\\U{ord(c):08x}") for c in value)
-    return f'"{"".join(written)}"'

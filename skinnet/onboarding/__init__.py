@@ -1,0 +1,1 @@
+"""Onboarding of a robot: from its model file to a commented deployment that runs."""
