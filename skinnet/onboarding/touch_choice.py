@@ -3,7 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -45,7 +47,10 @@ class TouchedCell:
 def choose_touches(
     deployment: Deployment, base_dir: Path, patches: Sequence[PatchSpec], count: int
 ) -> list[TouchedCell]:
-    """Choose at most `count` cells at home, on different bodies, those with most joints before them first.
+    """Choose at most `count` cells at home, in turn on all bodies, those with most joints before them first.
+
+    Of each body the cell with the greatest evasion comes first, and then always the one that is farthest from
+    all that were taken.
 
     Args:
         deployment: The robot.
@@ -58,35 +63,60 @@ def choose_touches(
     data.qpos[:] = model.home_qpos
     mujoco.mj_kinematics(model.mj, data)
     mujoco.mj_comPos(model.mj, data)
-    best: dict[str, TouchedCell] = {}
+    by_body: dict[str, list[_Candidate]] = {}
     for patch in patches:
-        found = _best_cell(deployment, model, data, patch)
-        if found is not None and found.evasion_m > best.get(patch.body, found).evasion_m - 1e-9:
-            best[patch.body] = found
-    return sorted(best.values(), key=lambda touch: (-_depth(model, touch.body), touch.cell))[:count]
+        by_body.setdefault(patch.body, []).extend(_candidates(deployment, model, data, patch))
+    bodies = sorted(
+        (body for body in by_body if by_body[body]), key=lambda body: (-_depth(model, body), body)
+    )
+    queues = [_spread(model, data, by_body[body], count, deployment.teacher.tip_radius_m) for body in bodies]
+    turns = zip_longest(*queues)
+    return [each.touched for turn in turns for each in turn if each is not None][:count]
 
 
-def _best_cell(
+class _Candidate(NamedTuple):
+    touched: TouchedCell
+    face_m: Floats
+    normal: Floats
+
+
+def _candidates(
     deployment: Deployment, model: BodyModel, data: mujoco.MjData, patch: PatchSpec
-) -> TouchedCell | None:
-    """Cell of a patch with the greatest evasion of those that the finger reaches; None without one."""
+) -> list[_Candidate]:
+    """Cells of a patch that can evade, with the middle of their face [m] and their normal, world."""
     mj, placed = model.mj, place_patch(patch, deployment.cells)
     body = mj.body(patch.body).id
     R = data.xmat[body].reshape(3, 3)
     position_m = matmul(placed.position_m, R.T) + data.xpos[body]
     normal = matmul(placed.R_body_cell[:, :, 2], R.T)
-    linear, evasions_m = np.empty((3, mj.nv)), np.empty(placed.n_cells)
+    face_m = position_m + deployment.body.foam.thickness_m * normal
+    linear, found = np.empty((3, mj.nv)), []
     for cell in range(placed.n_cells):
         mujoco.mj_jac(mj, data, linear, None, position_m[cell], body)
         along = (linear[:, model.dof_address] * normal[cell][:, None]).sum(axis=0)
-        evasions_m[cell] = math.sqrt(float((along * along).sum()))
-    face_m = position_m + deployment.body.foam.thickness_m * normal
-    for cell in np.argsort(-np.round(evasions_m, 4), kind="stable").tolist():
-        if evasions_m[cell] < _MIN_EVASION_M:
-            return None
-        if _is_free(model, data, face_m[cell], normal[cell], deployment.teacher.tip_radius_m):
-            return TouchedCell(f"{patch.name}/{cell}", patch.body, round(float(evasions_m[cell]), 3))
-    return None
+        evasion_m = round(math.sqrt(float((along * along).sum())), 3)
+        if evasion_m >= _MIN_EVASION_M:
+            touched = TouchedCell(f"{patch.name}/{cell}", patch.body, evasion_m)
+            found.append(_Candidate(touched, face_m[cell], normal[cell]))
+    return found
+
+
+def _spread(
+    model: BodyModel, data: mujoco.MjData, candidates: list[_Candidate], count: int, radius_m: float
+) -> list[_Candidate]:
+    """At most `count` of the candidates that the finger reaches, each far from those before it."""
+    points_m = np.array([each.face_m for each in candidates])
+    away_m = np.array([1e-3 * each.touched.evasion_m for each in candidates])  # the first by its evasion
+    chosen: list[_Candidate] = []
+    while len(chosen) < count and away_m.max() > 0.0:
+        i = int(np.argmax(np.round(away_m, 9)))
+        away_m[i] = 0.0
+        if not _is_free(model, data, candidates[i].face_m, candidates[i].normal, radius_m):
+            continue
+        distance_m = np.sqrt(((points_m - points_m[i]) ** 2).sum(axis=1))
+        away_m = np.where(away_m > 0.0, distance_m if not chosen else np.minimum(away_m, distance_m), 0.0)
+        chosen.append(candidates[i])
+    return chosen
 
 
 def _is_free(model: BodyModel, data: mujoco.MjData, face_m: Floats, normal: Floats, radius_m: float) -> bool:
