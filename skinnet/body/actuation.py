@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from skinnet.body.model import BodyModel, equilibrium_targets_rad
 from skinnet.compilation import compiled_without_nrt
-from skinnet.deployment.robot import ServoSpec
 
 __all__ = ["Actuation", "is_valid_command"]
 
@@ -26,30 +25,39 @@ class Actuation:
     A target stays within the joint's limits and within the lag at which the servo's torque saturates, so a
     blocked joint does not wind up.
 
+    With compensation the load of gravity, of velocities and of springs in the present state is fed forward,
+    as a shift of the servo's input: it is bounded by the servo's torque, and an inner force of the robot.
+
     Attributes:
         model: The robot model.
         data: MuJoCo's state.
-        servo: Servo parameters of the deployment.
+        is_compensated: Feed the load forward.
         velocity_rad_s: (D,) the active command [rad/s].
         refused_commands: Number of refused commands.
     """
 
     model: BodyModel
     data: mujoco.MjData
-    servo: ServoSpec
+    is_compensated: bool
     velocity_rad_s: Floats = field(init=False)
     refused_commands: int = 0
     _target_rad: Floats = field(init=False)
     _lag_rad: Floats = field(init=False)
     _qpos: Floats = field(init=False)
     _ctrl: Floats = field(init=False)
+    _loads: tuple[Floats, Floats, Floats] = field(init=False)
 
     def __post_init__(self) -> None:
         """Set the servo targets to static equilibrium: the servos carry the weight of the arms."""
-        self.velocity_rad_s = np.zeros(len(self.model.joint_id))
-        self._qpos, self._ctrl = self.data.qpos, self.data.ctrl  # MuJoCo makes a new view at each access
-        self._lag_rad = self.model.torque_range_nm / self.servo.kp_nm_per_rad
-        self._target_rad = equilibrium_targets_rad(self.data, self.model.actuator_id)
+        model, data = self.model, self.data
+        self.velocity_rad_s = np.zeros(len(model.joint_id))
+        self._qpos, self._ctrl = data.qpos, data.ctrl  # MuJoCo makes a new view at each access
+        self._loads = data.qfrc_bias, data.qfrc_spring, data.qfrc_gravcomp
+        self._lag_rad = model.torque_range_nm / model.gains.kp_nm_per_rad[:, None]
+        if self.is_compensated:
+            self._target_rad = data.qpos[model.qpos_address]
+        else:
+            self._target_rad = equilibrium_targets_rad(data, model.actuator_id, model.joint_motion)
         self.advance(0.0)
 
     def command(self, velocity_rad_s: Sequence[float] | Floats) -> bool:
@@ -59,7 +67,7 @@ class Actuation:
         the targets stay where they are.
         """
         velocity = np.asarray(velocity_rad_s, dtype=np.float64)
-        accepted = is_valid_command(velocity, len(self.velocity_rad_s), self.servo.speed_limit_rad_s)
+        accepted = is_valid_command(velocity, len(self.velocity_rad_s), self.model.speed_limit_rad_s)
         self.velocity_rad_s = velocity.copy() if accepted else np.zeros_like(self.velocity_rad_s)
         self.refused_commands += not accepted
         return accepted
@@ -77,9 +85,16 @@ class Actuation:
             self.model.actuator_id,
         )
 
+    def compensate(self) -> None:
+        """Feed the load of the present state forward, after `mj_fwdVelocity`, if it is compensated."""
+        if self.is_compensated:
+            model = self.model
+            kp = model.gains.kp_nm_per_rad
+            _compensate(self._target_rad, *self._loads, model.joint_motion, kp, self._ctrl, model.actuator_id)
 
-def is_valid_command(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: float) -> bool:
-    """Validate a velocity command for `n_dofs` joints: |velocity| within the limit [rad/s], no NaN."""
+
+def is_valid_command(velocity_rad_s: Floats, n_dofs: int, limit_rad_s: Floats) -> bool:
+    """Validate a velocity command for `n_dofs` joints: |velocity| within the limits (D,) [rad/s], no NaN."""
     return velocity_rad_s.shape == (n_dofs,) and bool(np.all(np.abs(velocity_rad_s) <= limit_rad_s))
 
 
@@ -100,3 +115,21 @@ def _advance(
         target = min(max(target, position_rad + lag_rad[d, 0]), position_rad + lag_rad[d, 1])
         target_rad[d] = min(max(target, range_rad[d, 0]), range_rad[d, 1])
         ctrl[ctrl_index[d]] = target_rad[d]
+
+
+@compiled_without_nrt
+def _compensate(
+    target_rad: Floats,
+    bias: Floats,
+    spring: Floats,
+    gravcomp: Floats,
+    motion: Floats,
+    kp: Floats,
+    ctrl: Floats,
+    ctrl_index: NDArray[np.int64],
+) -> None:
+    for d in range(len(target_rad)):
+        load = 0.0
+        for j in range(len(bias)):
+            load += motion[d, j] * (bias[j] - spring[j] - gravcomp[j])
+        ctrl[ctrl_index[d]] = target_rad[d] + load / kp[d]

@@ -82,6 +82,7 @@ class Dynamics:
         the present state.
         """
         data = self.data
+        self.actuation.compensate()
         mujoco.mj_fwdActuation(self._mj, data)
         if self.foam_is_loaded:
             present_wrench = data.xfrc_applied.copy()

@@ -12,16 +12,24 @@ from numpy.typing import NDArray
 from skinnet.body.added_elements import FINGER, added_id, builtin_defaults, unused_name
 from skinnet.body.contact.compliant_layer import compliant_layer, delay_rigid_contact
 from skinnet.body.environment.stand_model import OBJECT, STAND, add_stand, place_object
+from skinnet.body.home_posture import home_posture
 from skinnet.body.model_deletions import delete_actuators
-from skinnet.body.model_file import ONE_DOF, compile_spec, lock_joint, model_path, read_model, require_joints
-from skinnet.body.servos import add_servos, enable_servos
+from skinnet.body.model_file import (
+    compile_spec,
+    fix_base,
+    lock_joint,
+    model_path,
+    read_model,
+    require_joints,
+)
+from skinnet.body.servos import ServoGains, add_servos, enable_servos, tune_servos
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.deployment import Deployment
 from skinnet.deployment.environment.objects import ObjectModel
 from skinnet.deployment.environment.payload import PayloadSpec
 from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
-from skinnet.pinned_linalg import norm
+from skinnet.pinned_linalg import matmul, norm
 from skinnet.skin.placement import place_patch
 from skinnet.suggestions import did_you_mean
 
@@ -52,6 +60,8 @@ Indices = NDArray[np.int64]
 class BodyModel:
     """Compiled robot model, with the ids and addresses of the joints that the deployment names.
 
+    Of slide joints positions are in m, forces in N.
+
     Attributes:
         mj: MuJoCo's model.
         joint_id: (D,) ids of the controlled joints, in the order of commands and feedback.
@@ -59,7 +69,11 @@ class BodyModel:
         dof_address: (D,) their addresses in `qvel`.
         range_rad: (D, 2) their limits, infinite where the model has none [rad].
         torque_range_nm: (D, 2) torques that their servos can exert, within the limits of the joints [Nm].
+        gains: (D,) gains of their servos.
+        speed_limit_rad_s: (D,) speeds beyond which a command is refused [rad/s].
+        joint_motion: (D, nv) velocities of all DoFs at unit velocity of each controlled joint, at home.
         actuator_id: (D,) ids of their position servos.
+        sway_motion: (W, nv) as `joint_motion`, of the sway joints.
         sway_actuator_id: (W,) ids of the servos of the sway joints.
         sway_qpos_address: (W,) addresses of the sway joints in `qpos_address`.
         finger_body_id: Body id of the teacher's finger, a mocap body.
@@ -74,7 +88,11 @@ class BodyModel:
     dof_address: Indices
     range_rad: Floats
     torque_range_nm: Floats
+    gains: ServoGains
+    speed_limit_rad_s: Floats
+    joint_motion: Floats
     actuator_id: Indices
+    sway_motion: Floats
     sway_actuator_id: Indices
     sway_qpos_address: Indices
     finger_body_id: int
@@ -112,27 +130,35 @@ def load_model(deployment: Deployment, base_dir: Path, *, with_environment: bool
     spec, left_out = _build(deployment, base_dir, with_environment=with_environment)
     path = model_path(body.model, base_dir)
     mj = compile_spec(spec, path)
-    require_body_id(mj, body.reference_body, "body.reference_body", path)
+    require_body_id(mj, body.reference_body, "body.reference_body", path, with_world=True)
     placed_object = place_object(deployment) if with_environment else None
     if placed_object is not None and placed_object.object_model is not None:
         _delay_rigid_contact(spec, mj, deployment, placed_object.object_model, path)
         mj = compile_spec(spec, path)
     joint = np.array([mj.joint(name).id for name in body.joints], dtype=np.int64)
     sway = np.array([mj.joint(name).id for name in body.sway.joints], dtype=np.int64)
+    dofs = mj.jnt_dofadr[np.concatenate([joint, sway])].astype(np.int64)
+    home = home_posture(mj, body, path, dofs)
+    motion, gains = tune_servos(mj, body, home, dofs)
     limited = mj.jnt_limited[joint].astype(bool)[:, None]
     unlimited = np.array([-math.inf, math.inf])
+    servos = [body.servo_of(name) for name in body.joints]
     return BodyModel(
         mj=mj,
         joint_id=joint,
         qpos_address=mj.jnt_qposadr[joint].astype(np.int64),
         dof_address=mj.jnt_dofadr[joint].astype(np.int64),
         range_rad=np.where(limited, mj.jnt_range[joint], unlimited),
-        torque_range_nm=_torque_range_nm(mj, joint, body.servo.torque_limit_nm),
+        torque_range_nm=_torque_range_nm(mj, joint, np.array([servo.torque_limit_nm for servo in servos])),
+        gains=gains,
+        speed_limit_rad_s=np.array([servo.speed_limit_rad_s for servo in servos]),
+        joint_motion=motion[: len(joint)],
         actuator_id=np.array([mj.actuator(name).id for name in body.joints], dtype=np.int64),
+        sway_motion=motion[len(joint) :],
         sway_actuator_id=np.array([mj.actuator(name).id for name in body.sway.joints], dtype=np.int64),
         sway_qpos_address=mj.jnt_qposadr[sway].astype(np.int64),
         finger_body_id=added_id(mj, mujoco.mjtObj.mjOBJ_BODY, FINGER),
-        home_qpos=_home_qpos(mj, body, path),
+        home_qpos=home,
         temperature_c=_temperatures_c(mj, body, path, deployment.teacher.temperature_c),
         left_out=tuple(left_out),
     )
@@ -147,6 +173,8 @@ def _build(
     spec = read_model(path)
     require_joints(spec, path, body)
     left_out = delete_actuators(spec)
+    if body.fixed_base:
+        left_out += fix_base(spec, body)
     for name in body.locked:
         left_out += lock_joint(spec, name)
     left_out += enable_servos(spec, path)
@@ -183,11 +211,11 @@ def _keep_added_masses(spec: mujoco.MjSpec, bodies: Sequence[mujoco.MjsBody], pa
         geom.group = min(max(geom.group, lowest), highest)
 
 
-def _torque_range_nm(mj: mujoco.MjModel, joint: Indices, limit_nm: float) -> Floats:
-    """Torques (D, 2) [Nm] that servos of `limit_nm` can exert within the limits of their joints."""
+def _torque_range_nm(mj: mujoco.MjModel, joint: Indices, limit_nm: Floats) -> Floats:
+    """Torques (D, 2) [Nm] that servos of `limit_nm` (D,) can exert within the limits of their joints."""
+    servo_nm = np.stack([-limit_nm, limit_nm], axis=1)
     limited = mj.jnt_actfrclimited[joint].astype(bool)[:, None]
-    servo_nm = np.array([-limit_nm, limit_nm])
-    return np.where(limited, np.clip(mj.jnt_actfrcrange[joint], -limit_nm, limit_nm), servo_nm)
+    return np.where(limited, np.clip(mj.jnt_actfrcrange[joint], servo_nm[:, :1], servo_nm[:, 1:]), servo_nm)
 
 
 def _delay_rigid_contact(
@@ -204,27 +232,35 @@ def _delay_rigid_contact(
     delay_rigid_contact(spec, mj, patches, solids, layer.max_indentation_m)
 
 
-def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices) -> Floats:
-    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator_id` hold the present pose."""
+def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices, motion: Floats) -> Floats:
+    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator_id` hold the present pose.
+
+    Args:
+        data: MuJoCo's state, after `mj_forward`.
+        actuator_id: (k,) ids of the servos.
+        motion: (k, nv) velocities of all DoFs at unit velocity of each servo's joint (`joint_motion`).
+    """
     mj = data.model
     joint = mj.actuator_trnid[actuator_id, 0]
-    dof = mj.jnt_dofadr[joint]
-    load_nm = data.qfrc_bias[dof] - data.qfrc_passive[dof]
-    by_actuators = mj.jnt_actgravcomp[joint].astype(bool)  # else compensation is a passive force
-    load_nm -= np.where(by_actuators, data.qfrc_gravcomp[dof], 0.0)
-    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + load_nm / mj.actuator_gainprm[actuator_id, 0]
+    load_nm = data.qfrc_bias - data.qfrc_passive
+    by_actuators = mj.jnt_actgravcomp[mj.dof_jntid].astype(bool)  # else compensation is a passive force
+    load_nm -= np.where(by_actuators, data.qfrc_gravcomp, 0.0)
+    lag_rad = matmul(motion, load_nm) / mj.actuator_gainprm[actuator_id, 0]
+    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + lag_rad
     return targets
 
 
-def require_body_id(mj: mujoco.MjModel, name: str, key: str, source: Path | str) -> int:
-    """Look up the id of body `name`, which the deployment names under `key`.
+def require_body_id(
+    mj: mujoco.MjModel, name: str, key: str, source: Path | str, *, with_world: bool = False
+) -> int:
+    """Look up the id of body `name` under `key` of the deployment; errors list the world if allowed.
 
     Raises:
         ModelError: the model has no such body.
     """
     index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
-        bodies = [mj.body(i).name for i in range(1, mj.nbody)]
+        bodies = [mj.body(i).name for i in range(0 if with_world else 1, mj.nbody)]
         known = [body for body in bodies if body not in _NON_ROBOT_BODIES]
         hint = did_you_mean(name, known)
         raise ModelError(f'{key} = "{name}": {source} has no such body; {hint}it has {", ".join(known)}')
@@ -277,21 +313,6 @@ def _add_payload(spec: mujoco.MjSpec, payload: PayloadSpec, friction: float) -> 
         friction=[friction, 0.005, 0.0001],
         rgba=_PAYLOAD_RGBA,
     )
-
-
-def _home_qpos(mj: mujoco.MjModel, body: BodySpec, path: Path) -> Floats:
-    home: Floats = mj.qpos0.copy()
-    for name, angle_rad in body.home_rad.items():
-        index = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if index < 0 or mujoco.mjtJoint(mj.jnt_type[index]) not in ONE_DOF:
-            raise ModelError(f'body.home_rad: {path} has no hinge or slide joint "{name}" that can move')
-        lower, upper = mj.jnt_range[index] if mj.jnt_limited[index] else (-math.inf, math.inf)
-        if not lower <= angle_rad <= upper:
-            raise DeploymentError(
-                f"body.home_rad.{name} = {angle_rad}: the joint turns from {lower:g} to {upper:g} rad"
-            )
-        home[mj.jnt_qposadr[index]] = angle_rad
-    return home
 
 
 def _temperatures_c(mj: mujoco.MjModel, body: BodySpec, path: Path, finger_temperature_c: float) -> Floats:

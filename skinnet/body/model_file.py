@@ -14,10 +14,19 @@ from skinnet.errors import DeploymentError, ModelError
 from skinnet.pinned_linalg import matmul, norm
 from skinnet.suggestions import did_you_mean
 
-__all__ = ["ONE_DOF", "compile_spec", "lock_joint", "model_path", "read_model", "require_joints"]
+__all__ = [
+    "ONE_DOF",
+    "compile_spec",
+    "fix_base",
+    "lock_joint",
+    "model_path",
+    "read_model",
+    "require_joints",
+]
 
 ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 Floats = NDArray[np.float64]
+_WORLD = "world"
 _MODELS = Path(__file__).parent / "models"
 
 
@@ -99,6 +108,31 @@ def require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
                 "(body.joints, body.sway.joints or body.locked)"
             )
         seen.add(name)
+
+
+def fix_base(spec: mujoco.MjSpec, body: BodySpec) -> list[str]:
+    """Fix the robot's base where the file draws it; list the free joints that this leaves out, one a line.
+
+    The base is the body below the world that carries the reference body or a joint with a servo.
+    """
+    bodies = [spec.joint(name).parent for name in (*body.joints, *body.sway.joints)]
+    reference = spec.body(body.reference_body)
+    if reference is not None and body.reference_body != _WORLD:
+        bodies.insert(0, reference)
+    roots = {root.name: root for root in map(_root, bodies)}
+    left_out = []
+    for root in roots.values():
+        for joint in [joint for joint in root.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
+            left_out.append(f'free joint "{joint.name}" of "{root.name}": body.fixed_base fixes the base')
+            left_out += delete_joint(spec, joint)
+    return left_out
+
+
+def _root(body: mujoco.MjsBody) -> mujoco.MjsBody:
+    """Body below the world that carries `body`."""
+    while body.parent.name != _WORLD:
+        body = body.parent
+    return body
 
 
 def lock_joint(spec: mujoco.MjSpec, name: str) -> list[str]:

@@ -87,7 +87,7 @@ class BodySimulation:
         sway = Sway(spec.sway, deployment.seed)
         self.data = _home_data(self.model, sway)
         self._sway = SwayActuation(sway, self.model, self.data)
-        self.actuation = Actuation(self.model, self.data, spec.servo)
+        self.actuation = Actuation(self.model, self.data, bool(spec.servo.gravity_compensation))
         self.cell_foundation = Foundation.build(self.surface, self.model, self.data, deployment)
         self.sheet_foundation = SheetFoundation.build(on_sheets, self.model, self.data, deployment)
         skin = TeacherSkin(self.cell_foundation, self.cells, deployment.cells)

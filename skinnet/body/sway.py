@@ -45,7 +45,7 @@ class SwayActuation:
     def __init__(self, sway: Sway, model: BodyModel, data: mujoco.MjData) -> None:
         """Set the targets to hold the present pose, that of time zero, in static equilibrium."""
         self._sway, self._ctrl, self._actuator_id = sway, data.ctrl, model.sway_actuator_id
-        resting_rad = equilibrium_targets_rad(data, self._actuator_id)
+        resting_rad = equilibrium_targets_rad(data, self._actuator_id, model.sway_motion)
         self._neutral_rad = resting_rad - sway.offsets_rad(0)
         self._ctrl[self._actuator_id] = resting_rad
 

@@ -1,4 +1,4 @@
-"""Robot specs: model, controlled joints, servos, foam under the skin and postural sway.
+"""Robot specs: model, controlled joints, foam under the skin and postural sway.
 
 Values marked *assumed* have no published source; all others cite theirs.
 """
@@ -7,25 +7,14 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
+from skinnet.deployment.servo import JointServoSpec, ServoSpec
 from skinnet.deployment.types import Fraction, NonNegative, Positive, Table, ns_of_ms
+from skinnet.errors import DeploymentError
 
-__all__ = ["BodySpec", "FoamCurveSpec", "FoamSpec", "ServoSpec", "SwaySpec"]
+__all__ = ["BodySpec", "FoamCurveSpec", "FoamSpec", "SwaySpec"]
 
 _QUOTED_STRAIN = 0.4
 """Strain at which ISO 3386-1 quotes the stress of foam: CC40, the compression stress value."""
-
-
-class ServoSpec(Table, frozen=True, kw_only=True):
-    """Stiff position servos, which turn velocity commands into position targets *(assumed)*."""
-
-    kp_nm_per_rad: Positive = 3000.0
-    """Position gain (stiffness)."""
-    kv_nm_s_per_rad: NonNegative = 60.0
-    """Velocity gain (damping)."""
-    speed_limit_rad_s: Positive = 1.5
-    """Speed beyond which a command is refused."""
-    torque_limit_nm: Positive = 400.0
-    """Torque limit."""
 
 
 class FoamCurveSpec(Table, frozen=True, kw_only=True):
@@ -119,12 +108,16 @@ class BodySpec(Table, frozen=True, kw_only=True):
     model: str
     """Path of an MJCF file relative to the deployment, or the name of a shipped model."""
     reference_body: str
-    """Body of the model that is the root of the kinematic structure."""
+    """Body of the model that is the root of the kinematic structure; "world" for a robot whose first body
+    moves."""
     joints: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Controlled hinge and slide joints, in the order of commands and feedback; slide joints use m where a
     key says rad."""
     locked: tuple[str, ...] = ()
     """Joints fixed at the zero position of the model."""
+    fixed_base: bool = False
+    """Fix the base where the file draws it: the free joint of the robot's root is left out. Keyframes do not
+    move it."""
     home_rad: dict[str, float] = field(default_factory=dict)
     """Home posture, by joint; the reference position of the model unless given."""
     timestep_ms: Positive = 1.0
@@ -139,6 +132,8 @@ class BodySpec(Table, frozen=True, kw_only=True):
     """Surface temperature, by body; ambient unless given."""
     servo: ServoSpec = field(default_factory=ServoSpec)
     """Servos of the controlled joints."""
+    joint_servos: dict[str, JointServoSpec] = field(default_factory=dict)
+    """Servos of single joints, by joint, where they differ from `servo`."""
     foam: FoamSpec = field(default_factory=FoamSpec)
     """Foam under the skin."""
     sway: SwaySpec = field(default_factory=SwaySpec)
@@ -158,3 +153,17 @@ class BodySpec(Table, frozen=True, kw_only=True):
     def joint_state_period_ns(self) -> int:
         """Period of the joint feedback [ns]."""
         return ns_of_ms(self.joint_state_period_ms)
+
+    def servo_of(self, joint: str) -> ServoSpec:
+        """Servo of `joint`, with its own values in place of the common ones.
+
+        Raises:
+            DeploymentError: values are missing that its own ones ask for.
+        """
+        own = self.joint_servos.get(joint)
+        if own is None:
+            return self.servo
+        try:
+            return self.servo.of_joint(own)
+        except ValueError as error:
+            raise DeploymentError(f'body.joint_servos."{joint}": {error}') from None

@@ -70,7 +70,7 @@ class ScriptedBody:
         self._sway_neutral_rad = self.data.qpos[self.model.sway_qpos_address]
         self._thickness_m = spec.foam.thickness_m
         self._body_temperature_c = self.model.temperature_c[self.surface.body_id]
-        self._speed_limit_rad_s = spec.servo.speed_limit_rad_s
+        self._speed_limit_rad_s = self.model.speed_limit_rad_s
         self._position_rad: Floats = self.data.qpos[self.model.qpos_address]
         self._command_rad_s = self._velocity_rad_s = np.zeros(self.n_dofs)
         self._commanded_ns, self._commanded_rad = 0, self._position_rad

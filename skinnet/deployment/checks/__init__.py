@@ -5,6 +5,7 @@ from skinnet.deployment.checks.environment import check_environment
 from skinnet.deployment.checks.faults import check_faults
 from skinnet.deployment.checks.foam import check_foam
 from skinnet.deployment.checks.periods import check_periods
+from skinnet.deployment.checks.servos import check_servos
 from skinnet.deployment.checks.skin import check_skin
 from skinnet.deployment.deployment import Deployment
 
@@ -23,3 +24,4 @@ def check(deployment: Deployment) -> None:
     check_environment(deployment)
     check_faults(deployment)
     check_foam(deployment)
+    check_servos(deployment)

@@ -343,7 +343,7 @@ def test_a_total_mass_that_would_scale_the_payload_is_refused(tmp_path):
 def test_an_effort_limit_of_the_file_bounds_the_windup(tmp_path):
     """A blocked joint's target stays within the lag at which the joint's own limit saturates."""
     body = body_scenes.arm(tmp_path)
-    kp = body.actuation.servo.kp_nm_per_rad
+    kp = body.model.gains.kp_nm_per_rad
     np.testing.assert_allclose(body.model.torque_range_nm / kp, [[-400.0 / 3000.0, 400.0 / 3000.0]] * 2)
     text = body_scenes.ARM.replace('name="turn"', 'name="turn" actuatorfrcrange="-6 3"')
     weak = body_scenes.body_of(tmp_path, text.format(more="", sensors=""), (), ("turn", "lift"))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skinnet.body.contact.foam import SHEAR_STIFFNESS_RATIO
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.environment.teacher import TouchSpec
-from skinnet.deployment.robot import ServoSpec
+from skinnet.deployment.servo import ServoSpec
 from skinnet.deployment.skin.patches import CellPoseSpec
 
 Floats = NDArray[np.float64]

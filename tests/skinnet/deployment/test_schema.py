@@ -116,9 +116,9 @@ def test_every_key_is_described() -> None:
 
 def test_keys_are_described_with_units_and_defaults() -> None:
     servo = SCHEMA["$defs"]["ServoSpec"]["properties"]
-    assert (servo["kp_nm_per_rad"]["description"], servo["kp_nm_per_rad"]["default"]) == (
-        "Position gain (stiffness). [N·m/rad]",
-        3000.0,
+    assert (servo["torque_limit_nm"]["description"], servo["torque_limit_nm"]["default"]) == (
+        "Torque limit. [N·m]",
+        400.0,
     )
     run = SCHEMA["$defs"]["RunSpec"]["properties"]
     assert run["max_s"]["description"] == "Simulated time after which the run ends at the latest. [s]"

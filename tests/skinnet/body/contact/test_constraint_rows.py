@@ -20,7 +20,8 @@ from skinnet.body.contact.constraint_rows import (
 )
 from skinnet.body.contact.joint_coupling import CouplingWorkspace, couple_dofs, joints_of, no_coupling
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.robot import FoamSpec, ServoSpec
+from skinnet.deployment.robot import FoamSpec
+from skinnet.deployment.servo import ServoSpec
 
 STEP_S = 1e-3
 

@@ -13,7 +13,8 @@ from skinnet.body.contact.compliant_layer import compliant_layer
 from skinnet.body.contact.foam import Foam
 from skinnet.body.contact.foam_curve import closing_response, compressed_state, stored_energy_j_per_m2
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.robot import FoamCurveSpec, FoamSpec, ServoSpec
+from skinnet.deployment.robot import FoamCurveSpec, FoamSpec
+from skinnet.deployment.servo import ServoSpec
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.deployment.robot import FoamCurveSpec, FoamSpec, ServoSpec
+from skinnet.deployment.robot import FoamCurveSpec, FoamSpec
+from skinnet.deployment.servo import ServoSpec
 
 DROP_M = 0.002
 FACE_M = 1.0 + 0.012
