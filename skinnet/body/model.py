@@ -100,6 +100,12 @@ class BodyModel:
     temperature_c: Floats
     left_out: tuple[str, ...]
 
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Units of the positions of the controlled joints (D): "rad", or "m" for slide joints."""
+        slides = self.mj.jnt_type[self.joint_id] == mujoco.mjtJoint.mjJNT_SLIDE
+        return tuple("m" if slide else "rad" for slide in slides)
+
 
 def build_mj_spec(deployment: Deployment, base_dir: Path, *, with_environment: bool = True) -> mujoco.MjSpec:
     """Build the editable model (`MjSpec`) of a robot with servos, finger and environment.

@@ -33,7 +33,7 @@ class ServoResponse:
 
     Attributes:
         joints: (D) their names.
-        is_slide: (D,) True for slide joints.
+        units: (D) units of their positions, "rad" or "m".
         frequency_hz: (D,) undamped natural frequency √(k/M) / 2π of the closed loop.
         damping_ratio: (D,) its damping ratio, the joint's own damping included.
         load_nm: (D,) load of gravity and springs at home, which the servo carries.
@@ -44,7 +44,7 @@ class ServoResponse:
     """
 
     joints: tuple[str, ...]
-    is_slide: NDArray[np.bool_]
+    units: tuple[str, ...]
     frequency_hz: Floats
     damping_ratio: Floats
     load_nm: Floats
@@ -77,7 +77,7 @@ def servo_response(model: BodyModel, *, is_compensated: bool) -> ServoResponse:
     can_resist = (low_nm <= load_nm - pushed_nm) & (load_nm + pushed_nm <= high_nm)
     return ServoResponse(
         joints=tuple(mj.joint(joint).name for joint in model.joint_id.tolist()),
-        is_slide=mj.jnt_type[model.joint_id] == mujoco.mjtJoint.mjJNT_SLIDE,
+        units=model.joint_units,
         frequency_hz=omega_rad_s / (2.0 * np.pi),
         damping_ratio=(kv + felt_damping(mj, motion)) / (2.0 * omega_rad_s * inertia),
         load_nm=load_nm,
