@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 from joint_models import BALL_PENDULUM, FOUR_BAR, GANTRY, GRIPPER, PENDULUM, TENDON_FINGER
 
+from skinnet.body.ground_truth.cell_kinematics import (
+    activity_matrix,
+    cell_jacobian,
+    cell_poses,
+    set_joint_positions,
+)
 from skinnet.body.model import load_model
 from skinnet.body.settling import settle
+from skinnet.body.visual_shapes import VisualModel
 from skinnet.deployment.servo import ServoSpec
+from skinnet.deployment.skin.patches import CellPoseSpec
 from skinnet.errors import DeploymentError, ModelError
 
 MS = 1_000_000
@@ -168,3 +176,33 @@ def test_a_home_that_no_loop_can_reach_is_refused(tmp_path):
 def test_a_pendulum_has_no_followers(tmp_path):
     body = body_of(tmp_path, PENDULUM.format(damping=0.0), ("swing",))
     assert body.model.joint_motion.tolist() == [[1.0]]
+
+
+def test_ground_truth_knows_followers(tmp_path):
+    """Skin on a finger that mimics moves with its leader; the Jacobian is that of finite differences."""
+    coefficients = (0.1, -0.5, 0.3)
+    mjcf = GRIPPER.format(polycoef=" ".join(map(str, coefficients)), solref=STIFF)
+    cell = CellPoseSpec(position_m=(0.08, 0.0, 0.01), normal=(0, 0, 1), x_axis=(1, 0, 0))
+    skin = tuple(body_scenes.patch(name, name, cell) for name in ("base", "left", "right"))
+    body = body_scenes.body_of(tmp_path, mjcf, skin, ("left",), servo=SERVO)
+    assert activity_matrix(body).tolist() == [[False], [True], [True]]
+    set_joint_positions(body, np.array([0.4]))
+    found = cell_jacobian(body)
+    _, R_world_cell = cell_poses(body)
+    ends_m = []
+    for left in (0.4 - 1e-5, 0.4 + 1e-5):
+        set_joint_positions(body, np.array([left]))
+        assert qpos(body, "right") == pytest.approx(0.1 - 0.5 * left + 0.3 * left**2, abs=1e-9)
+        ends_m.append(cell_poses(body)[0])
+    speed_m = (ends_m[1] - ends_m[0]) / 2e-5
+    expected = np.einsum("nij,ni->nj", R_world_cell, speed_m)
+    np.testing.assert_allclose(found[:, 0], expected, atol=1e-7)
+    assert np.linalg.norm(found[2, 0]) > 0.02
+
+
+def test_pictures_show_followers_where_they_are(tmp_path):
+    body_of(tmp_path, FOUR_BAR, ("crank",))
+    visual = VisualModel(body_scenes.deployment_of((), ("crank",), servo=SERVO), tmp_path)
+    poses = visual.poses([0.6], {})
+    np.testing.assert_allclose(poses["rocker"].wxyz, [math.cos(0.3), 0.0, math.sin(0.3), 0.0], atol=1e-9)
+    np.testing.assert_allclose(poses["coupler"].wxyz, [1.0, 0.0, 0.0, 0.0], atol=1e-9)
