@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.added_elements import added_id, builtin_defaults
+from skinnet.body.added_elements import added_id, builtin_defaults, unused_name
 from skinnet.body.contact.skin_surface import hexagon_m
 from skinnet.body.environment.stand_model import OBJECT, STAND, place_object
 from skinnet.body.model import PAYLOAD, build_mj_spec
@@ -38,6 +38,7 @@ _FOAM_RGBA = (0.12, 0.12, 0.14, 1.0)
 _SHEET_FOAM_RGBA = (0.50, 0.66, 0.68, 1.0)
 _COLOUR_MAP = "turbo"
 _AMBIENT_RGB, _HEADLIGHT_RGB, _LIGHT_RGB = [0.35] * 3, [0.35] * 3, [0.4] * 3
+_SKY_RGB = [0.95] * 3, [0.75] * 3
 _LIGHT_DIRECTION = (-0.5, 0.3, -0.8)
 _HIDDEN_GROUP = 5
 """Geom group that MuJoCo does not draw."""
@@ -149,7 +150,11 @@ def _render(request: _RenderRequest) -> None:
 
 
 def _light(spec: mujoco.MjSpec) -> None:
-    """Light a model that has no light of its own, without shadows."""
+    """Light a model that has no light of its own, without shadows, before a bright sky if it has none."""
+    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        sky = spec.add_texture(name=unused_name("sky", {texture.name for texture in spec.textures}))
+        sky.type, sky.builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+        sky.rgb1, sky.rgb2, sky.width, sky.height = *_SKY_RGB, 64, 64
     if spec.lights:
         return
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = _AMBIENT_RGB, _HEADLIGHT_RGB

@@ -30,7 +30,8 @@ def shown_geoms(mj: mujoco.MjModel) -> NDArray[np.bool_]:
     """
     felt, opaque = felt_geoms(mj), mj.geom_rgba[:, 3] != 0.0
     visible = (mj.geom_group < _N_VISIBLE_GROUPS) & opaque
-    is_mesh, shown = mj.geom_type == mujoco.mjtGeom.mjGEOM_MESH, visible.copy()
+    is_mesh = mj.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    shown: NDArray[np.bool_] = visible.copy()
     low_m, high_m = _boxes_m(mj)
     for body in range(mj.nbody):
         geoms = int(mj.body_geomadr[body]) + np.arange(mj.body_geomnum[body])
