@@ -97,7 +97,7 @@ def activity_matrix(skin: SkinState) -> NDArray[np.bool_]:
         by_dof[index] = by_dof[mj.body_parentid[index]]
         by_dof[index, first : first + count] = count > 0
     follows = np.abs(skin.model.joint_motion) > _FOLLOWS
-    moved: NDArray[np.bool_] = (by_dof[skin.surface.body_id, None] & follows).any(axis=2)
+    moved: NDArray[np.bool_] = np.logical_or.reduce(by_dof[skin.surface.body_id, None] & follows, axis=2)
     return moved
 
 
