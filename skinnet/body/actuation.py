@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model import BodyModel, equilibrium_targets_rad
+from skinnet.body.model import BodyModel
+from skinnet.body.servos import equilibrium_targets_rad
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = ["Actuation", "is_valid_command"]

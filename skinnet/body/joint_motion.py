@@ -15,6 +15,12 @@ __all__ = ["close_equalities", "felt_damping", "felt_inertia", "joint_motion"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_EQUALITIES = (
+    mujoco.mjtEq.mjEQ_CONNECT,
+    mujoco.mjtEq.mjEQ_WELD,
+    mujoco.mjtEq.mjEQ_JOINT,
+    mujoco.mjtEq.mjEQ_TENDON,
+)
 _RANK = 1e-10
 """Eigenvalues below this part of the largest count as zero: redundant rows of a closed loop."""
 _FOLLOWS = 1e-6
@@ -24,18 +30,7 @@ _CLOSED = 1e-9
 """Residual of all equality constraints [m, rad] at which a posture meets them."""
 
 
-def _equality_rows(mj: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Floats]:
-    """Jacobian (n, nv) and residual (n,) of the active equality constraints, after `mj_fwdPosition`."""
-    rows = np.flatnonzero(data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-    dense = np.zeros((data.nefc, mj.nv))
-    if data.nefc and mujoco.mj_isSparse(mj):
-        mujoco.mju_sparse2dense(dense, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
-    elif data.nefc:
-        dense = data.efc_J.reshape(data.nefc, mj.nv)
-    return dense[rows].copy(), data.efc_pos[rows].copy()
-
-
-def joint_motion(mj: mujoco.MjModel, data: mujoco.MjData, dof: Indices) -> Floats:
+def joint_motion(mj: mujoco.MjModel, qpos: Floats, dof: Indices) -> Floats:
     """Velocities (k, nv) of all DoFs at unit velocity of each DoF in `dof` (k,), those with a servo.
 
     The others of `dof` rest. Of the DoFs without a servo only those move that equality constraints carry
@@ -43,17 +38,17 @@ def joint_motion(mj: mujoco.MjModel, data: mujoco.MjData, dof: Indices) -> Float
 
     Args:
         mj: The model.
-        data: Its state, after `mj_fwdPosition`.
+        qpos: (nq,) its configuration.
         dof: All DoFs with a servo.
     """
     motion = np.zeros((len(dof), mj.nv))
     motion[np.arange(len(dof)), dof] = 1.0
-    jacobian, _ = _equality_rows(mj, data)
     free = np.setdiff1d(np.arange(mj.nv), dof)
-    if not len(jacobian) or not len(free):
+    if not mj.neq or not len(free):
         return motion
+    jacobian, _ = _equality_rows(mj, mujoco.MjData(mj), qpos)
     follow = _least_norm(jacobian[:, free], -jacobian[:, dof])
-    kept = np.abs(matmul(jacobian[:, free], follow) + jacobian[:, dof]).max(axis=0)
+    kept = np.abs(matmul(jacobian[:, free], follow) + jacobian[:, dof]).max(axis=0, initial=0.0)
     followed = np.flatnonzero(kept <= _FOLLOWS)
     motion[np.ix_(followed, free)] = follow[:, followed].T
     return motion
@@ -87,9 +82,7 @@ def close_equalities(mj: mujoco.MjModel, qpos: Floats, held: Indices) -> float:
     free = np.setdiff1d(np.arange(mj.nv), held)
     residual = 0.0
     for _ in range(_MAX_NEWTON_STEPS):
-        data.qpos[:] = qpos
-        mujoco.mj_fwdPosition(mj, data)
-        jacobian, error = _equality_rows(mj, data)
+        jacobian, error = _equality_rows(mj, data, qpos)
         residual = float(np.abs(error).max(initial=0.0))
         if residual <= _CLOSED or not len(free):
             break
@@ -97,6 +90,28 @@ def close_equalities(mj: mujoco.MjModel, qpos: Floats, held: Indices) -> float:
         step[free] = _least_norm(jacobian[:, free], -error[:, None])[:, 0]
         mujoco.mj_integratePos(mj, qpos, step, 1.0)
     return residual
+
+
+def _equality_rows(mj: mujoco.MjModel, scratch: mujoco.MjData, qpos: Floats) -> tuple[Floats, Floats]:
+    """Jacobian (n, nv) and residual (n,) of the active equality constraints of bodies, joints and tendons.
+
+    `scratch` has no contacts.
+    """
+    data = scratch
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(mj, data)
+    mujoco.mj_comPos(mj, data)
+    mujoco.mj_tendon(mj, data)
+    mujoco.mj_makeConstraint(mj, data)
+    equality = data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    rows = np.flatnonzero(equality)
+    rows = rows[np.isin(mj.eq_type[data.efc_id[rows]], _EQUALITIES)]
+    dense = np.zeros((data.nefc, mj.nv))
+    if data.nefc and mujoco.mj_isSparse(mj):
+        mujoco.mju_sparse2dense(dense, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+    elif data.nefc:
+        dense = data.efc_J.reshape(data.nefc, mj.nv)
+    return dense[rows].copy(), data.efc_pos[rows].copy()
 
 
 def _least_norm(a: Floats, b: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """Link kinematics of a robot: forward kinematics at given joint positions, without dynamics.
 
 Only joint feedback enters: sway, servo deflection and free bodies are left out, and uncontrolled joints stay
-at home.
+at home, or where equality constraints hold them.
 """
 
 from pathlib import Path
@@ -77,6 +77,7 @@ class LinkKinematics:
         """Compute link poses at the positions (D,) [rad] of the controlled joints."""
         data = self._data
         data.qpos[self._model.qpos_address] = np.asarray(position_rad, dtype=np.float64)
+        self._model.follow(data.qpos)
         mujoco.mj_kinematics(self._model.mj, data)
         position_m = data.xpos[self._body_id].copy()
         rotation = data.xmat[self._body_id].reshape(-1, 3, 3).copy()

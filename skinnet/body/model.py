@@ -13,6 +13,7 @@ from skinnet.body.added_elements import FINGER, added_id, builtin_defaults, unus
 from skinnet.body.contact.compliant_layer import compliant_layer, delay_rigid_contact
 from skinnet.body.environment.stand_model import OBJECT, STAND, add_stand, place_object
 from skinnet.body.home_posture import home_posture
+from skinnet.body.joint_motion import close_equalities, joint_motion
 from skinnet.body.model_deletions import delete_actuators
 from skinnet.body.model_file import (
     compile_spec,
@@ -38,7 +39,6 @@ __all__ = [
     "PAYLOAD",
     "BodyModel",
     "build_mj_spec",
-    "equilibrium_targets_rad",
     "load_model",
     "require_body_id",
 ]
@@ -99,6 +99,34 @@ class BodyModel:
     home_qpos: Floats
     temperature_c: Floats
     left_out: tuple[str, ...]
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Units of the positions of the controlled joints (D): "rad", or "m" for slide joints."""
+        slides = self.mj.jnt_type[self.joint_id] == mujoco.mjtJoint.mjJNT_SLIDE
+        return tuple("m" if slide else "rad" for slide in slides)
+
+    def follow(self, qpos: Floats) -> None:
+        """Move joints without a servo, in `qpos` (nq,), to where equality constraints hold them."""
+        close_equalities(self.mj, qpos, self._servo_dofs())
+
+    def motion_at(self, qpos: Floats) -> Floats:
+        """Motion (D, nv) of the model per controlled joint in the configuration `qpos` (nq,)."""
+        if not self.mj.neq:
+            return self.joint_motion
+        return joint_motion(self.mj, qpos, self._servo_dofs())[: len(self.joint_id)]
+
+    def by_joint(self, jacobian: Floats, qpos: Floats) -> Floats:
+        """Derivatives (…, D) by the controlled joints of what has the Jacobian (…, nv) in `qpos`."""
+        if not self.mj.neq:
+            return jacobian[..., self.dof_address]
+        motion = self.motion_at(qpos)
+        return matmul(jacobian.reshape(-1, self.mj.nv), motion.T).reshape(*jacobian.shape[:-1], len(motion))
+
+    def _servo_dofs(self) -> Indices:
+        servos = np.concatenate([self.actuator_id, self.sway_actuator_id])
+        dofs: Indices = self.mj.jnt_dofadr[self.mj.actuator_trnid[servos, 0]].astype(np.int64)
+        return dofs
 
 
 def build_mj_spec(deployment: Deployment, base_dir: Path, *, with_environment: bool = True) -> mujoco.MjSpec:
@@ -232,28 +260,10 @@ def _delay_rigid_contact(
     delay_rigid_contact(spec, mj, patches, solids, layer.max_indentation_m)
 
 
-def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices, motion: Floats) -> Floats:
-    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator_id` hold the present pose.
-
-    Args:
-        data: MuJoCo's state, after `mj_forward`.
-        actuator_id: (k,) ids of the servos.
-        motion: (k, nv) velocities of all DoFs at unit velocity of each servo's joint (`joint_motion`).
-    """
-    mj = data.model
-    joint = mj.actuator_trnid[actuator_id, 0]
-    load_nm = data.qfrc_bias - data.qfrc_passive
-    by_actuators = mj.jnt_actgravcomp[mj.dof_jntid].astype(bool)  # else compensation is a passive force
-    load_nm -= np.where(by_actuators, data.qfrc_gravcomp, 0.0)
-    lag_rad = matmul(motion, load_nm) / mj.actuator_gainprm[actuator_id, 0]
-    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + lag_rad
-    return targets
-
-
 def require_body_id(
     mj: mujoco.MjModel, name: str, key: str, source: Path | str, *, with_world: bool = False
 ) -> int:
-    """Look up the id of body `name`, which the deployment names under `key`; errors list the world if allowed.
+    """Look up the id of body `name` under `key` of the deployment; errors list the world if allowed.
 
     Raises:
         ModelError: the model has no such body.

@@ -119,15 +119,46 @@ def require_joints(spec: mujoco.MjSpec, path: Path, body: BodySpec) -> None:
             known = [j.name for j in spec.joints if j.type in ONE_DOF]
             hint = f"{did_you_mean(name, known)}its hinge and slide joints are {', '.join(known)}"
             raise ModelError(f'{key}: {path} has no joint "{name}"; {hint}')
-        if joint.type not in ONE_DOF:
-            kind = mujoco.mjtJoint(joint.type).name.removeprefix("mjJNT_").lower()
-            raise ModelError(f'{key}: joint "{name}" of {path} is a {kind} joint, not a hinge or slide')
+        kind = mujoco.mjtJoint(joint.type)
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            raise ModelError(
+                f'{key}: joint "{name}" of {path} is a free joint; body.fixed_base = true fixes it'
+            )
+        if kind == mujoco.mjtJoint.mjJNT_BALL and key != "body.locked":
+            raise ModelError(
+                f'{key}: joint "{name}" of {path} is a ball joint, not a hinge or slide; leave it out, '
+                "so that it moves freely, name it in body.locked, or draw it as hinges"
+            )
         if name in seen:
             raise DeploymentError(
                 f'{key}: joint "{name}" is named twice; a joint may have one role only '
                 "(body.joints, body.sway.joints or body.locked)"
             )
         seen.add(name)
+    _require_independent(spec, path, [*body.joints, *body.sway.joints])
+
+
+def _require_independent(spec: mujoco.MjSpec, path: Path, controlled: list[str]) -> None:
+    """Require that no joint with a servo follows another one with a servo, or is held at a constant.
+
+    Raises:
+        ModelError: it does.
+    """
+    for equality in spec.equalities:
+        if (
+            equality.type != mujoco.mjtEq.mjEQ_JOINT
+            or not equality.active
+            or equality.name1 not in controlled
+        ):
+            continue
+        follower, leader = equality.name1, equality.name2
+        of_file = f"an equality constraint of {path}"
+        if not leader:
+            raise ModelError(f'body.joints: joint "{follower}" is held by {of_file}; name it in body.locked')
+        if leader in controlled:
+            raise ModelError(
+                f'body.joints: joint "{follower}" follows joint "{leader}" by {of_file}; control one of them'
+            )
 
 
 def fix_base(spec: mujoco.MjSpec, body: BodySpec) -> list[str]:
@@ -156,7 +187,7 @@ def _root(body: mujoco.MjsBody) -> mujoco.MjsBody:
 
 
 def lock_joint(spec: mujoco.MjSpec, name: str) -> list[str]:
-    """Fix a hinge or slide joint at zero; list what is left out of the model because it refers to it.
+    """Fix a hinge, slide or ball joint at zero; list what is left out of the model because it refers to it.
 
     A joint turns its body by T(q − ref) in the body's frame. With ref ≠ 0 the file draws the body at ref, so
     its frame, and the joints before it on the same body, move by T(−ref).

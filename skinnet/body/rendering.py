@@ -18,10 +18,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.added_elements import added_id, builtin_defaults
+from skinnet.body.added_elements import added_id, builtin_defaults, unused_name
 from skinnet.body.contact.skin_surface import hexagon_m
 from skinnet.body.environment.stand_model import OBJECT, STAND, place_object
 from skinnet.body.model import PAYLOAD, build_mj_spec
+from skinnet.body.shown_geoms import shown_geoms
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.deployment import Deployment
 from skinnet.skin.placement import PlacedPatch, place_patch
@@ -36,6 +37,11 @@ _CELL_SCALE = 0.93
 _FOAM_RGBA = (0.12, 0.12, 0.14, 1.0)
 _SHEET_FOAM_RGBA = (0.50, 0.66, 0.68, 1.0)
 _COLOUR_MAP = "turbo"
+_AMBIENT_RGB, _HEADLIGHT_RGB, _LIGHT_RGB = [0.35] * 3, [0.35] * 3, [0.4] * 3
+_SKY_RGB = [0.95] * 3, [0.75] * 3
+_LIGHT_DIRECTION = (-0.5, 0.3, -0.8)
+_HIDDEN_GROUP = 5
+"""Geom group that MuJoCo does not draw."""
 
 
 class _RenderRequest(msgspec.Struct, kw_only=True):
@@ -120,11 +126,14 @@ def _render(request: _RenderRequest) -> None:
     _add_elements(spec, body.sheets, thickness_m, colours[body.n_cells :])
     spec.visual.global_.offwidth = request.width
     spec.visual.global_.offheight = request.height
+    _light(spec)
     model = spec.compile()
+    _show_once(model, body.model.mj)
     data = mujoco.MjData(model)
     data.qpos[:] = body.data.qpos
     if request.position_rad is not None:
         data.qpos[body.model.qpos_address] = request.position_rad
+        body.model.follow(data.qpos)
     if request.stand_top_m is not None and presented is not None:
         data.qpos[model.joint(added_id(model, mujoco.mjtObj.mjOBJ_JOINT, STAND)).qposadr[0]] = (
             request.stand_top_m - presented.start_top_m
@@ -138,6 +147,32 @@ def _render(request: _RenderRequest) -> None:
     with mujoco.Renderer(model, request.height, request.width, max_geom=20 * model.ngeom) as renderer:
         renderer.update_scene(data, camera)
         matplotlib.image.imsave(request.out, renderer.render())
+
+
+def _light(spec: mujoco.MjSpec) -> None:
+    """Light a model that has no light of its own, without shadows, before a bright sky if it has none."""
+    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        sky = spec.add_texture(name=unused_name("sky", {texture.name for texture in spec.textures}))
+        sky.type, sky.builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+        sky.rgb1, sky.rgb2, sky.width, sky.height = *_SKY_RGB, 64, 64
+    if spec.lights:
+        return
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = _AMBIENT_RGB, _HEADLIGHT_RGB
+    light = spec.worldbody.add_light(builtin_defaults(spec), dir=_LIGHT_DIRECTION, castshadow=False)
+    light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    light.diffuse = _LIGHT_RGB
+
+
+def _show_once(model: mujoco.MjModel, robot: mujoco.MjModel) -> None:
+    """Hide geoms of the drawn `model` that `shown_geoms` leaves out of `robot`, the model without cells.
+
+    Cells come last among the geoms of their body.
+    """
+    shown = shown_geoms(robot)
+    for body in range(robot.nbody):
+        first, count = int(robot.body_geomadr[body]), int(robot.body_geomnum[body])
+        drawn = int(model.body_geomadr[body]) + np.arange(count)
+        model.geom_group[drawn] = np.where(shown[first : first + count], 0, _HIDDEN_GROUP)
 
 
 def _place_object(model: mujoco.MjModel, data: mujoco.MjData, pose: list[float]) -> None:

@@ -14,8 +14,9 @@ from skinnet.body.joint_motion import felt_damping, felt_inertia, joint_motion
 from skinnet.deployment.robot import BodySpec
 from skinnet.deployment.servo import ServoSpec
 from skinnet.errors import ModelError
+from skinnet.pinned_linalg import matmul
 
-__all__ = ["ServoGains", "add_servos", "enable_servos", "tune_servos"]
+__all__ = ["ServoGains", "add_servos", "enable_servos", "equilibrium_targets_rad", "tune_servos"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -74,7 +75,7 @@ def tune_servos(
     data = mujoco.MjData(mj)
     data.qpos[:] = home_qpos
     mujoco.mj_fwdPosition(mj, data)
-    motion = joint_motion(mj, data, dofs)
+    motion = joint_motion(mj, home_qpos, dofs)
     inertia = felt_inertia(mj, data, motion)
     damping = felt_damping(mj, motion)
     n = len(body.joints)
@@ -83,6 +84,24 @@ def tune_servos(
     _set_gains(mj, body.joints, gains)
     _set_gains(mj, body.sway.joints, ServoGains(*(_SWAY_STIFFNESS_RATIO * gain for gain in of_sway)))
     return motion, gains
+
+
+def equilibrium_targets_rad(data: mujoco.MjData, actuator_id: Indices, motion: Floats) -> Floats:
+    """Compute gravity-compensating targets (k,) [rad]: the servos `actuator_id` hold the present pose.
+
+    Args:
+        data: MuJoCo's state, after `mj_forward`.
+        actuator_id: (k,) ids of the servos.
+        motion: (k, nv) velocities of all DoFs at unit velocity of each servo's joint (`joint_motion`).
+    """
+    mj = data.model
+    joint = mj.actuator_trnid[actuator_id, 0]
+    load_nm = data.qfrc_bias - data.qfrc_passive
+    by_actuators = mj.jnt_actgravcomp[mj.dof_jntid].astype(bool)  # else compensation is a passive force
+    load_nm -= np.where(by_actuators, data.qfrc_gravcomp, 0.0)
+    lag_rad = matmul(motion, load_nm) / mj.actuator_gainprm[actuator_id, 0]
+    targets: Floats = data.qpos[mj.jnt_qposadr[joint]] + lag_rad
+    return targets
 
 
 def _gains(servos: Sequence[ServoSpec], inertia: Floats, joint_damping: Floats) -> ServoGains:

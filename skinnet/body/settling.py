@@ -34,9 +34,10 @@ def settle(
         By name: `settle.force_n.<patch or sheet>`, the sum of normal forces, mean of the last 0.1 s [N];
         `settle.unsensed_n`, the load of the rigid shell under skin (`UnsensedForce`), likewise;
         `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
-        `settle.drift_rad.<joint>` of the controlled joints; `settle.energy_ratio`, the largest energy of
-        all that can move (kinetic, potential above z = 0 of the world, foam) over that of the start, None
-        unless that is above zero; `settle.left_out`, what of the model's file is left out or overridden.
+        `settle.drift_rad.<joint>` of the controlled hinges, `settle.drift_m.<joint>` of the slide joints;
+        `settle.energy_ratio`, the largest energy of all that can move (kinetic, potential above z = 0 of the
+        world, foam) over that of the start, None unless that is above zero; `settle.left_out`, what of the
+        model's file is left out or overridden.
 
     Raises:
         ModelError: the simulation became unstable.
@@ -114,8 +115,9 @@ class _SettlingRecord:
         for name, body in self._free_bodies.items():
             metrics[f"settle.rise_mm.{name}"] = 1e3 * float(self._rise_m[body])
         drift_rad = simulation.joints() - self._start_rad
-        for name, drift in zip(deployment.body.joints, drift_rad.tolist(), strict=True):
-            metrics[f"settle.drift_rad.{name}"] = drift
+        units = simulation.model.joint_units
+        for name, unit, drift in zip(deployment.body.joints, units, drift_rad.tolist(), strict=True):
+            metrics[f"settle.drift_{unit}.{name}"] = drift
         metrics["settle.energy_ratio"] = self._largest_j / self._start_j if self._start_j > 0.0 else None
         metrics["settle.left_out"] = list(simulation.model.left_out)
         return metrics

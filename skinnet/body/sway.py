@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
-from skinnet.body.model import BodyModel, equilibrium_targets_rad
+from skinnet.body.model import BodyModel
+from skinnet.body.servos import equilibrium_targets_rad
 from skinnet.clock import NS_PER_S
 from skinnet.deployment.robot import SwaySpec
 from skinnet.random_streams import StreamName, stream_key, uniform

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.environment.free_bodies import free_body_ids
 from skinnet.body.model import load_model
+from skinnet.body.shown_geoms import felt_geoms, shown_geoms
 from skinnet.deployment.deployment import Deployment
 
 __all__ = ["Camera", "Pose", "VisualModel", "VisualShape"]
@@ -27,8 +28,6 @@ _GEOM_TYPE_NAMES = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
-_N_VISIBLE_GROUPS = 3
-"""Number of geom groups that MuJoCo draws (0 to 2); higher groups are for contacts only."""
 _CAMERA_DISTANCE_EXTENTS = 1.3
 """Distance of the camera, in extents of the model."""
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
@@ -84,8 +83,8 @@ class VisualModel:
         camera: Suggested camera.
     """
 
-    def __init__(self, deployment: Deployment, base_dir: Path) -> None:
-        """Compile the model.
+    def __init__(self, deployment: Deployment, base_dir: Path, *, felt: bool = False) -> None:
+        """Compile the model; shapes are those that pictures show, or with `felt` all that skin can feel.
 
         Raises:
             ModelError: the model does not compile or lacks something.
@@ -97,7 +96,7 @@ class VisualModel:
         self._data.qpos[:] = self._model.home_qpos
         self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
         self.free_links = {name: self.links[i] for name, i in free_body_ids(mj).items()}
-        shown = (mj.geom_group < _N_VISIBLE_GROUPS) & (mj.geom_rgba[:, 3] != 0.0)
+        shown = felt_geoms(mj) if felt else shown_geoms(mj)
         drawn = np.flatnonzero(shown & np.isin(mj.geom_type, [*map(int, _GEOM_TYPE_NAMES)]))
         self.shapes = tuple(self._shape(i) for i in drawn.tolist())
         self.camera = _camera(mj)
@@ -118,6 +117,7 @@ class VisualModel:
                 their start.
         """
         self._data.qpos[self._model.qpos_address] = position_rad
+        self._model.follow(self._data.qpos)
         mujoco.mj_kinematics(self._model.mj, self._data)
         poses = {
             link: Pose(self._data.xpos[i].copy(), self._data.xquat[i].copy())

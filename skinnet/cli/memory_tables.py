@@ -40,8 +40,8 @@ def _robot_table(memory: MemoryContents) -> Table:
 
 
 def _pose_table(memory: MemoryContents) -> Table:
-    """Build the table of key poses: joint positions [rad]."""
-    table = Table(title="key poses [rad]")
+    """Build the table of key poses: joint positions [rad], of slide joints [m]."""
+    table = Table(title="key poses [rad, slide joints m]")
     table.add_column("joint", style="bold")
     for name in memory.poses:
         table.add_column(name, justify="right")

@@ -261,7 +261,8 @@ def check_joint_limits(memory: MemoryContents, range_rad: Floats) -> None:
         ):
             if not lower - _LIMIT_TOLERANCE_RAD <= position <= upper + _LIMIT_TOLERANCE_RAD:
                 raise MemoryFileError(
-                    f"poses.{name}: {joint} = {position:g}: the joint turns from {lower:g} to {upper:g} rad"
+                    f"poses.{name}: {joint} = {position:g}: the joint goes from {lower:g} to {upper:g} "
+                    "(rad; m if it slides)"
                 )
 
 

@@ -186,7 +186,7 @@ def _first_difference(recorded: Command, replayed: Command, recording: Recording
     pairs = zip(joints, recorded.velocity_rad_s, replayed.velocity_rad_s, strict=True)
     for joint, one, other in pairs:
         if one != other:
-            return difference(f"velocity of {joint} [rad/s]", one, other)
+            return difference(f"velocity of {joint} [rad/s; m/s if it slides]", one, other)
     for name in Command.__struct_fields__:
         if getattr(recorded, name) != getattr(replayed, name):
             return difference(name, getattr(recorded, name), getattr(replayed, name))

@@ -21,6 +21,8 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+_FOLLOWS = 1e-6
+"""Least speed of a joint that follows a DoF, of that of the DoF [rad/rad, m/rad]."""
 
 
 class SkinState(Protocol):
@@ -73,27 +75,34 @@ def cell_jacobian(skin: SkinState, rows: Indices | None = None) -> Floats:
     model, body_id = skin.model, skin.surface.body_id
     position_m, R_world_cell = cell_poses(skin)
     wanted = range(len(body_id)) if rows is None else rows.tolist()
-    result = np.empty((len(wanted), len(model.dof_address), 3))
-    linear = np.empty((3, model.mj.nv))
+    linear = np.empty((len(wanted), 3, model.mj.nv))
     for index, row in enumerate(wanted):
-        mujoco.mj_jac(model.mj, skin.data, linear, None, position_m[row], int(body_id[row]))
-        result[index] = matmul(linear[:, model.dof_address].T, R_world_cell[row])
+        mujoco.mj_jac(model.mj, skin.data, linear[index], None, position_m[row], int(body_id[row]))
+    by_joint = model.by_joint(linear, skin.data.qpos)
+    result = np.empty((len(wanted), len(model.dof_address), 3))
+    for index, row in enumerate(wanted):
+        result[index] = matmul(by_joint[index].T, R_world_cell[row])
     return result
 
 
 def activity_matrix(skin: SkinState) -> NDArray[np.bool_]:
-    """Activity matrix (n, D), ground truth: True where a DoF moves the body of a cell [M14, (1)]."""
+    """Activity matrix (n, D), ground truth: True where a DoF moves the body of a cell [M14, (1)].
+
+    Joints that follow by equality constraints move with their DoF.
+    """
     mj = skin.model.mj
-    joint_body = mj.jnt_bodyid[skin.model.joint_id]
-    above = np.zeros((mj.nbody, mj.nbody), dtype=np.bool_)
+    by_dof = np.zeros((mj.nbody, mj.nv), dtype=np.bool_)
     for index in range(1, mj.nbody):
-        above[index] = above[mj.body_parentid[index]]
-        above[index, index] = True
-    moved: NDArray[np.bool_] = above[skin.surface.body_id][:, joint_body]
+        first, count = int(mj.body_dofadr[index]), int(mj.body_dofnum[index])
+        by_dof[index] = by_dof[mj.body_parentid[index]]
+        by_dof[index, first : first + count] = count > 0
+    follows = np.abs(skin.model.joint_motion) > _FOLLOWS
+    moved: NDArray[np.bool_] = np.logical_or.reduce(by_dof[skin.surface.body_id, None] & follows, axis=2)
     return moved
 
 
 def set_joint_positions(skin: SkinState, position_rad: Floats) -> None:
     """Set joint positions (D,) [rad] of a body that is not being stepped, and run forward kinematics."""
     skin.data.qpos[skin.model.qpos_address] = position_rad
+    skin.model.follow(skin.data.qpos)
     mujoco.mj_forward(skin.model.mj, skin.data)

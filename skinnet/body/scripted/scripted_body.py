@@ -19,6 +19,7 @@ from skinnet.body.sway import Sway
 from skinnet.clock import NS_PER_S
 from skinnet.compilation import compiled
 from skinnet.deployment.deployment import Deployment
+from skinnet.pinned_linalg import matmul
 from skinnet.protocol.messages import N_FORCE_CHANNELS, STIMULUS_NAMES
 from skinnet.skin.placement import place_patch
 
@@ -160,8 +161,13 @@ class ScriptedBody:
         data, model = self.data, self.model
         data.qpos[model.qpos_address] = self._position_rad
         data.qpos[model.sway_qpos_address] = self._sway_neutral_rad + self._sway.offsets_rad(self.t_ns)
-        data.qvel[model.dof_address] = velocity
-        data.qacc[model.dof_address] = (velocity - before) * (NS_PER_S / self._stimulus_period_ns)
+        change = (velocity - before) * (NS_PER_S / self._stimulus_period_ns)
+        if model.mj.neq:
+            model.follow(data.qpos)
+            motion = model.motion_at(data.qpos)
+            data.qvel[:], data.qacc[:] = matmul(velocity, motion), matmul(change, motion)
+        else:
+            data.qvel[model.dof_address], data.qacc[model.dof_address] = velocity, change
         mujoco.mj_kinematics(model.mj, data)
         mujoco.mj_comPos(model.mj, data)
         mujoco.mj_comVel(model.mj, data)

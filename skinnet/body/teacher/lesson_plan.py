@@ -70,12 +70,10 @@ class PositionGoals:
 
     def _jacobian_m(self) -> Floats:
         """Linear Jacobian (G, 3, D) of the points, world [m/rad]."""
-        mj, linear = self._model.mj, np.empty((3, self._model.mj.nv))
-        rows = []
-        for body, point_m in zip(self._body_id, self._points_m(), strict=True):
-            mujoco.mj_jac(mj, self._data, linear, None, point_m, body)
-            rows.append(linear[:, self._model.dof_address])
-        return np.array(rows)
+        mj, linear = self._model.mj, np.empty((len(self._body_id), 3, self._model.mj.nv))
+        for row, body, point_m in zip(linear, self._body_id, self._points_m(), strict=True):
+            mujoco.mj_jac(mj, self._data, row, None, point_m, body)
+        return self._model.by_joint(linear, self._data.qpos)
 
 
 def plan_motions_rad(error_m: Floats, jacobian_m: Floats, directions: Floats) -> Floats:

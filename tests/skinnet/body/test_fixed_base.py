@@ -83,5 +83,5 @@ def test_the_world_may_be_the_reference(tmp_path):
     assert load_model(spec, tmp_path).mj.nv == 7, "the base of the controlled joint is fixed"
     names = LinkKinematics(spec, tmp_path).names
     assert names == ["trunk", "leg"]
-    with pytest.raises(ModelError, match=r'reference_body = "world2": .*"world"\?'):
+    with pytest.raises(ModelError, match=r'reference_body = "world2": .*did you mean world\?'):
         load_model(deployment(tmp_path, reference_body="world2"), tmp_path)

@@ -190,7 +190,7 @@ REFERRERS = {
         '<tendon><fixed name="cable"><joint joint="third" coef="1"/><joint joint="first" coef="2"/></fixed>'
         '<fixed name="kept"><joint joint="first" coef="1"/></fixed></tendon>'
         '<equality><joint name="mimic" joint1="second" joint2="third"/><tendon name="tie" tendon1="cable"/>'
-        '<joint name="stays" joint1="first" joint2="second"/></equality>'
+        '<joint name="stays" joint1="first" joint2="second" active="false"/></equality>'
         '<actuator><position joint="third"/></actuator>'
         '<sensor><jointvel name="v" joint="third"/><tendonpos name="l" tendon="cable"/></sensor>'
         '<custom><tuple name="group"><element objtype="joint" objname="third"/></tuple></custom>',

@@ -243,7 +243,7 @@ def test_commands_refuse_in_one_line(skinnet: Skinnet, tmp_path: Path) -> None:
     what = ("import", str(text), str(path), "--deployment", str(TOUCH))
     refuse(skinnet, "a.json: belongs to another robot: name[0] is bot; hrp2 is due", *what)
     text.write_bytes(to_json(bent()))
-    refuse(skinnet, "a.json: poses.open: left_elbow_pitch = 9: the joint turns from -", *what)
+    refuse(skinnet, "a.json: poses.open: left_elbow_pitch = 9: the joint goes from -", *what)
     text.write_text("{}")
     refuse(skinnet, "a.json: the file: format is missing", "import", str(text), str(path))
     assert not path.exists()
