@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -14,7 +13,7 @@ from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
 from skinnet.errors import ModelError
 
-__all__ = ["settle"]
+__all__ = ["Settled", "settle"]
 
 Floats = NDArray[np.float64]
 
@@ -22,28 +21,56 @@ _AVERAGED_NS = NS_PER_S // 10
 """Forces are averaged over the end of the time: of this length."""
 
 
+@dataclass(frozen=True)
+class Settled:
+    """Outcome of a settling.
+
+    Attributes:
+        metrics: By name, see `settle`.
+        force_n: (n_cells,) normal force on each cell, mean of the last 0.1 s [N].
+        patch_body_force_n: (p, nbody) normal force of each patch on each body, likewise [N].
+        start_qpos: (nq,) configuration at the start.
+        end_qpos: (nq,) configuration at the end.
+        first_speed_rad_s: (D,) largest speed of each controlled joint in the first third of the time.
+        last_speed_rad_s: (D,) that in the last third.
+        n_reversals: (D,) changes of the direction of motion in the last third.
+    """
+
+    metrics: dict[str, Any]
+    force_n: Floats
+    patch_body_force_n: Floats
+    start_qpos: Floats
+    end_qpos: Floats
+    first_speed_rad_s: Floats
+    last_speed_rad_s: Floats
+    n_reversals: NDArray[np.int64]
+
+
 def settle(
+    simulation: BodySimulation,
     deployment: Deployment,
-    base_dir: Path,
     duration_ns: int,
     progress: Callable[[float], None] = lambda _fraction: None,
-) -> dict[str, Any]:
-    """Simulate body and servos at home for `duration_ns` [ns], whole physics steps; compute metrics.
+) -> Settled:
+    """Simulate body and servos at home for `duration_ns` [ns], whole physics steps.
 
-    Returns:
-        By name: `settle.force_n.<patch or sheet>`, the sum of normal forces, mean of the last 0.1 s [N];
-        `settle.unsensed_n`, the load of the rigid shell under skin (`UnsensedForce`), likewise;
-        `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
-        `settle.drift_rad.<joint>` of the controlled hinges, `settle.drift_m.<joint>` of the slide joints;
-        `settle.energy_ratio`, the largest energy of all that can move (kinetic, potential above z = 0 of the
-        world, foam) over that of the start, None unless that is above zero; `settle.left_out`, what of the
-        model's file is left out or overridden.
+    The metrics are, by name: `settle.force_n.<patch or sheet>`, the sum of normal forces, mean of the last
+    0.1 s [N]; `settle.unsensed_n`, the load of the rigid shell under skin (`UnsensedForce`), likewise;
+    `settle.peak_unsensed_n`; `settle.rise_mm.<free body>`, the largest height above its start;
+    `settle.drift_rad.<joint>` of the controlled hinges, `settle.drift_m.<joint>` of the slide joints;
+    `settle.energy_ratio`, the largest energy of all that can move (kinetic, potential above z = 0 of the
+    world, foam) over that of the start, None unless that is above zero; `settle.left_out`, what of the
+    model's file is left out or overridden.
+
+    Args:
+        simulation: Body of `deployment`, at the start.
+        deployment: The deployment.
+        duration_ns: Time to simulate [ns].
+        progress: Called with the fraction that is done.
 
     Raises:
         ModelError: the simulation became unstable.
-        DeploymentError: the deployment contradicts itself or the model.
     """
-    simulation = BodySimulation(deployment, base_dir)
     record = _SettlingRecord(simulation)
     step_ns = deployment.body.timestep_ns
     n_steps = duration_ns // step_ns
@@ -51,12 +78,12 @@ def settle(
     try:
         for step in range(n_steps):
             simulation.advance((step + 1) * step_ns)
-            record.observe(is_averaged=step >= first_averaged)
+            record.observe((step + 1) / n_steps, is_averaged=step >= first_averaged)
             if step % 100 == 0:
                 progress(step / n_steps)
     except ModelError as error:
         raise ModelError(f"settling: {error}") from error
-    return record.metrics(deployment)
+    return record.settled(deployment)
 
 
 @dataclass
@@ -77,29 +104,61 @@ class _SettlingRecord:
         self._free_bodies = {mj.body(body).name or f"body {body}": body for body in bodies}
         self._start_m = data.xpos[:, 2].copy()
         self._rise_m = np.zeros(mj.nbody)
+        self._start_qpos = data.qpos.copy()
         self._start_rad = simulation.joints()
         self._force_sum_n = np.zeros(simulation.n_cells)
+        self._patch_body_sum_n = np.zeros((len(simulation.patches), mj.nbody))
         self._pressure_sum_kpa = np.zeros(simulation.n_elements)
+        n_dofs = simulation.n_dofs
+        self._first_speed, self._last_speed = np.zeros(n_dofs), np.zeros(n_dofs)
+        self._direction = np.zeros(n_dofs)
+        self._n_reversals = np.zeros(n_dofs, dtype=np.int64)
         is_fixed = mj.body_weldid == 0
         weight_n = mj.body_mass[is_fixed, None] * mj.opt.gravity
         self._fixed_j = -float((weight_n * data.xipos[is_fixed]).sum())
         simulation.pressures()  # evaluates the contact at the start: foam may be compressed there
         self._start_j = self._largest_j = self._energy_j()
 
-    def observe(self, *, is_averaged: bool) -> None:
-        """Observe the present state; add its forces to the means if `is_averaged`."""
+    def observe(self, fraction: float, *, is_averaged: bool) -> None:
+        """Observe the present state, after `fraction` of the time; add its forces to the means if asked."""
         simulation = self.simulation
         pressure_kpa = simulation.pressures()  # evaluates the contact of the present state
         self._rise_m = np.maximum(self._rise_m, simulation.data.xpos[:, 2] - self._start_m)
         self._largest_j = max(self._largest_j, self._energy_j())
+        self._observe_speeds(fraction)
         if is_averaged:
             self.n_averaged += 1
+            contact = simulation.cell_foundation.contact
             self.unsensed_sum_n += simulation.unsensed_force.now_n
-            self._force_sum_n += simulation.cell_foundation.contact.force_n.sum(axis=1)
+            self._force_sum_n += contact.force_n.sum(axis=1)
+            self._patch_body_sum_n += contact.patch_body_force_n
             self._pressure_sum_kpa += pressure_kpa
 
-    def metrics(self, deployment: Deployment) -> dict[str, Any]:
-        """Compute the metrics, see `settle`."""
+    def settled(self, deployment: Deployment) -> Settled:
+        """Return the outcome, see `settle`."""
+        n = max(self.n_averaged, 1)
+        return Settled(
+            metrics=self._metrics(deployment),
+            force_n=self._force_sum_n / n,
+            patch_body_force_n=self._patch_body_sum_n / n,
+            start_qpos=self._start_qpos,
+            end_qpos=self.simulation.data.qpos.copy(),
+            first_speed_rad_s=self._first_speed,
+            last_speed_rad_s=self._last_speed,
+            n_reversals=self._n_reversals,
+        )
+
+    def _observe_speeds(self, fraction: float) -> None:
+        velocity_rad_s = self.simulation.data.qvel[self.simulation.model.dof_address]
+        if fraction <= 1.0 / 3.0:
+            self._first_speed = np.maximum(self._first_speed, np.abs(velocity_rad_s))
+        elif fraction > 2.0 / 3.0:
+            self._last_speed = np.maximum(self._last_speed, np.abs(velocity_rad_s))
+            direction = np.sign(velocity_rad_s)
+            self._n_reversals += direction * self._direction < 0.0
+            self._direction = direction
+
+    def _metrics(self, deployment: Deployment) -> dict[str, Any]:
         simulation, n = self.simulation, max(self.n_averaged, 1)
         metrics: dict[str, Any] = {}
         for name, rows in simulation.cells.items():

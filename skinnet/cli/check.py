@@ -1,13 +1,14 @@
-"""Command `skinnet check`: a deployment, validated and listed, and its body settled at home."""
+"""Command `skinnet check`: a deployment, validated, listed and diagnosed, with its body settled at home."""
 
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from skinnet.cli.console import (
+    BAD_INPUT,
     DeploymentArgument,
     JsonOption,
     SettingsOption,
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from skinnet.deployment import Deployment
+    from skinnet.diagnosis.diagnose import Diagnosis
 
 __all__ = ["register"]
 
@@ -61,25 +63,25 @@ def check(
     """Check a deployment and list its parts.
 
     All that a run checks is checked, with the model, the skin and the memory. What of the model's file is
-    left out or overridden is listed. With --settle, the body is simulated for some time: forces on the skin,
-    drift of joints, energy.
+    left out or overridden is listed. Findings follow: errors, warnings, remarks, each with its mend. With
+    --settle, the body is simulated for some time: forces on the skin, drift of joints, energy. The exit code
+    is 2 if the deployment is refused or a finding is an error.
     """
     if channels and resolved:
         raise UsageError("--channels and --resolved exclude each other: give one of them")
     if resolved and (settle is not None or json is not None):
         raise UsageError("--resolved prints TOML: leave out --settle and --json")
-    if json is not None and settle is None:
-        raise UsageError("--json writes the metrics of --settle: give both")
     if settle is not None and not (math.isfinite(settle) and 0.0 < settle <= _MAX_SETTLE_S):
         raise UsageError(f"--settle {settle:g}: must be above 0 and at most {_MAX_SETTLE_S:g} s")
-    from skinnet.body.contact.contact_notices import contact_notices
     from skinnet.cli.deployment_listing import (
         print_channels,
         print_deployment,
+        print_findings,
         print_settling,
         resolved_toml,
     )
     from skinnet.deployment.extends import read_layers
+    from skinnet.diagnosis.finding import as_documents, has_errors
     from skinnet.run.prepare import RunOptions, prepare_run
 
     prepared = prepare_run(RunOptions(file, tuple(settings or ())))
@@ -92,26 +94,33 @@ def check(
     for line in prepared.left_out:
         said = f"left out of {deployment.body.model}: {line}"
         terminal.print(said, highlight=False, markup=False, soft_wrap=True)
-    for line in contact_notices(deployment, prepared.base):
-        terminal.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
     if channels:
         print_channels(terminal, deployment.robot)
+    diagnosis = _diagnose(terminal, deployment, prepared.base, settle or 0.0)
     if settle is not None:
-        metrics = _settle(terminal, deployment, file, settle)
-        print_settling(terminal, settle, metrics)
-        write_report({"deployment": deployment.name, "settle_s": settle, "metrics": metrics}, json)
+        print_settling(terminal, settle, diagnosis.metrics)
+    print_findings(terminal, diagnosis.findings)
+    report = {
+        "deployment": deployment.name,
+        "settle_s": settle,
+        "metrics": diagnosis.metrics,
+        "findings": as_documents(diagnosis.findings),
+    }
+    write_report(report, json)
+    if has_errors(diagnosis.findings):
+        raise typer.Exit(BAD_INPUT)
 
 
-def _settle(terminal: "Console", deployment: "Deployment", file: Path, duration_s: float) -> dict[str, Any]:
-    """Settle the body for `duration_s` [s], rounded to a whole number of physics steps; show the progress."""
+def _diagnose(terminal: "Console", deployment: "Deployment", base: Path, settle_s: float) -> "Diagnosis":
+    """Diagnose a deployment, settled for `settle_s` [s], whole physics steps, if any; show the progress."""
     from rich.progress import Progress
 
-    from skinnet.body.settling import settle
+    from skinnet.diagnosis.diagnose import diagnose
 
     step_ns = deployment.body.timestep_ns
-    duration_ns = max(round(duration_s * NS_PER_S / step_ns), 1) * step_ns
+    settle_ns = max(round(settle_s * NS_PER_S / step_ns), 1) * step_ns if settle_s else 0
     with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
         task = progress.add_task("settling", total=1.0)
-        return settle(
-            deployment, file.parent, duration_ns, lambda fraction: progress.update(task, completed=fraction)
+        return diagnose(
+            deployment, base, settle_ns, lambda fraction: progress.update(task, completed=fraction)
         )

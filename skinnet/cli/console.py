@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 __all__ = [
+    "BAD_INPUT",
     "BaseOption",
     "DeploymentArgument",
     "JsonOption",
@@ -33,6 +34,8 @@ __all__ = [
     "write_report",
 ]
 
+BAD_INPUT = 2
+"""Exit code of input that a command cannot use, or finds in error."""
 _PLAIN_WIDTH = 120
 
 DeploymentArgument = Annotated[

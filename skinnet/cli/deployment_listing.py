@@ -1,5 +1,6 @@
 """Deployment listing that `skinnet check` prints: identity, processes, cells, program, periods; channels."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ from rich.table import Table
 from skinnet.analysis.report.toml_listing import sections
 from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
+from skinnet.diagnosis.finding import SEVERITIES, Finding
 from skinnet.migration.deployments import FORMAT, FORMAT_KEY
 from skinnet.protocol.channels import CHANNELS, Keys, Role
 from skinnet.run.process_list import process_list
 
-__all__ = ["print_channels", "print_deployment", "print_settling", "resolved_toml"]
+__all__ = ["print_channels", "print_deployment", "print_findings", "print_settling", "resolved_toml"]
 
 
 def print_deployment(console: Console, deployment: Deployment, files: Sequence[Path]) -> None:
@@ -58,6 +60,16 @@ def print_settling(console: Console, duration_s: float, metrics: dict[str, Any])
         if not isinstance(value, list):
             table.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
     console.print(table)
+
+
+def print_findings(console: Console, findings: Sequence[Finding]) -> None:
+    """Print findings: severity, subject and observation in one line, its mend in the next."""
+    for finding in findings:
+        for line in (f"{finding.severity}: {finding.subject}: {finding.text}", f"    → {finding.mend}"):
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+    counts = Counter(finding.severity for finding in findings)
+    said = [f"{counts[severity]} {severity}{'' if counts[severity] == 1 else 's'}" for severity in SEVERITIES]
+    console.print(", ".join(said), highlight=False)
 
 
 def resolved_toml(deployment: Deployment, file: Path) -> str:

@@ -27,7 +27,7 @@ from skinnet.cli import (
     stress,
     view,
 )
-from skinnet.cli.console import examples
+from skinnet.cli.console import BAD_INPUT, examples
 from skinnet.errors import (
     DeploymentError,
     FormatError,
@@ -43,7 +43,7 @@ from skinnet.errors import (
 
 __all__ = ["app", "main"]
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+FAILED, INTERRUPTED = 1, 130
 _BAD_INPUT_ERRORS = (
     DeploymentError,
     FormatError,

@@ -188,6 +188,29 @@ def test_check_settles_the_body(tmp_path: Path) -> None:
     assert all(name in done.stdout for name in metrics if name != "settle.left_out"), done.stdout
 
 
+def test_check_prints_and_writes_findings(tmp_path: Path) -> None:
+    """Also without --settle; a finding that is an error is an exit code of 2, after all is printed."""
+    done = skinnet("check", str(TOUCH), "--json", "-")
+    report = json.loads(done.stdout)
+    assert done.returncode == 0, done.stderr
+    assert (report["settle_s"], report["metrics"], report["findings"]) == (None, {}, [])
+    assert "0 errors, 0 warnings, 0 remarks" in done.stderr
+    arm = ROOT / "deployments/two_link_arm.xml"
+    (tmp_path / "weightless.xml").write_text(arm.read_text().replace("0 0 -9.81", "0 0 0"))
+    own = tmp_path / "weightless.toml"
+    own.write_text(
+        f'extends = "{arm.with_suffix(".toml")}"\nname = "weightless"\n[body]\nmodel = "weightless.xml"\n'
+    )
+    done = skinnet("check", str(own), "--json", str(tmp_path / "findings.json"))
+    assert done.returncode == 2
+    assert done.stderr == ""
+    (finding,) = json.loads((tmp_path / "findings.json").read_text())["findings"]
+    assert (finding["severity"], finding["code"]) == ("error", "gravity_zero")
+    assert (
+        f"error: {finding['subject']}: {finding['text']}\n    → {finding['mend']}\n1 error, " in done.stdout
+    )
+
+
 def test_check_prints_the_resolved_deployment(tmp_path: Path) -> None:
     done = skinnet(
         "check", str(TOUCH), "--resolved", "--set", "run.max_s=7.5", "--set", "cells.force.noise=0.0"
@@ -274,7 +297,6 @@ def test_help_imports_nothing_heavy() -> None:
         (("run", str(TOUCH), "--view", "--keep", "--seeds", "1-2"), "--keep and --seeds exclude each other"),
         (("run", str(TOUCH), "--seed", "1", "--seeds", "1-2"), "--seed and --seeds exclude each other"),
         (("check", str(TOUCH), "--channels", "--resolved"), "--channels and --resolved exclude each other"),
-        (("check", str(TOUCH), "--json", "-"), "--json writes the metrics of --settle: give both"),
         (("check", str(TOUCH), "--settle", "0"), "--settle 0: must be above 0 and at most"),
         (("check", str(TOUCH), "--settle", "nan"), "--settle nan: must be above 0 and at most"),
     ],

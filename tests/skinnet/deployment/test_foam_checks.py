@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from locations import DEPLOYMENTS, ROOT
 
-from skinnet.body.contact.contact_notices import contact_notices
 from skinnet.cli.deployment_listing import resolved_toml
 from skinnet.deployment import load
 from skinnet.deployment.checks import check
+from skinnet.diagnosis.felt_geometry import felt_geometry_findings
 from skinnet.errors import DeploymentError
 
 FILE = DEPLOYMENTS / "two_link_arm.toml"
@@ -82,11 +82,12 @@ def test_a_resolved_deployment_keeps_its_curve(tmp_path: Path) -> None:
 
 
 def test_check_says_what_the_table_means() -> None:
-    (line,) = (line for line in contact_notices(loaded({}), DEPLOYMENTS) if "foam" in line)
+    (finding,) = felt_geometry_findings(loaded({}), DEPLOYMENTS)
+    line = finding.text
     # areas by hand: loading 0.2 + 0.5 + 1.8, unloading 0.1 + 0.3 + 1.65
     assert "CC40 3 kPa, 6.25e+05 Pa/m to 40 % strain" in line
     assert "between both columns lies 18 % of the work of loading" in line
-    assert not [line for line in contact_notices(load(FILE), DEPLOYMENTS) if "foam" in line]
+    assert felt_geometry_findings(load(FILE), DEPLOYMENTS) == []
 
 
 def test_the_example_of_the_docs_is_a_curve() -> None:

@@ -1,9 +1,9 @@
-"""Notices of `skinnet check` on filters, margins and meshes."""
+"""Findings on filters, margins and meshes: what they say."""
 
 import body_scenes
 import pytest
 
-from skinnet.body.contact.contact_notices import contact_notices
+from skinnet.diagnosis.felt_geometry import felt_geometry_findings
 
 SCENE = """
 <mujoco>
@@ -24,25 +24,26 @@ CLOSED = "0 2 1 0 3 2 0 1 4 1 2 4 2 3 4 3 0 4"
 def notices(folder, *, face=CLOSED, plate="", rest="") -> list[str]:
     (folder / "scene.xml").write_text(SCENE.format(face=face, plate=plate, rest=rest))
     skin = (body_scenes.lattice_patch("skin", "base", 3, 3),)
-    return contact_notices(body_scenes.deployment_of(skin, ("turn",)), folder)
+    found = felt_geometry_findings(body_scenes.deployment_of(skin, ("turn",)), folder)
+    return [f"{finding.subject}: {finding.text}" for finding in found]
 
 
 def test_a_convex_mesh_has_no_gap(tmp_path):
-    assert notices(tmp_path) == ['mesh "roof" is felt as its convex hull, at most 0.0 mm from the mesh']
+    assert notices(tmp_path) == []
 
 
 def test_open_and_inward_meshes_are_named(tmp_path):
     open_mesh = notices(tmp_path, face=CLOSED.removesuffix(" 3 0 4"))
-    assert open_mesh[1:] == ['mesh "roof" is open: 3 edges lack a second face; its convex hull is felt']
+    assert open_mesh[1:] == ['mesh "roof": it is open, 3 edges lack a second face; its convex hull is felt']
     assert float(open_mesh[0].split("at most ")[1].split(" mm")[0]) > 10.0
     inwards = " ".join(reversed(CLOSED.split()))
-    assert notices(tmp_path, face=inwards)[1:] == [
-        'mesh "roof" has its faces inwards (negative volume); its convex hull is felt'
+    assert notices(tmp_path, face=inwards) == [
+        'mesh "roof": its faces are inwards (negative volume); its convex hull is felt'
     ]
 
 
 def test_margins_that_were_cleared_are_listed(tmp_path):
-    (line, _) = notices(tmp_path, plate='margin="0.02" gap="0.001"')
+    (line,) = notices(tmp_path, plate='margin="0.02" gap="0.001"')
     assert "set to 0" in line
     assert line.endswith(': geom "plate" (margin 20 mm, gap 1 mm)')
 
@@ -50,8 +51,8 @@ def test_margins_that_were_cleared_are_listed(tmp_path):
 @pytest.mark.parametrize(
     ("plate", "rest", "told"),
     [
-        ('contype="0" conaffinity="0"', "", 'no geom of "base" can collide'),
-        ("", '<option><flag contact="disable"/></option>', "the model disables contacts"),
+        ('contype="0" conaffinity="0"', "", 'body "base": no geom of it can collide'),
+        ("", '<option><flag contact="disable"/></option>', "model: it disables contacts"),
     ],
 )
 def test_skin_that_nothing_can_touch_is_named(tmp_path, plate, rest, told):
