@@ -1,12 +1,9 @@
 """Off-screen rendering of the body, its skin coloured by one value per cell or element.
 
-Rendering needs `MUJOCO_GL` before MuJoCo is imported, and a failing driver may crash its process. So
-`render_body` renders in a subprocess: `python -m skinnet.body.rendering` with a request on standard input.
+`render_body` renders in a process of its own (`offscreen`): this module with a request on standard input.
 """
 
 import math
-import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +19,7 @@ from skinnet.body.added_elements import added_id, builtin_defaults, unused_name
 from skinnet.body.contact.skin_surface import hexagon_m
 from skinnet.body.environment.stand_model import OBJECT, STAND, place_object
 from skinnet.body.model import PAYLOAD, build_mj_spec
+from skinnet.body.offscreen import run_renderer
 from skinnet.body.shown_geoms import shown_geoms
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.deployment import Deployment
@@ -30,7 +28,6 @@ from skinnet.skin.tactile_sheets import PlacedSheet
 
 __all__ = ["render_body"]
 
-_TIMEOUT_S = 120.0
 _CELL_THICKNESS_M = 0.003
 _CELL_SCALE = 0.93
 """Scale of drawn cells, so that gaps show their edges."""
@@ -93,24 +90,7 @@ def render_body(
         width=size[0],
         height=size[1],
     )
-    environment = {"MUJOCO_GL": "egl", **os.environ}
-    command = [sys.executable, "-m", "skinnet.body.rendering"]
-    try:
-        done = subprocess.run(
-            command,
-            input=msgspec.json.encode(request),
-            capture_output=True,
-            env=environment,
-            timeout=_TIMEOUT_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return None, f"no picture: {error}"
-    if done.returncode != 0 or not out.is_file():
-        lines = done.stderr.decode(errors="replace").strip().splitlines()
-        why = lines[-1] if lines else f"the renderer exited with code {done.returncode}"
-        return None, f"no picture (MUJOCO_GL={environment['MUJOCO_GL']}): {why}"
-    return out, ""
+    return run_renderer(__spec__.name, msgspec.json.encode(request), out)
 
 
 def _render(request: _RenderRequest) -> None:

@@ -18,6 +18,7 @@ _FILLED = 0.5
 def felt_geoms(mj: mujoco.MjModel) -> NDArray[np.bool_]:
     """Geoms (ngeom,) that collide with anything, and are felt by skin."""
     felt: NDArray[np.bool_] = (mj.geom_contype != 0) | (mj.geom_conaffinity != 0)
+    felt[np.concatenate([mj.pair_geom1, mj.pair_geom2])] = True
     return felt
 
 

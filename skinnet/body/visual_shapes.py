@@ -79,12 +79,14 @@ class VisualModel:
     Attributes:
         links: Names of all links, `world` first; unnamed ones are called `body` with their id.
         free_links: Links of free bodies, by their name in messages.
-        shapes: All visual shapes.
+        shapes: Shapes that pictures show.
+        felt_shapes: Shapes of all geoms that can collide, whether or not they are seen.
+        home_rad: (D,) positions of the controlled joints at home [rad].
         camera: Suggested camera.
     """
 
-    def __init__(self, deployment: Deployment, base_dir: Path, *, felt: bool = False) -> None:
-        """Compile the model; shapes are those that pictures show, or with `felt` all that skin can feel.
+    def __init__(self, deployment: Deployment, base_dir: Path) -> None:
+        """Compile the model.
 
         Raises:
             ModelError: the model does not compile or lacks something.
@@ -96,9 +98,10 @@ class VisualModel:
         self._data.qpos[:] = self._model.home_qpos
         self.links = tuple(mj.body(i).name or f"body{i}" for i in range(mj.nbody))
         self.free_links = {name: self.links[i] for name, i in free_body_ids(mj).items()}
-        shown = felt_geoms(mj) if felt else shown_geoms(mj)
-        drawn = np.flatnonzero(shown & np.isin(mj.geom_type, [*map(int, _GEOM_TYPE_NAMES)]))
-        self.shapes = tuple(self._shape(i) for i in drawn.tolist())
+        known = np.isin(mj.geom_type, [*map(int, _GEOM_TYPE_NAMES)])
+        self.shapes = tuple(self._shape(i) for i in np.flatnonzero(shown_geoms(mj) & known).tolist())
+        self.felt_shapes = tuple(self._shape(i) for i in np.flatnonzero(felt_geoms(mj) & known).tolist())
+        self.home_rad: list[float] = self._model.home_qpos[self._model.qpos_address].tolist()
         self.camera = _camera(mj)
 
     @property

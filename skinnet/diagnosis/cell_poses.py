@@ -164,8 +164,8 @@ def _piercing(deployment: Deployment, body: BodySimulation) -> Iterator[Finding]
                 "warning",
                 "cells_overlap",
                 f'link "{mj.body(frame).name}"',
-                f"{len(pairs)} pairs of cells go through each other, the worst, {names[a]} and {names[b]}, "
-                f"by {_MM_PER_M * depth_m:.1f} mm",
+                f"{len(pairs)} pair{'s' if len(pairs) > 1 else ''} of cells in each other, the worst, "
+                f"{names[a]} and {names[b]}, by {_MM_PER_M * depth_m:.1f} mm",
                 f"keep cells {_MM_PER_M * pitch_m(side_m):.1f} mm apart and tilt them less, or leave one out",
                 tuple(names[row] for row in cells),
             )

@@ -1,6 +1,7 @@
 """Triangle meshes of shapes, cells and sheet elements, for the browser."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from skinnet.body.contact.skin_surface import hexagon_m
 from skinnet.body.visual_shapes import VisualShape
 
-__all__ = ["TriangleMesh", "concatenate", "hexagonal_prism", "shape_mesh", "square_plate"]
+__all__ = ["TriangleMesh", "concatenate", "hexagonal_prism", "hull_mesh", "shape_mesh", "square_plate"]
 
 _N_SECTORS = 28
 _SUBDIVISIONS = 2
@@ -50,6 +51,14 @@ def shape_mesh(shape: VisualShape) -> TriangleMesh:
     drawn = _with_sharp_edges(mesh)
     turn = Rotation.from_quat(shape.wxyz, scalar_first=True)
     return TriangleMesh(turn.apply(drawn.vertices_m) + shape.position_m, drawn.faces)
+
+
+def hull_mesh(shape: VisualShape) -> TriangleMesh:
+    """Triangle mesh of a shape as it is felt: a mesh as its convex hull, others as they are."""
+    if shape.geom_type != "mesh":
+        return shape_mesh(shape)
+    hull = trimesh.Trimesh(shape.vertices_m, shape.faces).convex_hull
+    return shape_mesh(replace(shape, vertices_m=np.array(hull.vertices), faces=np.array(hull.faces)))
 
 
 def hexagonal_prism(side_m: float, height_m: float) -> TriangleMesh:

@@ -52,9 +52,9 @@ def test_every_surface_is_shown_once(tmp_path):
 def test_viewers_get_the_same_and_felt_geometry_on_demand(tmp_path):
     (tmp_path / "scene.xml").write_text(MODEL)
     deployment = body_scenes.deployment_of((), ("turn",))
-    count = {felt: len(VisualModel(deployment, tmp_path, felt=felt).shapes) for felt in (False, True)}
-    finger = 2
-    assert count == {False: 6 + finger, True: 4 + finger - 1}, "the finger's tip is felt, its shaft is not"
+    model, finger = VisualModel(deployment, tmp_path), 2
+    assert len(model.shapes) == 6 + finger
+    assert len(model.felt_shapes) == 4 + finger - 1, "the finger's tip is felt, its shaft is not"
 
 
 def test_a_model_without_lights_is_lit(tmp_path):

@@ -1,0 +1,1 @@
+"""Preview of a deployment's skin: pictures and a page, before any run."""
