@@ -15,6 +15,7 @@ from skinnet.diagnosis.base import base_findings
 from skinnet.diagnosis.cell_poses import cell_pose_findings
 from skinnet.diagnosis.felt_geometry import felt_geometry_findings
 from skinnet.diagnosis.finding import Finding, in_order
+from skinnet.diagnosis.servos import servo_findings
 from skinnet.diagnosis.wiring import wiring_findings
 from skinnet.errors import ModelError
 
@@ -60,6 +61,7 @@ def diagnose(
         *cell_pose_findings(deployment, body),
         *felt_geometry_findings(deployment, base_dir),
         *collision_findings(body, tree),
+        *servo_findings(deployment, body),
     ]
     body.pressures()  # evaluates the contact at home
     contact = body.cell_foundation.contact

@@ -11,7 +11,8 @@ from skinnet.body.step_cost import StepCost
 from skinnet.deployment import Deployment
 from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.deployment.controller.stages import StageSpec
-from skinnet.deployment.robot import BodySpec, FoamCurveSpec, FoamSpec, ServoSpec
+from skinnet.deployment.robot import BodySpec, FoamCurveSpec, FoamSpec
+from skinnet.deployment.servo import ServoSpec
 from skinnet.deployment.skin.patches import CellPoseSpec, InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.diagnosis.at_rest import speed_finding
 from skinnet.diagnosis.diagnose import diagnose
@@ -120,6 +121,12 @@ def undamped(torque_limit_nm: float, mass: str) -> Case:
     return Case(model, body={"servo": servo}, settle_ms=100)
 
 
+def at_limit(*, compensated: bool) -> Case:
+    """Home at the limit, beyond which a servo without compensation would have its target."""
+    servo = ServoSpec(gravity_compensation=compensated)
+    return Case({"mass": "10"}, body={"servo": servo, "home_rad": {"lift": -1.0}})
+
+
 CASES: dict[str, tuple[Case, Case]] = {
     "gravity_zero": (Case({"gravity": "0 0 0"}), Case()),
     "gravity_tilted": (Case({"gravity": "0 5 -9.81"}), Case({"gravity": "0 0 -9.78"})),
@@ -180,6 +187,19 @@ CASES: dict[str, tuple[Case, Case]] = {
     "energy_grows": (undamped(400.0, ".005"), undamped(400.0, ".05")),
     "servo_oscillates": (undamped(400.0, ".005"), undamped(400.0, ".05")),
     "unstable": (undamped(1e300, ".005"), undamped(1e300, ".05")),
+    "servo_slow": (
+        Case(body={"servo": ServoSpec(frequency_hz=7.9)}),
+        Case(body={"servo": ServoSpec(frequency_hz=8.1)}),
+    ),
+    "servo_overloaded": (
+        Case({"mass": "40"}, body={"servo": ServoSpec(torque_limit_nm=75.0)}),
+        Case({"mass": "40"}, body={"servo": ServoSpec(torque_limit_nm=80.0)}),
+    ),
+    "servo_sags": (at_limit(compensated=False), at_limit(compensated=True)),
+    "servo_yields": (
+        Case(body={"servo": ServoSpec(frequency_hz=5.0)}),
+        Case(body={"servo": ServoSpec(frequency_hz=12.0)}),
+    ),
     "speed": (Case(settle_ms=20), Case()),
 }
 """By code: a case that shows the finding, and one that does not."""
