@@ -17,6 +17,8 @@ from skinnet.body.offscreen import run_renderer
 __all__ = ["ColouredMesh", "View", "render_meshes"]
 
 _FIELD_OF_VIEW_DEG = 35.0
+_MARGIN = 1.06
+"""Distance of the camera, in distances at which the sphere fills the picture."""
 _BACKGROUND = (0.97, 0.97, 0.98)
 
 
@@ -98,7 +100,7 @@ def _render(request: _Request) -> None:
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat[:] = request.centre_m
-    camera.distance = request.radius_m / math.sin(math.radians(0.5 * _FIELD_OF_VIEW_DEG))
+    camera.distance = _MARGIN * request.radius_m / math.sin(math.radians(0.5 * _FIELD_OF_VIEW_DEG))
     pictures = []
     with mujoco.Renderer(model, request.height, request.width) as renderer:
         for camera.azimuth, camera.elevation in request.views:

@@ -69,12 +69,13 @@ def pressed_findings(body: BodySimulation, force_n: Floats, patch_body_force_n: 
         if not len(pressed) or by_n.sum() < _LEAST_FORCE_N:
             continue
         worst, other = int(force_n[rows].argmax()), int(by_n.argmax())
+        count = f"{len(pressed)} cells" if len(pressed) > 1 else "a cell"
         findings.append(
             Finding(
                 "warning",
                 "cells_pressed",
                 f"patch {name}",
-                f'"{mj.body(other).name or other}" presses {len(pressed)} cells at rest with '
+                f'"{mj.body(other).name or other}" presses {count} at rest with '
                 f"{by_n[other]:.2g} N in all, most on cell {worst}, {force_n[rows][worst]:.2g} N",
                 "choose a body.home_rad in which links keep apart, move the cells, or keep clearance = true",
                 tuple(f"{name}/{row}" for row in pressed.tolist()),

@@ -1,11 +1,13 @@
 """Every finding: a small model that shows it, and the same model mended, which does not."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
 import msgspec
 import pytest
+from locations import ROOT
 
 from skinnet.body.step_cost import StepCost
 from skinnet.deployment import Deployment
@@ -234,8 +236,13 @@ def test_a_finding_is_there_with_its_fault_and_only_then(tmp_path: Path, code: s
     assert code not in {finding.code for finding in findings(tmp_path, sound)}
 
 
-def test_every_code_has_its_models() -> None:
-    assert set(CASES) == set(get_args(Code))
+def test_every_code_has_its_models_and_its_row_in_the_docs() -> None:
+    codes = set(get_args(Code))
+    assert set(CASES) == codes
+    rows = [
+        line for line in (ROOT / "docs/check.md").read_text(encoding="utf-8").splitlines() if "| `" in line
+    ]
+    assert set(re.findall(r"`([a-z_]+)`", " ".join(row.split("|")[1] for row in rows))) == codes
 
 
 def test_the_sound_model_has_nothing_but_its_speed(tmp_path: Path) -> None:
