@@ -65,7 +65,10 @@ class Controller:
     ) -> None:
         self.cell_input = cell_input
         self.self_model = SelfModel(
-            min_row_norm=spec.map.min_row_norm, dof_names=dof_names, cell_names=cell_names
+            min_row_norm=spec.map.min_row_norm,
+            min_lever_m=spec.map.min_lever_m,
+            dof_names=dof_names,
+            cell_names=cell_names,
         )
         self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""

@@ -243,6 +243,7 @@ class TeachAndGrasp:
             self._memory.store_areas()
         if event is Event.EXPLORED and self._exploration is not None:
             self._self_model.add_pose(self._argument, self._exploration.result)
+            self._memory.store_structure()
             self._memory.store_pose(self._argument)
         self._area_teaching = self._exploration = None
 

@@ -12,6 +12,7 @@ from controller.selforganisation.exploration import MotionState, PointToPoint, P
 from controller.selforganisation.kinematic_structure import format_members
 from controller.selforganisation.lock_in import LockIn
 from skinnet import pinned_math
+from skinnet.pinned_linalg import solve
 
 __all__ = ["Deflections", "MapExploration", "MapExplorationConfig"]
 
@@ -31,6 +32,8 @@ class MapExplorationConfig:
     frequency_hz: float = 4.0
     periods: int = 4
     """Number of measured periods, at full amplitude."""
+    tilt_frequency_hz: float | None = None
+    """Frequency of a second sine, by which gravity tilt is told from inertia; None: the tilt stays."""
     ramp_periods: int = 1
     """Number of periods of each ramp, before and after."""
     settle_ns: int = 250_000_000
@@ -45,7 +48,10 @@ class MapExplorationConfig:
 
 @dataclass(frozen=True, eq=False)
 class Deflections:
-    """Measured deflections of all cells in one pose."""
+    """Measured deflections of all cells in one pose.
+
+    In the sine of DoF e the in-phase acceleration is the sum over all DoFs d of deflection times motion.
+    """
 
     pose_rad: NDArray[np.float64]
     """Explored pose (D,)."""
@@ -54,8 +60,23 @@ class Deflections:
 
     Zero where not measured.
     """
+    coupling: NDArray[np.float64]
+    """Motion of DoF d, in phase, per motion of the excited DoF e (D, D): one on the diagonal."""
+    measured: NDArray[np.bool_]
+    """DoFs (D,) that followed their sine."""
     problems: tuple[str, ...]
     """Missing measurements, one line each."""
+
+    def lever_arms_m(self) -> NDArray[np.float64]:
+        """Lever arm (S, D) [m] of every DoF at every cell, up to gravity tilt; zero where not measured.
+
+        With the coupling C, D = J C: what a reaction torque moves belongs to the joint that yields.
+        """
+        n_cells, n_dofs, _ = self.deflection_m.shape
+        by_sine = self.deflection_m.transpose(1, 0, 2).reshape(n_dofs, 3 * n_cells)
+        by_dof = solve(self.coupling.T, by_sine).reshape(n_dofs, n_cells, 3)
+        lever_m: NDArray[np.float64] = np.linalg.norm(by_dof, axis=2).T * self.measured
+        return lever_m
 
 
 class MapExploration:
@@ -66,9 +87,10 @@ class MapExploration:
 
     A deflection is the part of a cell's acceleration that is in phase with the *measured* joint acceleration,
     which rejects servo lag, servo gain and all quadrature components. Centripetal acceleration, at twice the
-    frequency, is rejected too. Two effects are not compensated. Gravity tilt is in phase with −q̈ and adds
-    −G·g/(2πf)² to the row J of the Jacobian, G being the change of 'up' in the cell's frame per radian: at
-    4 Hz like a lever arm of up to 16 mm, at 8 Hz of 4 mm. The other joints are assumed to be at rest.
+    frequency, is rejected too. Gravity tilt is in phase with −q̈ and adds −G·g/(2πf)² to the row J of the
+    Jacobian, G being the change of 'up' in the cell's frame per radian: at 4 Hz like a lever arm of up to
+    16 mm, at 8 Hz of 4 mm. Deflections D at two frequencies give J = (f₁² D₁ − f₂² D₂)/(f₁² − f₂²). The
+    other joints are assumed to be at rest; how far they are not is in the coupling.
     """
 
     def __init__(
@@ -86,14 +108,18 @@ class MapExploration:
         self._n_dofs, self._n_cells = n_dofs, n_cells
         self._dof_names, self._cell_names = dof_names, cell_names
         self._motion = PointToPoint(config.position_control, n_dofs)
-        self._ramp_ns = round(1e9 * config.ramp_periods / config.frequency_hz)
-        self._sine_ns = round(1e9 * config.periods / config.frequency_hz) + 2 * self._ramp_ns
+        self._frequencies_hz = [config.frequency_hz]
+        if config.tilt_frequency_hz is not None:
+            self._frequencies_hz.append(config.tilt_frequency_hz)
         self._phase_start_ns = start_ns
         self._window_ns = (start_ns, start_ns)
-        self._dof = -1
+        self._sine_number = -1
         self._exciting = self._done = False
         self._home_rad = np.zeros(0)
-        self._deflection_m = np.zeros((n_cells, n_dofs, 3))
+        n_frequencies = len(self._frequencies_hz)
+        self._in_phase_m = np.zeros((n_frequencies, n_cells, n_dofs, 3))
+        self._coupling = np.tile(np.eye(n_dofs), (n_frequencies, 1, 1))
+        self._measured = np.zeros((n_frequencies, n_dofs), dtype=np.bool_)
         self._problems: list[str] = []
         self._reset_lock_ins()
 
@@ -110,7 +136,7 @@ class MapExploration:
     @property
     def progress(self) -> float:
         """Completed fraction of the program, 0 to 1."""
-        return 1.0 if self._done else (self._dof + 1) / (self._n_dofs + 1)
+        return 1.0 if self._done else (self._sine_number + 1) / (self._n_sines + 1)
 
     @cached_property
     def result(self) -> Deflections:
@@ -121,7 +147,40 @@ class MapExploration:
         """
         if not self._done:
             raise RuntimeError("map exploration is not done; wait for `done`")
-        return Deflections(self._home_rad, self._deflection_m, tuple(self._problems))
+        measured: NDArray[np.bool_] = self._measured.all(axis=0)
+        deflection_m = self._in_phase_m[0]
+        if len(self._frequencies_hz) > 1:
+            square, tilt_square = (frequency_hz * frequency_hz for frequency_hz in self._frequencies_hz)
+            without_tilt_m = (square * deflection_m - tilt_square * self._in_phase_m[1]) / (
+                square - tilt_square
+            )
+            deflection_m = np.where(measured[:, None], without_tilt_m, 0.0)
+        return Deflections(self._home_rad, deflection_m, self._coupling[0], measured, tuple(self._problems))
+
+    @property
+    def _n_sines(self) -> int:
+        return self._n_dofs * len(self._frequencies_hz)
+
+    @property
+    def _dof(self) -> int:
+        """DoF of the present sine, the DoFs in turn at all their frequencies."""
+        return self._sine_number // len(self._frequencies_hz)
+
+    @property
+    def _frequency_number(self) -> int:
+        return self._sine_number % len(self._frequencies_hz)
+
+    @property
+    def _frequency_hz(self) -> float:
+        return self._frequencies_hz[self._frequency_number]
+
+    @property
+    def _ramp_ns(self) -> int:
+        return round(1e9 * self._config.ramp_periods / self._frequency_hz)
+
+    @property
+    def _sine_ns(self) -> int:
+        return round(1e9 * self._config.periods / self._frequency_hz) + 2 * self._ramp_ns
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
@@ -142,8 +201,8 @@ class MapExploration:
         """Add the joint positions (D,) measured at `t_measured_ns`: the reference of phase and amplitude."""
         if self._window_ns[0] <= t_measured_ns < self._window_ns[1]:
             t_s = np.array([t_measured_ns - self._window_ns[0]]) * 1e-9
-            shift_rad = position_rad[self._dof] - self._home_rad[self._dof]
-            self._joint.add(np.zeros(1, dtype=np.int64), t_s, np.array([[shift_rad]]))
+            shift_rad = position_rad - self._home_rad
+            self._joints.add(np.zeros(1, dtype=np.int64), t_s, shift_rad[None])
 
     def add_samples(
         self, cells: NDArray[np.int64], t_sampled_ns: NDArray[np.int64], acceleration_g: NDArray[np.float64]
@@ -165,10 +224,10 @@ class MapExploration:
             self._phase_start_ns = t_ns
             self._motion.settle()
         elif not (self._exciting or self._done) and self._has_settled(elapsed_ns):
-            if self._dof >= 0:
+            if self._sine_number >= 0:
                 self._reduce_to_deflections()
-            self._dof += 1
-            self._exciting = self._dof < self._n_dofs
+            self._sine_number += 1
+            self._exciting = self._sine_number < self._n_sines
             self._done = not self._exciting
             self._phase_start_ns = t_ns
             measured_ns = self._sine_ns - 2 * self._ramp_ns if self._exciting else 0
@@ -184,8 +243,10 @@ class MapExploration:
             return True
         if elapsed_ns < config.rest_timeout_ns:
             return False
-        if self._dof + 1 < self._n_dofs:
-            before = f"before the sine of {self._dof_text([self._dof + 1])}"
+        following = self._sine_number + 1
+        if following < self._n_sines:
+            following_dof = following // len(self._frequencies_hz)
+            before = f"before the sine of {self._dof_text([following_dof])}"
         else:
             before = "after the last sine"
         self._problems.append(f"{self._dof_text(motion.restless())} did not come to rest {before}")
@@ -199,21 +260,18 @@ class MapExploration:
         to_end_s = min(t_s, self._sine_ns * 1e-9 - t_s)
         ramp_s = self._ramp_ns * 1e-9
         fade = 0.5 - 0.5 * pinned_math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
-        return (
-            self._config.amplitude_rad_s
-            * fade
-            * pinned_math.sin(2.0 * math.pi * self._config.frequency_hz * t_s)
-        )
+        return self._config.amplitude_rad_s * fade * pinned_math.sin(2.0 * math.pi * self._frequency_hz * t_s)
 
     def _reset_lock_ins(self) -> None:
-        self._cells = LockIn(self._n_cells, 3, self._config.frequency_hz)
-        self._joint = LockIn(1, 1, self._config.frequency_hz)
+        self._cells = LockIn(self._n_cells, 3, self._frequency_hz)
+        self._joints = LockIn(1, self._n_dofs, self._frequency_hz)
 
     def _reduce_to_deflections(self) -> None:
         """Reduce the samples of the current DoF to its deflections."""
-        config, dof = self._config, self._dof
-        angular_hz = 2.0 * math.pi * config.frequency_hz
-        motion_rad = complex(self._joint.amplitude(config.min_samples)[0, 0])
+        config, number, dof = self._config, self._frequency_number, self._dof
+        angular_hz = 2.0 * math.pi * self._frequency_hz
+        motions_rad = self._joints.amplitude(config.min_samples)[0]
+        motion_rad = complex(motions_rad[dof])
         length_rad = pinned_math.hypot(motion_rad.real, motion_rad.imag)
         if not length_rad >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
             self._problems.append(
@@ -221,6 +279,9 @@ class MapExploration:
                 "fraction of the command"
             )
             return
+        self._measured[number, dof] = True
+        in_phase = motions_rad.real * motion_rad.real + motions_rad.imag * motion_rad.imag
+        self._coupling[number, :, dof] = in_phase / (length_rad * length_rad)
         # the real part of amplitude / (−ω² motion), in real numbers: complex division depends on the CPU
         amplitude = self._cells.amplitude(config.min_samples)
         along = amplitude.real * motion_rad.real + amplitude.imag * motion_rad.imag
@@ -232,4 +293,4 @@ class MapExploration:
                 f"{self._dof_text([dof])}: "
                 f"{format_members('cell', np.flatnonzero(blind), self._cell_names)} with too few samples"
             )
-        self._deflection_m[~blind, dof] = deflection_m[~blind]
+        self._in_phase_m[number, ~blind, dof] = deflection_m[~blind]

@@ -12,6 +12,7 @@ from controller.selforganisation.exploration import MotionState, PointToPoint, P
 from controller.selforganisation.kinematic_structure import (
     KinematicStructure,
     activity_matrix,
+    barely_active,
     find_structure,
     format_members,
 )
@@ -57,8 +58,8 @@ class StructuralExploration:
     are absolute, the pose at the first tick and that plus the step, hence no drift.
 
     A step counts only between two measured rests: all DoFs are still throughout the averages before and after
-    it. Else it is repeated; if that fails as well, the DoF is among the problems, and unless it was still its
-    measurements are dropped.
+    it. Else it is repeated; if that fails as well, the DoF is among the problems. Unless all were still its
+    measurements in this run are dropped: they say nothing about any cell.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class StructuralExploration:
         self._windows: list[tuple[int, _Window]] = [(start_ns, (0, 0, 0))]
         self._sum_g = np.zeros((2, _RUNS, n_dofs, n_cells, 3))
         self._count = np.zeros((2, _RUNS, n_dofs, n_cells), dtype=np.int64)
+        self._lost = np.zeros((_RUNS, n_dofs), dtype=np.bool_)
         self._failed_steps: list[str] = []
 
     @property
@@ -115,7 +117,9 @@ class StructuralExploration:
         enough = self._count >= self._config.min_samples
         count = np.where(enough, self._count, 1)[..., None]
         before_g, after_g = np.where(enough[..., None], self._sum_g / count, np.nan)
-        active, unknown = activity_matrix(before_g, after_g, self._config.threshold_g)
+        threshold_g = self._config.threshold_g
+        active, unknown = activity_matrix(before_g, after_g, threshold_g, self._lost)
+        active[:, barely_active(before_g, after_g, threshold_g)] = False
         return find_structure(
             active, unknown, self._failed_steps, dof_names=self._dof_names, cell_names=self._cell_names
         )
@@ -246,6 +250,7 @@ class StructuralExploration:
         """Drop the averages of the present step, and samples of it that are still to come."""
         run, dof = divmod(self._step, self._n_dofs)
         self._count[:, run, dof] = 0
+        self._lost[run, dof] = True
         self._windows = [entry for entry in self._windows if entry[1][1:] != (run, dof)]
 
     def _enter(self, phase: _Phase, t_ns: int) -> None:

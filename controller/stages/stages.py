@@ -125,9 +125,9 @@ class ExplorationStage:
         knowledge = self._self_model
         if isinstance(self._exploration, StructuralExploration):
             knowledge.structure = self._exploration.result
-            self._memory.store_structure()
-            return
-        knowledge.add_map(self._exploration.result)
+        else:
+            knowledge.add_map(self._exploration.result)
+        self._memory.store_structure()
 
 
 class PostureStage:
@@ -228,6 +228,7 @@ def _map_config(control: ControllerSpec) -> MapExplorationConfig:
     return MapExplorationConfig(
         amplitude_rad_s=spec.amplitude_rad_s,
         frequency_hz=spec.frequency_hz,
+        tilt_frequency_hz=spec.tilt_frequency_hz,
         periods=spec.periods,
         settle_ns=round(spec.settle_s * 1e9),
         position_control=PositionControl(delay_ns=_feedback_delay_ns(control)),
