@@ -5,14 +5,31 @@ They need revolute DoFs, velocity commands, position feedback and accelerations,
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Exploration", "MotionState", "PointToPoint", "PositionControl"]
+from controller.cell_input import CellRows
+from controller.selforganisation.touch_guard import TouchLimits
+from controller.touch.tactile_state import COLUMNS, REACTION_COLUMNS
+from skinnet.protocol.messages import Modality
+
+__all__ = [
+    "Exploration",
+    "MotionState",
+    "PointToPoint",
+    "PositionControl",
+    "add_readings",
+    "scales_with_room",
+]
+
+_MIN_SCALE = 0.5
+"""Fraction of a motion below which it tells too little, and is not made; an assumption."""
+_CLEARANCE = 0.1
+"""Clearance of a motion from the joint limits, for overshoot, as a fraction of its reach; an assumption."""
 
 
 class Exploration(Protocol):
@@ -38,8 +55,11 @@ class Exploration(Protocol):
     ) -> None:
         """Add accelerations (n, 3) of cells (n,) [g, cell frames], with their sampling times (n,)."""
 
+    def add_touch(self, cells: NDArray[np.int64], touch: NDArray[np.float64]) -> None:
+        """Add touch readings (n, 4) of cells (n,), three of force and one of proximity: they stop motions."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class PositionControl:
     """Point-to-point position control of all DoFs; the numbers without a source are assumptions."""
 
@@ -53,6 +73,10 @@ class PositionControl:
     """Peak-to-peak motion over `rest_ns` below which a DoF is at rest: 1 mrad/s."""
     delay_ns: int = 10_000_000
     """Time [ns] from a command to the first feedback of its effect; rest is judged after it."""
+    range_rad: NDArray[np.float64] | None = None
+    """Position limits (D, 2), infinite for a DoF without; None if they are not known."""
+    touch: TouchLimits = field(default_factory=TouchLimits)
+    """Readings that stop a motion."""
 
 
 class MotionState(Enum):
@@ -113,8 +137,11 @@ class PointToPoint:
         return np.flatnonzero(wide) if wide.any() else np.array([np.argmax(swing_rad)])
 
     def begin(self, target_rad: NDArray[np.float64]) -> None:
-        """Begin the motion to a new target (D,), from the present target."""
-        self._plan(target_rad - self.target_rad)
+        """Begin the motion to a new target (D,), from what was commanded so far."""
+        commanded_rad = self.target_rad
+        if self.state is MotionState.MOVING:
+            commanded_rad = commanded_rad - self._way_rad
+        self._plan(target_rad - commanded_rad)
         self._target_rad = target_rad.copy()
         self._last_error_rad = np.inf
 
@@ -188,3 +215,45 @@ class PointToPoint:
         else:
             self._last_error_rad = largest_rad
             self._plan(error_rad)
+
+
+def add_readings(program: Exploration, stream: CellRows) -> None:
+    """Add the full readings of a tick to a program."""
+    values = stream.rows["values"].astype(np.float64)
+    program.add_samples(stream.cell, stream.rows["t_sampled_ns"], values[:, COLUMNS[Modality.ACCELERATION]])
+    program.add_touch(stream.cell, values[:, REACTION_COLUMNS])
+
+
+def scales_with_room(
+    control: PositionControl, dof: int, home_rad: float, reach_rad: tuple[float, float]
+) -> list[float]:
+    """Find the scales of a motion from `home_rad` that stay within the limits of a DoF, the best first.
+
+    Args:
+        control: position control, with the limits if they are known.
+        dof: the DoF.
+        home_rad: position at which the motion begins.
+        reach_rad: lowest and highest position of the motion at scale one, from its begin.
+
+    Returns:
+        At most one scale upwards, up to 1, and one mirrored, down to −1; those that would be too small are
+        left out.
+    """
+    if control.range_rad is None:
+        return [1.0, -1.0]
+    clearance_rad = _CLEARANCE * (reach_rad[1] - reach_rad[0])
+    room_below_rad, room_above_rad = (
+        np.array([-1.0, 1.0]) * (control.range_rad[dof] - home_rad) - clearance_rad
+    )
+    scales = []
+    for sign, below_rad, above_rad in (
+        (1.0, -reach_rad[0], reach_rad[1]),
+        (-1.0, reach_rad[1], -reach_rad[0]),
+    ):
+        size = 1.0
+        for needed_rad, room_rad in ((below_rad, room_below_rad), (above_rad, room_above_rad)):
+            if needed_rad > 0.0:
+                size = min(size, float(room_rad) / needed_rad)
+        if size >= _MIN_SCALE:
+            scales.append(sign * size)
+    return sorted(scales, key=abs, reverse=True)

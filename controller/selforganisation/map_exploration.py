@@ -8,9 +8,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import MotionState, PointToPoint, PositionControl
+from controller.selforganisation.exploration import (
+    MotionState,
+    PointToPoint,
+    PositionControl,
+    scales_with_room,
+)
 from controller.selforganisation.kinematic_structure import format_members
 from controller.selforganisation.lock_in import LockIn
+from controller.selforganisation.touch_guard import TouchGuard
+from controller.selforganisation.velocity_sine import VelocitySine
 from skinnet import pinned_math
 from skinnet.pinned_linalg import solve
 
@@ -82,8 +89,8 @@ class Deflections:
 class MapExploration:
     """Exploration program: applies a velocity sine to each DoF in turn and measures deflections [M14, III.B].
 
-    The envelope of the sine is symmetric over a whole number of periods: velocity and acceleration begin and
-    end at zero, and the position returns to its start; what is left at rest is corrected between sines.
+    What is left of a sine at rest is corrected before the next. A sine is mirrored, or smaller, where limits
+    of the DoF leave no room for it; contact, or what comes nearer, stops it, and it is repeated mirrored.
 
     A deflection is the part of a cell's acceleration that is in phase with the *measured* joint acceleration,
     which rejects servo lag, servo gain and all quadrature components. Centripetal acceleration, at twice the
@@ -108,15 +115,20 @@ class MapExploration:
         self._n_dofs, self._n_cells = n_dofs, n_cells
         self._dof_names, self._cell_names = dof_names, cell_names
         self._motion = PointToPoint(config.position_control, n_dofs)
-        self._frequencies_hz = [config.frequency_hz]
-        if config.tilt_frequency_hz is not None:
-            self._frequencies_hz.append(config.tilt_frequency_hz)
+        self._sines = [
+            VelocitySine(config.amplitude_rad_s, frequency_hz, config.periods, config.ramp_periods)
+            for frequency_hz in (config.frequency_hz, config.tilt_frequency_hz)
+            if frequency_hz is not None
+        ]
         self._phase_start_ns = start_ns
         self._window_ns = (start_ns, start_ns)
         self._sine_number = -1
-        self._exciting = self._done = False
+        self._guard = TouchGuard(n_cells, config.position_control.touch)
+        self._scales: list[float] = []
+        """Scales of the present sine that have room; the first is the one in use."""
+        self._exciting = self._stopped = self._done = False
         self._home_rad = np.zeros(0)
-        n_frequencies = len(self._frequencies_hz)
+        n_frequencies = len(self._sines)
         self._in_phase_m = np.zeros((n_frequencies, n_cells, n_dofs, 3))
         self._coupling = np.tile(np.eye(n_dofs), (n_frequencies, 1, 1))
         self._measured = np.zeros((n_frequencies, n_dofs), dtype=np.bool_)
@@ -149,8 +161,8 @@ class MapExploration:
             raise RuntimeError("map exploration is not done; wait for `done`")
         measured: NDArray[np.bool_] = self._measured.all(axis=0)
         deflection_m = self._in_phase_m[0]
-        if len(self._frequencies_hz) > 1:
-            square, tilt_square = (frequency_hz * frequency_hz for frequency_hz in self._frequencies_hz)
+        if len(self._sines) > 1:
+            square, tilt_square = (sine.frequency_hz * sine.frequency_hz for sine in self._sines)
             without_tilt_m = (square * deflection_m - tilt_square * self._in_phase_m[1]) / (
                 square - tilt_square
             )
@@ -159,28 +171,20 @@ class MapExploration:
 
     @property
     def _n_sines(self) -> int:
-        return self._n_dofs * len(self._frequencies_hz)
+        return self._n_dofs * len(self._sines)
 
     @property
     def _dof(self) -> int:
         """DoF of the present sine, the DoFs in turn at all their frequencies."""
-        return self._sine_number // len(self._frequencies_hz)
+        return self._sine_number // len(self._sines)
 
     @property
     def _frequency_number(self) -> int:
-        return self._sine_number % len(self._frequencies_hz)
+        return self._sine_number % len(self._sines)
 
     @property
-    def _frequency_hz(self) -> float:
-        return self._frequencies_hz[self._frequency_number]
-
-    @property
-    def _ramp_ns(self) -> int:
-        return round(1e9 * self._config.ramp_periods / self._frequency_hz)
-
-    @property
-    def _sine_ns(self) -> int:
-        return round(1e9 * self._config.periods / self._frequency_hz) + 2 * self._ramp_ns
+    def _sine(self) -> VelocitySine:
+        return self._sines[self._frequency_number]
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
@@ -194,7 +198,8 @@ class MapExploration:
         if not self._exciting:
             return correction
         velocity = np.zeros(self._n_dofs)
-        velocity[self._dof] = self._sine((t_ns - self._phase_start_ns) * 1e-9)
+        t_s = (t_ns - self._phase_start_ns) * 1e-9
+        velocity[self._dof] = self._scales[0] * self._sine.velocity_rad_s(t_s)
         return velocity
 
     def add_positions(self, t_measured_ns: int, position_rad: NDArray[np.float64]) -> None:
@@ -216,23 +221,66 @@ class MapExploration:
         t_s = (t_sampled_ns[inside] - begin_ns) / 1e9
         self._cells.add(cells[inside], t_s, acceleration_g[inside])
 
+    def add_touch(self, cells: NDArray[np.int64], touch: NDArray[np.float64]) -> None:
+        """Add touch readings (n, 4) of cells (n,), three of force and one of proximity."""
+        self._guard.add(cells, touch)
+
     def _advance(self, t_ns: int) -> None:
         """Switch between holding and sine at their ends."""
         elapsed_ns = t_ns - self._phase_start_ns
-        if self._exciting and elapsed_ns >= self._sine_ns:
-            self._exciting = False
-            self._phase_start_ns = t_ns
-            self._motion.settle()
-        elif not (self._exciting or self._done) and self._has_settled(elapsed_ns):
+        if self._exciting:
+            self._stopped = self._guard.cells.size > 0
+            if self._stopped or elapsed_ns >= self._sine.duration_ns:
+                self._exciting = False
+                self._phase_start_ns = t_ns
+                self._guard.rest()
+                self._motion.settle()
+        elif not self._done and self._has_settled(elapsed_ns):
+            if self._stopped:
+                self._repeat_mirrored(t_ns)
+                return
             if self._sine_number >= 0:
                 self._reduce_to_deflections()
+            self._next_sine(t_ns)
+
+    def _repeat_mirrored(self, t_ns: int) -> None:
+        """Repeat a sine that a cell has stopped to the other side, if it has room; else go on to the next."""
+        del self._scales[0]
+        if self._scales:
+            self._excite(t_ns)
+            return
+        self._problems.append(
+            f"{self._dof_text([self._dof])} did not complete its sine: something touched or came near "
+            f"{format_members('cell', self._guard.cells, self._cell_names)}"
+        )
+        self._next_sine(t_ns)
+
+    def _next_sine(self, t_ns: int) -> None:
+        """Begin the next sine that has room within the limits; end after the last."""
+        self._sine_number += 1
+        while self._sine_number < self._n_sines:
+            dof = self._dof
+            self._scales = scales_with_room(
+                self._config.position_control, dof, float(self._home_rad[dof]), self._sine.reach_rad()
+            )
+            if self._scales:
+                self._excite(t_ns)
+                return
+            self._problems.append(
+                f"{self._dof_text([dof])} was not moved: its limits leave no room for its sine of "
+                f"{self._sine.frequency_hz} Hz"
+            )
             self._sine_number += 1
-            self._exciting = self._sine_number < self._n_sines
-            self._done = not self._exciting
-            self._phase_start_ns = t_ns
-            measured_ns = self._sine_ns - 2 * self._ramp_ns if self._exciting else 0
-            self._window_ns = (t_ns + self._ramp_ns, t_ns + self._ramp_ns + measured_ns)
-            self._reset_lock_ins()
+        self._done, self._stopped = True, False
+        self._window_ns = (t_ns, t_ns)
+
+    def _excite(self, t_ns: int) -> None:
+        self._exciting, self._stopped = True, False
+        self._phase_start_ns = t_ns
+        begin_ns = t_ns + self._sine.ramp_ns
+        self._window_ns = (begin_ns, begin_ns + self._sine.full_ns)
+        self._reset_lock_ins()
+        self._guard.arm()
 
     def _has_settled(self, elapsed_ns: int) -> bool:
         """Return True once the settling time is over with all DoFs at rest; report those that do not rest."""
@@ -245,7 +293,7 @@ class MapExploration:
             return False
         following = self._sine_number + 1
         if following < self._n_sines:
-            following_dof = following // len(self._frequencies_hz)
+            following_dof = following // len(self._sines)
             before = f"before the sine of {self._dof_text([following_dof])}"
         else:
             before = "after the last sine"
@@ -255,25 +303,19 @@ class MapExploration:
     def _dof_text(self, dofs: Sequence[int] | NDArray[np.int64]) -> str:
         return format_members("DoF", dofs, self._dof_names)
 
-    def _sine(self, t_s: float) -> float:
-        """Return the velocity [rad/s] at `t_s` after the start of the sine."""
-        to_end_s = min(t_s, self._sine_ns * 1e-9 - t_s)
-        ramp_s = self._ramp_ns * 1e-9
-        fade = 0.5 - 0.5 * pinned_math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
-        return self._config.amplitude_rad_s * fade * pinned_math.sin(2.0 * math.pi * self._frequency_hz * t_s)
-
     def _reset_lock_ins(self) -> None:
-        self._cells = LockIn(self._n_cells, 3, self._frequency_hz)
-        self._joints = LockIn(1, self._n_dofs, self._frequency_hz)
+        self._cells = LockIn(self._n_cells, 3, self._sine.frequency_hz)
+        self._joints = LockIn(1, self._n_dofs, self._sine.frequency_hz)
 
     def _reduce_to_deflections(self) -> None:
         """Reduce the samples of the current DoF to its deflections."""
         config, number, dof = self._config, self._frequency_number, self._dof
-        angular_hz = 2.0 * math.pi * self._frequency_hz
+        angular_hz = 2.0 * math.pi * self._sine.frequency_hz
         motions_rad = self._joints.amplitude(config.min_samples)[0]
         motion_rad = complex(motions_rad[dof])
         length_rad = pinned_math.hypot(motion_rad.real, motion_rad.imag)
-        if not length_rad >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
+        wanted_rad = abs(self._scales[0]) * config.amplitude_rad_s / angular_hz
+        if not length_rad >= config.min_motion_fraction * wanted_rad:
             self._problems.append(
                 f"{self._dof_text([dof])} did not follow its sine: its amplitude is below the minimum "
                 "fraction of the command"
