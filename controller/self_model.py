@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.selforganisation.deflections import Deflections
 from controller.selforganisation.kinematic_structure import KinematicStructure, complete_structure
-from controller.selforganisation.map_exploration import Deflections
 from controller.selforganisation.sensory_motor_map import SensoryMotorMap, fuse_with_activity, normal_weights
 
 __all__ = ["SelfModel"]

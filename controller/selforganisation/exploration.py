@@ -23,13 +23,13 @@ __all__ = [
     "PointToPoint",
     "PositionControl",
     "add_readings",
-    "scales_with_room",
+    "steps_with_room",
 ]
 
 _MIN_SCALE = 0.5
-"""Fraction of a motion below which it tells too little, and is not made; an assumption."""
+"""Fraction of a step below which it tells too little, and is not made; an assumption."""
 _CLEARANCE = 0.1
-"""Clearance of a motion from the joint limits, for overshoot, as a fraction of its reach; an assumption."""
+"""Clearance from the joint limits, for overshoot, as a fraction of the step; an assumption."""
 
 
 class Exploration(Protocol):
@@ -224,36 +224,15 @@ def add_readings(program: Exploration, stream: CellRows) -> None:
     program.add_touch(stream.cell, values[:, REACTION_COLUMNS])
 
 
-def scales_with_room(
-    control: PositionControl, dof: int, home_rad: float, reach_rad: tuple[float, float]
-) -> list[float]:
-    """Find the scales of a motion from `home_rad` that stay within the limits of a DoF, the best first.
-
-    Args:
-        control: position control, with the limits if they are known.
-        dof: the DoF.
-        home_rad: position at which the motion begins.
-        reach_rad: lowest and highest position of the motion at scale one, from its begin.
+def steps_with_room(step_rad: float, lowest_rad: float, highest_rad: float) -> list[float]:
+    """Find the steps, upwards and downwards, that limits `lowest_rad` and `highest_rad` from home leave.
 
     Returns:
-        At most one scale upwards, up to 1, and one mirrored, down to −1; those that would be too small are
-        left out.
+        The longer one first, upwards if they are alike; shorter near a limit, down to half of `step_rad`.
     """
-    if control.range_rad is None:
-        return [1.0, -1.0]
-    clearance_rad = _CLEARANCE * (reach_rad[1] - reach_rad[0])
-    room_below_rad, room_above_rad = (
-        np.array([-1.0, 1.0]) * (control.range_rad[dof] - home_rad) - clearance_rad
-    )
-    scales = []
-    for sign, below_rad, above_rad in (
-        (1.0, -reach_rad[0], reach_rad[1]),
-        (-1.0, reach_rad[1], -reach_rad[0]),
-    ):
-        size = 1.0
-        for needed_rad, room_rad in ((below_rad, room_below_rad), (above_rad, room_above_rad)):
-            if needed_rad > 0.0:
-                size = min(size, float(room_rad) / needed_rad)
-        if size >= _MIN_SCALE:
-            scales.append(sign * size)
-    return sorted(scales, key=abs, reverse=True)
+    clearance_rad = _CLEARANCE * step_rad
+    up_rad = min(step_rad, highest_rad - clearance_rad)
+    down_rad = min(step_rad, -lowest_rad - clearance_rad)
+    least_rad = _MIN_SCALE * step_rad
+    steps_rad = [sign * rad for sign, rad in ((1.0, up_rad), (-1.0, down_rad)) if rad >= least_rad]
+    return sorted(steps_rad, key=abs, reverse=True)

@@ -8,20 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import (
-    MotionState,
-    PointToPoint,
-    PositionControl,
-    scales_with_room,
-)
+from controller.selforganisation.deflections import Deflections
+from controller.selforganisation.exploration import MotionState, PointToPoint, PositionControl
 from controller.selforganisation.kinematic_structure import format_members
 from controller.selforganisation.lock_in import LockIn
 from controller.selforganisation.touch_guard import TouchGuard
-from controller.selforganisation.velocity_sine import VelocitySine
+from controller.selforganisation.velocity_sine import SinePlace, VelocitySine
 from skinnet import pinned_math
-from skinnet.pinned_linalg import solve
 
-__all__ = ["Deflections", "MapExploration", "MapExplorationConfig"]
+__all__ = ["MapExploration", "MapExplorationConfig"]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM, 1901)."""
@@ -53,44 +48,12 @@ class MapExplorationConfig:
     """Fraction of the commanded amplitude below which a DoF counts as not moved."""
 
 
-@dataclass(frozen=True, eq=False)
-class Deflections:
-    """Measured deflections of all cells in one pose.
-
-    In the sine of DoF e the in-phase acceleration is the sum over all DoFs d of deflection times motion.
-    """
-
-    pose_rad: NDArray[np.float64]
-    """Explored pose (D,)."""
-    deflection_m: NDArray[np.float64]
-    """Deflections (S, D, 3): in-phase acceleration along cell axes per joint acceleration [m/s² per rad/s²].
-
-    Zero where not measured.
-    """
-    coupling: NDArray[np.float64]
-    """Motion of DoF d, in phase, per motion of the excited DoF e (D, D): one on the diagonal."""
-    measured: NDArray[np.bool_]
-    """DoFs (D,) that followed their sine."""
-    problems: tuple[str, ...]
-    """Missing measurements, one line each."""
-
-    def lever_arms_m(self) -> NDArray[np.float64]:
-        """Lever arm (S, D) [m] of every DoF at every cell, up to gravity tilt; zero where not measured.
-
-        With the coupling C, D = J C: what a reaction torque moves belongs to the joint that yields.
-        """
-        n_cells, n_dofs, _ = self.deflection_m.shape
-        by_sine = self.deflection_m.transpose(1, 0, 2).reshape(n_dofs, 3 * n_cells)
-        by_dof = solve(self.coupling.T, by_sine).reshape(n_dofs, n_cells, 3)
-        lever_m: NDArray[np.float64] = np.linalg.norm(by_dof, axis=2).T * self.measured
-        return lever_m
-
-
 class MapExploration:
     """Exploration program: applies a velocity sine to each DoF in turn and measures deflections [M14, III.B].
 
-    What is left of a sine at rest is corrected before the next. A sine is mirrored, or smaller, where limits
-    of the DoF leave no room for it; contact, or what comes nearer, stops it, and it is repeated mirrored.
+    What is left of a sine at rest is corrected before the next. A sine begins off home, or is smaller, where
+    limits of the DoF leave no room for it. Contact, or what comes nearer, stops it, and it is repeated
+    mirrored.
 
     A deflection is the part of a cell's acceleration that is in phase with the *measured* joint acceleration,
     which rejects servo lag, servo gain and all quadrature components. Centripetal acceleration, at twice the
@@ -124,8 +87,9 @@ class MapExploration:
         self._window_ns = (start_ns, start_ns)
         self._sine_number = -1
         self._guard = TouchGuard(n_cells, config.position_control.touch)
-        self._scales: list[float] = []
-        """Scales of the present sine that have room; the first is the one in use."""
+        self._places: list[SinePlace] = []
+        """Places of the present sine that have room; the first is the one in use."""
+        self._in_place = True
         self._exciting = self._stopped = self._done = False
         self._home_rad = np.zeros(0)
         n_frequencies = len(self._sines)
@@ -199,7 +163,7 @@ class MapExploration:
             return correction
         velocity = np.zeros(self._n_dofs)
         t_s = (t_ns - self._phase_start_ns) * 1e-9
-        velocity[self._dof] = self._scales[0] * self._sine.velocity_rad_s(t_s)
+        velocity[self._dof] = self._places[0].scale * self._sine.velocity_rad_s(t_s)
         return velocity
 
     def add_positions(self, t_measured_ns: int, position_rad: NDArray[np.float64]) -> None:
@@ -236,18 +200,20 @@ class MapExploration:
                 self._guard.rest()
                 self._motion.settle()
         elif not self._done and self._has_settled(elapsed_ns):
-            if self._stopped:
+            if not self._in_place:
+                self._begin(t_ns)
+            elif self._stopped:
                 self._repeat_mirrored(t_ns)
-                return
-            if self._sine_number >= 0:
-                self._reduce_to_deflections()
-            self._next_sine(t_ns)
+            else:
+                if self._sine_number >= 0:
+                    self._reduce_to_deflections()
+                self._next_sine(t_ns)
 
     def _repeat_mirrored(self, t_ns: int) -> None:
         """Repeat a sine that a cell has stopped to the other side, if it has room; else go on to the next."""
-        del self._scales[0]
-        if self._scales:
-            self._excite(t_ns)
+        del self._places[0]
+        if self._places:
+            self._go_to_place(t_ns)
             return
         self._problems.append(
             f"{self._dof_text([self._dof])} did not complete its sine: something touched or came near "
@@ -256,23 +222,42 @@ class MapExploration:
         self._next_sine(t_ns)
 
     def _next_sine(self, t_ns: int) -> None:
-        """Begin the next sine that has room within the limits; end after the last."""
+        """Go to the place of the next sine that has room within the limits; home after the last."""
+        self._stopped = False
         self._sine_number += 1
         while self._sine_number < self._n_sines:
-            dof = self._dof
-            self._scales = scales_with_room(
-                self._config.position_control, dof, float(self._home_rad[dof]), self._sine.reach_rad()
-            )
-            if self._scales:
-                self._excite(t_ns)
-                return
+            dof, range_rad = self._dof, self._config.position_control.range_rad
+            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
+            self._places = self._sine.places(*(limits_rad - self._home_rad[dof]).tolist())
+            if self._places:
+                break
             self._problems.append(
                 f"{self._dof_text([dof])} was not moved: its limits leave no room for its sine of "
                 f"{self._sine.frequency_hz} Hz"
             )
             self._sine_number += 1
-        self._done, self._stopped = True, False
+        self._go_to_place(t_ns)
+
+    def _go_to_place(self, t_ns: int) -> None:
+        """Go to where the sine begins, or home after the last; begin it at once if it is there."""
+        target_rad = self._home_rad.copy()
+        if self._sine_number < self._n_sines:
+            target_rad[self._dof] += self._places[0].offset_rad
+        self._in_place = bool((target_rad == self._motion.target_rad).all())
+        if self._in_place:
+            self._begin(t_ns)
+        else:
+            self._phase_start_ns = t_ns
+            self._window_ns = (t_ns, t_ns)
+            self._motion.begin(target_rad)
+
+    def _begin(self, t_ns: int) -> None:
+        """Begin the sine; end after the last."""
+        self._in_place = True
+        self._done = self._sine_number >= self._n_sines
         self._window_ns = (t_ns, t_ns)
+        if not self._done:
+            self._excite(t_ns)
 
     def _excite(self, t_ns: int) -> None:
         self._exciting, self._stopped = True, False
@@ -314,7 +299,7 @@ class MapExploration:
         motions_rad = self._joints.amplitude(config.min_samples)[0]
         motion_rad = complex(motions_rad[dof])
         length_rad = pinned_math.hypot(motion_rad.real, motion_rad.imag)
-        wanted_rad = abs(self._scales[0]) * config.amplitude_rad_s / angular_hz
+        wanted_rad = abs(self._places[0].scale) * config.amplitude_rad_s / angular_hz
         if not length_rad >= config.min_motion_fraction * wanted_rad:
             self._problems.append(
                 f"{self._dof_text([dof])} did not follow its sine: its amplitude is below the minimum "

@@ -12,7 +12,7 @@ from controller.selforganisation.exploration import (
     MotionState,
     PointToPoint,
     PositionControl,
-    scales_with_room,
+    steps_with_room,
 )
 from controller.selforganisation.kinematic_structure import (
     KinematicStructure,
@@ -170,12 +170,12 @@ class StructuralExploration:
 
     def _plan_steps(self, home_rad: NDArray[np.float64]) -> None:
         """Find the steps with room; a DoF without is lost. Skip the first steps if there are none."""
-        config = self._config
+        config, range_rad = self._config, self._config.position_control.range_rad
         for dof in range(self._n_dofs):
-            reach_rad = (0.0, config.step_rad)
-            scales = scales_with_room(config.position_control, dof, float(home_rad[dof]), reach_rad)
-            self._steps_rad[dof] = [scale * config.step_rad for scale in scales]
-            if not scales:
+            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
+            room_rad = (limits_rad - home_rad[dof]).tolist()
+            self._steps_rad[dof] = steps_with_room(config.step_rad, *room_rad)
+            if not self._steps_rad[dof]:
                 self._lost[:, dof] = True
                 self._failed_steps.append(
                     f"{self._dof_text([dof])} was not stepped: no room for a step of {config.step_rad} rad "

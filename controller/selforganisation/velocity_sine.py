@@ -2,12 +2,24 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from skinnet import pinned_math
 
-__all__ = ["VelocitySine"]
+__all__ = ["SinePlace", "VelocitySine"]
 
 _SAMPLES_PER_PERIOD = 64
+_MIN_SCALE = 0.5
+"""Fraction of a sine below which it tells too little, and is not made; an assumption."""
+_CLEARANCE = 0.1
+"""Clearance from the joint limits, for overshoot, as a fraction of the reach; an assumption."""
+
+
+class SinePlace(NamedTuple):
+    """Place of a sine: where it begins, from home [rad], and its scale, negative if it is mirrored."""
+
+    offset_rad: float
+    scale: float
 
 
 @dataclass(frozen=True)
@@ -45,6 +57,25 @@ class VelocitySine:
         ramp_s = self.ramp_ns * 1e-9
         fade = 0.5 - 0.5 * pinned_math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
         return self.amplitude_rad_s * fade * pinned_math.sin(2.0 * math.pi * self.frequency_hz * t_s)
+
+    def places(self, lowest_rad: float, highest_rad: float) -> list[SinePlace]:
+        """Find the places nearest to home within the limits `lowest_rad` and `highest_rad` from home.
+
+        Returns:
+            That of the sine and that of the mirrored one; none without room for half of it.
+        """
+        below_rad, above_rad = self.reach_rad()
+        clearance_rad = _CLEARANCE * (above_rad - below_rad)
+        room_rad = highest_rad - lowest_rad - 2.0 * clearance_rad
+        size = min(1.0, room_rad / (above_rad - below_rad))
+        if size < _MIN_SCALE:
+            return []
+        places = []
+        for sign, low_rad, high_rad in ((1.0, below_rad, above_rad), (-1.0, -above_rad, -below_rad)):
+            least_rad = lowest_rad + clearance_rad - size * low_rad
+            most_rad = highest_rad - clearance_rad - size * high_rad
+            places.append(SinePlace(min(max(0.0, least_rad), most_rad), sign * size))
+        return places
 
     def reach_rad(self) -> tuple[float, float]:
         """Return the lowest and the highest position [rad], from the start."""

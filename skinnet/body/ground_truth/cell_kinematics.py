@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.contact.skin_surface import SkinSurface
+from skinnet.body.ground_truth.joint_following import followed_motion, settle_followers
 from skinnet.body.model import BodyModel
 from skinnet.pinned_linalg import matmul
 
@@ -21,6 +22,9 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+_MIN_MOTION = 1e-6
+"""Motion of a following joint per motion of a controlled one above which it counts as moved."""
 
 
 class SkinState(Protocol):
@@ -68,32 +72,39 @@ def cell_poses(skin: SkinState) -> tuple[Floats, Floats]:
 def cell_jacobian(skin: SkinState, rows: Indices | None = None) -> Floats:
     """Linear Jacobian of the cells `rows` (r,) in their own frames, (r, D, 3) [m/rad]; None: of all cells.
 
-    Component 2 of the last axis is the motion along the outward normal.
+    Component 2 of the last axis is the motion along the outward normal. Joints that follow a controlled one
+    by an equality constraint belong to it.
     """
     model, body_id = skin.model, skin.surface.body_id
     position_m, R_world_cell = cell_poses(skin)
     wanted = range(len(body_id)) if rows is None else rows.tolist()
     result = np.empty((len(wanted), len(model.dof_address), 3))
     linear = np.empty((3, model.mj.nv))
+    motion = followed_motion(model.mj, skin.data, model.dof_address) if model.mj.neq else None
     for index, row in enumerate(wanted):
         mujoco.mj_jac(model.mj, skin.data, linear, None, position_m[row], int(body_id[row]))
-        result[index] = matmul(linear[:, model.dof_address].T, R_world_cell[row])
+        by_dof = linear[:, model.dof_address] if motion is None else matmul(linear, motion)
+        result[index] = matmul(by_dof.T, R_world_cell[row])
     return result
 
 
 def activity_matrix(skin: SkinState) -> NDArray[np.bool_]:
-    """Activity matrix (n, D), ground truth: True where a DoF moves the body of a cell [M14, (1)]."""
+    """Activity matrix (n, D), ground truth: True where a DoF moves the body of a cell [M14, (1)].
+
+    Joints that follow a controlled one by an equality constraint belong to it.
+    """
     mj = skin.model.mj
-    joint_body = mj.jnt_bodyid[skin.model.joint_id]
     above = np.zeros((mj.nbody, mj.nbody), dtype=np.bool_)
     for index in range(1, mj.nbody):
         above[index] = above[mj.body_parentid[index]]
         above[index, index] = True
-    moved: NDArray[np.bool_] = above[skin.surface.body_id][:, joint_body]
+    carried = above[skin.surface.body_id][:, mj.dof_bodyid]
+    moving = np.abs(followed_motion(mj, skin.data, skin.model.dof_address)) > _MIN_MOTION
+    moved: NDArray[np.bool_] = (carried[:, :, None] & moving).any(axis=1)
     return moved
 
 
 def set_joint_positions(skin: SkinState, position_rad: Floats) -> None:
     """Set joint positions (D,) [rad] of a body that is not being stepped, and run forward kinematics."""
     skin.data.qpos[skin.model.qpos_address] = position_rad
-    mujoco.mj_forward(skin.model.mj, skin.data)
+    settle_followers(skin.model.mj, skin.data, skin.model.dof_address)
