@@ -58,7 +58,8 @@ class KinematicStructure:
     @property
     def untold(self) -> NDArray[np.bool_]:
         """DoFs (D,) that move no cell, as far as is known."""
-        return ~self.activity.any(axis=0)
+        untold: NDArray[np.bool_] = ~np.logical_or.reduce(self.activity, axis=0)
+        return untold
 
 
 def activity_matrix(
@@ -80,11 +81,11 @@ def activity_matrix(
         (S, D) active entries, and (S, D) unknown ones: not active, with an unmeasured run.
     """
     change = _gravity_change(before_g, after_g)
-    active = (change > threshold_g).any(axis=0)
+    active = np.logical_or.reduce(change > threshold_g, axis=0)
     missing = np.isnan(change)
     if lost is not None:
         missing &= ~lost[:, :, None]
-    unknown = ~active & missing.any(axis=0)
+    unknown = ~active & np.logical_or.reduce(missing, axis=0)
     return active.T.copy(), unknown.T.copy()
 
 

@@ -123,7 +123,7 @@ class MapExploration:
         """
         if not self._done:
             raise RuntimeError("map exploration is not done; wait for `done`")
-        measured: NDArray[np.bool_] = self._measured.all(axis=0)
+        measured: NDArray[np.bool_] = np.logical_and.reduce(self._measured, axis=0)
         deflection_m = self._in_phase_m[0]
         if len(self._sines) > 1:
             square, tilt_square = (sine.frequency_hz * sine.frequency_hz for sine in self._sines)

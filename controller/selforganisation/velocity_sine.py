@@ -64,7 +64,7 @@ class VelocitySine:
         Returns:
             That of the sine and that of the mirrored one; none without room for half of it.
         """
-        below_rad, above_rad = self.reach_rad()
+        below_rad, above_rad = self.extremes_rad()
         clearance_rad = _CLEARANCE * (above_rad - below_rad)
         room_rad = highest_rad - lowest_rad - 2.0 * clearance_rad
         size = min(1.0, room_rad / (above_rad - below_rad))
@@ -77,7 +77,7 @@ class VelocitySine:
             places.append(SinePlace(min(max(0.0, least_rad), most_rad), sign * size))
         return places
 
-    def reach_rad(self) -> tuple[float, float]:
+    def extremes_rad(self) -> tuple[float, float]:
         """Return the lowest and the highest position [rad], from the start."""
         step_s = 1.0 / (_SAMPLES_PER_PERIOD * self.frequency_hz)
         position_rad = lowest_rad = highest_rad = 0.0

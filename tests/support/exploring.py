@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,7 +70,11 @@ class ExploredRobot:
 
     def structure(self, **config: Any) -> tuple[KinematicStructure, Watch]:
         """Structure by gravity, with short windows unless `config` says otherwise."""
-        quick = {"average_ns": 300_000_000, "settle_ns": 300_000_000, "position_control": self._control(1.0)}
+        quick: dict[str, Any] = {
+            "average_ns": 300_000_000,
+            "settle_ns": 300_000_000,
+            "position_control": self._control(1.0),
+        }
         program = StructuralExploration(
             StructuralExplorationConfig(**quick | config), *self._sizes(), **self._names()
         )
@@ -138,7 +141,3 @@ class ExploredRobot:
             if contact.dist < 0.0:
                 pairs.add(frozenset(mj.body(int(mj.geom_bodyid[geom])).name for geom in contact.geom))
         return pairs
-
-    def body_of(self, name: str) -> int:
-        """Id of a body."""
-        return mujoco.mj_name2id(self.body.model.mj, mujoco.mjtObj.mjOBJ_BODY, name)

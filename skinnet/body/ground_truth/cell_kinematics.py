@@ -100,7 +100,7 @@ def activity_matrix(skin: SkinState) -> NDArray[np.bool_]:
         above[index, index] = True
     carried = above[skin.surface.body_id][:, mj.dof_bodyid]
     moving = np.abs(followed_motion(mj, skin.data, skin.model.dof_address)) > _MIN_MOTION
-    moved: NDArray[np.bool_] = (carried[:, :, None] & moving).any(axis=1)
+    moved: NDArray[np.bool_] = np.logical_or.reduce(carried[:, :, None] & moving, axis=1)
     return moved
 
 

@@ -64,7 +64,8 @@ def _least_motion(jacobian: Floats, change: Floats) -> Floats:
 def _equality_jacobian(mj: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     """Jacobian (ne, nv) of the equality constraints, which are MuJoCo's first rows."""
     if not mujoco.mj_isSparse(mj):
-        return data.efc_J[: data.ne * mj.nv].reshape(data.ne, mj.nv).astype(np.float64)
+        jacobian: Floats = data.efc_J[: data.ne * mj.nv].reshape(data.ne, mj.nv).copy()
+        return jacobian
     dense = np.zeros((data.ne, mj.nv))
     for row in range(data.ne):
         begin, count = data.efc_J_rowadr[row], data.efc_J_rownnz[row]
