@@ -168,6 +168,7 @@ def test_a_step_between_two_walls_is_named(tmp_path: Path) -> None:
     assert shaken.contacts == set()
     knowledge = SelfModel(min_row_norm=0.05, min_lever_m=0.005, structure=structure)
     knowledge.add_map(found)  # the small sines have room, and tell what the step could not
+    assert knowledge.structure is not None
     assert (knowledge.structure.activity == activity_matrix(one.body)).all()
 
 
