@@ -65,7 +65,10 @@ class Controller:
     ) -> None:
         self.cell_input = cell_input
         self.self_model = SelfModel(
-            min_row_norm=spec.map.min_row_norm, dof_names=dof_names, cell_names=cell_names
+            min_row_norm=spec.map.min_row_norm,
+            min_lever_m=spec.map.min_lever_m,
+            dof_names=dof_names,
+            cell_names=cell_names,
         )
         self.memory = LongTermMemory(None, self.self_model)
         """Long-term memory; the default has no store."""
@@ -73,6 +76,8 @@ class Controller:
         self.teach_and_grasp_stages: list[TeachAndGrasp] = []
         self.stage_log: list[tuple[str, int]] = []
         self.reaction_log = ReactionLog()
+        self.range_rad: NDArray[np.float64] | None = None
+        """Position limits (D, 2) of the joints, for explorations; None if they are not known."""
         self._spec = spec
         self._n_cells = n_cells
         self._clamp: SafetyClamp | None = None
@@ -217,6 +222,7 @@ class Controller:
                 t_ns=t_ns,
                 n_cells=self._n_cells,
                 home_rad=self._home_rad,
+                range_rad=self.range_rad,
             )
             if isinstance(self._stage, TeachAndGrasp):
                 self.teach_and_grasp_stages.append(self._stage)

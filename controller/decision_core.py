@@ -83,6 +83,9 @@ class DecisionCore(Protocol):
             ProtocolError: the message is malformed or not of this skin; the state is unchanged.
         """
 
+    def set_joint_ranges(self, range_rad: NDArray[np.float64]) -> None:
+        """Set the position limits (D, 2) of the joints, infinite without a limit, before the first tick."""
+
     def on_upstream_lost(self, upstream: Upstream) -> None:
         """Continue safely without the skin of a lost upstream."""
 

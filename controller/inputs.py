@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from skinnet.errors import ProtocolError
 from skinnet.protocol.external_messages import ExternalVelocity
-from skinnet.protocol.messages import Joints, decode
+from skinnet.protocol.messages import JointRanges, Joints, decode
 
-__all__ = ["ExternalVelocityInput", "JointInput", "JointMeasurement"]
+__all__ = ["ExternalVelocityInput", "JointInput", "JointMeasurement", "decode_joint_ranges"]
 
 _VALIDITY_NS = 100_000_000
 """Simulated time [ns] for which an external velocity is valid; an assumption."""
@@ -65,6 +65,24 @@ class JointInput:
         while len(waiting) > 1 and waiting[1].t_ns <= t_ns:
             waiting.popleft()
         return waiting[0]
+
+
+def decode_joint_ranges(payload: bytes, n_dofs: int) -> NDArray[np.float64]:
+    """Decode the position limits (D, 2) of the joints, infinite without a limit.
+
+    Raises:
+        ProtocolError: the message is malformed, of the wrong length, or has a limit that is no number.
+    """
+    ranges = decode(payload, JointRanges)
+    if not len(ranges.lowest_rad) == len(ranges.highest_rad) == n_dofs:
+        raise ProtocolError(
+            f"joint ranges have {len(ranges.lowest_rad)} lowest and {len(ranges.highest_rad)} highest "
+            f"positions; expected {n_dofs} of each"
+        )
+    range_rad = np.array([ranges.lowest_rad, ranges.highest_rad], dtype=np.float64).T
+    if not (range_rad[:, 0] <= range_rad[:, 1]).all():
+        raise ProtocolError("a joint range is empty: its lowest position must not exceed its highest")
+    return range_rad
 
 
 class ExternalVelocityInput:

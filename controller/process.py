@@ -5,7 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 from controller.decision_core import DecisionCore, StreamRequest
-from controller.inputs import ExternalVelocityInput, JointInput
+from controller.inputs import ExternalVelocityInput, JointInput, decode_joint_ranges
 from controller.request_queue import RequestQueue
 from controller.stages.core import build_stage_core
 from controller.telemetry import StatePublisher, simulated_clock_ns, wall_clock_ns
@@ -46,6 +46,7 @@ class ControllerProcess(WiredProcess):
         self._finished = False
         self._keys = keys = Keys(deployment.robot)
         self._command_key = keys.of("command")
+        self._n_dofs = n_dofs
         self._joint_input = JointInput(n_dofs)
         self._request_queue = RequestQueue(keys, self.counters)
         self._external_velocity = ExternalVelocityInput(control.external_velocity, n_dofs, self.counters)
@@ -67,7 +68,7 @@ class ControllerProcess(WiredProcess):
         return self._t_ns
 
     def accept(self, channel: str, fields: tuple[str, ...], payload: bytes) -> None:
-        """Accept joint feedback, skin data, a request or an external velocity.
+        """Accept joint ranges, joint feedback, skin data, a request or an external velocity.
 
         Raises:
             ProtocolError: the message does not fit this run.
@@ -75,6 +76,8 @@ class ControllerProcess(WiredProcess):
         match channel:
             case "joints":
                 self._body.end_period(self._joint_input.accept(payload))
+            case "joint_ranges":
+                self._core.set_joint_ranges(decode_joint_ranges(payload, self._n_dofs))
             case "request":
                 self._request_queue.add(fields[0], decode(payload, Request))
             case "velocity":

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.kinematic_structure import KinematicStructure
-from controller.selforganisation.map_exploration import Deflections
+from controller.selforganisation.deflections import Deflections
+from controller.selforganisation.kinematic_structure import KinematicStructure, complete_structure
 from controller.selforganisation.sensory_motor_map import SensoryMotorMap, fuse_with_activity, normal_weights
 
 __all__ = ["SelfModel"]
@@ -20,6 +20,7 @@ class SelfModel:
 
     Attributes:
         min_row_norm: Norm of the fused map row below which a cell cannot move along its normal.
+        min_lever_m: Lever arm above which acceleration tells that a DoF moves a cell [m].
         structure: Kinematic structure from structural exploration; None before.
         sensory_motor_map: Sensory-motor maps by pose.
         map_problems: Measurements that the exploration of the map lacks, one line each.
@@ -31,6 +32,7 @@ class SelfModel:
     """
 
     min_row_norm: float
+    min_lever_m: float
     structure: KinematicStructure | None = None
     sensory_motor_map: SensoryMotorMap = field(default_factory=SensoryMotorMap)
     map_problems: tuple[str, ...] = ()
@@ -68,7 +70,18 @@ class SelfModel:
         return self.structure.activity
 
     def add_map(self, deflections: Deflections) -> None:
-        """Add the map of an explored pose, fused with the activity matrix: equation (3) of [M14]."""
+        """Add the map of an explored pose, fused with the activity matrix: equation (3) of [M14].
+
+        What gravity did not tell of the structure is completed by the accelerations.
+        """
+        if self.structure is not None:
+            self.structure = complete_structure(
+                self.structure,
+                deflections.lever_arms_m() > self.min_lever_m,
+                deflections.measured,
+                dof_names=self.dof_names,
+                cell_names=self.cell_names,
+            )
         weights = normal_weights(deflections.deflection_m)
         self.map_problems += deflections.problems
         self.sensory_motor_map.add(

@@ -52,6 +52,7 @@ class LongTermMemory:
     def __init__(self, store: MemoryStore | None, self_model: SelfModel) -> None:
         self._store = store
         self._self_model = self_model
+        self._stored_structure = self_model.structure
 
     @classmethod
     def open(cls, deployment: Deployment, base: Path, out: Path | None, self_model: SelfModel) -> Self:
@@ -75,12 +76,12 @@ class LongTermMemory:
         return cls(MemoryStore.create(out / MEMORY_FILE, robot_description(deployment), known), self_model)
 
     def store_structure(self) -> None:
-        """Store the kinematic structure."""
+        """Store the kinematic structure, if it is another one than before."""
         structure = self._self_model.structure
-        assert structure is not None, "no kinematic structure to store"
-        if self._store is not None:
+        if self._store is not None and structure is not None and structure is not self._stored_structure:
             unmeasured = np.array(structure.unmeasured, dtype=np.int64)
             self._store.store_structure(structure.activity, unmeasured)
+        self._stored_structure = structure
 
     def store_pose(self, name: str) -> None:
         """Store a key pose, with the map explored there, if any."""

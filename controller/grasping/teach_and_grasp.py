@@ -22,6 +22,7 @@ from controller.grasping.state_parameters import (
 from controller.grasping.touch_events import TouchEventDetector
 from controller.request_queue import Reply
 from controller.self_model import SelfModel
+from controller.selforganisation.exploration import add_readings
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.touch.posture import PoseTarget
 from controller.touch.tactile_state import TactileState
@@ -29,7 +30,6 @@ from skinnet.deployment.controller.controller import ControllerSpec
 
 __all__ = ["TeachAndGrasp", "TransitionRecord", "parse_request", "request_arguments"]
 
-_ACCELERATION = slice(4, 7)
 _POSE_NAME = re.compile(r"[A-Za-z0-9_\-]{1,64}")
 _GRASP_POSES = ("open", "closed", "pulled")
 _ENUMERATED_REQUESTS = {
@@ -147,10 +147,9 @@ class TeachAndGrasp:
         return self._low_level_control.tactile_input
 
     def add_readings(self, stream: CellRows) -> None:
-        """Add accelerations to the exploration of a pose."""
+        """Add readings to the exploration of a pose."""
         if self._exploration is not None:
-            acceleration_g = stream.rows["values"][:, _ACCELERATION].astype(np.float64)
-            self._exploration.add_samples(stream.cell, stream.rows["t_sampled_ns"], acceleration_g)
+            add_readings(self._exploration, stream)
 
     def handle_request(self, t_ns: int, name: str, argument: str) -> Reply:
         """Handle a request, or refuse it and change nothing."""
@@ -243,6 +242,7 @@ class TeachAndGrasp:
             self._memory.store_areas()
         if event is Event.EXPLORED and self._exploration is not None:
             self._self_model.add_pose(self._argument, self._exploration.result)
+            self._memory.store_structure()
             self._memory.store_pose(self._argument)
         self._area_teaching = self._exploration = None
 

@@ -106,6 +106,9 @@ class NursingCore:
         self._board_input.add(regions)
         upstream.end_period(regions.watermark_ns)
 
+    def set_joint_ranges(self, range_rad: NDArray[np.float64]) -> None:
+        """Ignore the limits: the controller's own model has them."""
+
     def on_upstream_lost(self, upstream: Upstream) -> None:
         """Ignore lost boards here; the program stops on `Event.SKIN_SILENT`."""
 

@@ -5,14 +5,31 @@ They need revolute DoFs, velocity commands, position feedback and accelerations,
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Exploration", "MotionState", "PointToPoint", "PositionControl"]
+from controller.cell_input import CellRows
+from controller.selforganisation.touch_guard import TouchLimits
+from controller.touch.tactile_state import COLUMNS, REACTION_COLUMNS
+from skinnet.protocol.messages import Modality
+
+__all__ = [
+    "Exploration",
+    "MotionState",
+    "PointToPoint",
+    "PositionControl",
+    "add_readings",
+    "steps_with_room",
+]
+
+_MIN_SCALE = 0.5
+"""Fraction of a step below which it tells too little, and is not made; an assumption."""
+_CLEARANCE = 0.1
+"""Clearance from the joint limits, for overshoot, as a fraction of the step; an assumption."""
 
 
 class Exploration(Protocol):
@@ -38,8 +55,11 @@ class Exploration(Protocol):
     ) -> None:
         """Add accelerations (n, 3) of cells (n,) [g, cell frames], with their sampling times (n,)."""
 
+    def add_touch(self, cells: NDArray[np.int64], touch: NDArray[np.float64]) -> None:
+        """Add touch readings (n, 4) of cells (n,), three of force and one of proximity: they stop motions."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class PositionControl:
     """Point-to-point position control of all DoFs; the numbers without a source are assumptions."""
 
@@ -53,6 +73,10 @@ class PositionControl:
     """Peak-to-peak motion over `rest_ns` below which a DoF is at rest: 1 mrad/s."""
     delay_ns: int = 10_000_000
     """Time [ns] from a command to the first feedback of its effect; rest is judged after it."""
+    range_rad: NDArray[np.float64] | None = None
+    """Position limits (D, 2), infinite for a DoF without; None if they are not known."""
+    touch: TouchLimits = field(default_factory=TouchLimits)
+    """Readings that stop a motion."""
 
 
 class MotionState(Enum):
@@ -113,8 +137,11 @@ class PointToPoint:
         return np.flatnonzero(wide) if wide.any() else np.array([np.argmax(swing_rad)])
 
     def begin(self, target_rad: NDArray[np.float64]) -> None:
-        """Begin the motion to a new target (D,), from the present target."""
-        self._plan(target_rad - self.target_rad)
+        """Begin the motion to a new target (D,), from what was commanded so far."""
+        commanded_rad = self.target_rad
+        if self.state is MotionState.MOVING:
+            commanded_rad = commanded_rad - self._way_rad
+        self._plan(target_rad - commanded_rad)
         self._target_rad = target_rad.copy()
         self._last_error_rad = np.inf
 
@@ -188,3 +215,24 @@ class PointToPoint:
         else:
             self._last_error_rad = largest_rad
             self._plan(error_rad)
+
+
+def add_readings(program: Exploration, stream: CellRows) -> None:
+    """Add the full readings of a tick to a program."""
+    values = stream.rows["values"].astype(np.float64)
+    program.add_samples(stream.cell, stream.rows["t_sampled_ns"], values[:, COLUMNS[Modality.ACCELERATION]])
+    program.add_touch(stream.cell, values[:, REACTION_COLUMNS])
+
+
+def steps_with_room(step_rad: float, lowest_rad: float, highest_rad: float) -> list[float]:
+    """Find the steps, upwards and downwards, that limits `lowest_rad` and `highest_rad` from home leave.
+
+    Returns:
+        The longer one first, upwards if they are alike; shorter near a limit, down to half of `step_rad`.
+    """
+    clearance_rad = _CLEARANCE * step_rad
+    up_rad = min(step_rad, highest_rad - clearance_rad)
+    down_rad = min(step_rad, -lowest_rad - clearance_rad)
+    least_rad = _MIN_SCALE * step_rad
+    steps_rad = [sign * rad for sign, rad in ((1.0, up_rad), (-1.0, down_rad)) if rad >= least_rad]
+    return sorted(steps_rad, key=abs, reverse=True)

@@ -12,7 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["KinematicStructure", "activity_matrix", "count_wrong_entries", "find_structure", "format_members"]
+__all__ = [
+    "KinematicStructure",
+    "activity_matrix",
+    "barely_active",
+    "complete_structure",
+    "count_wrong_entries",
+    "find_structure",
+    "format_members",
+]
+
+_CLEAR_RATIO = 1.25
+"""Change of gravity of a DoF, as a multiple of the threshold, up to which noise decides for some cells.
+
+A rigid rotation changes gravity alike in all cells that it moves; their averages scatter by a tenth of 10 mg.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +50,23 @@ class KinematicStructure:
     """Joint between each part and its parent; −1 without a parent."""
     unmeasured: tuple[int, ...]
     """Cells with an unmeasured entry; they are in no part."""
+    step_problems: tuple[str, ...]
+    """Problems of the measurement, one line each."""
     problems: tuple[str, ...]
-    """Violations of a tree with one stationary root, one line each."""
+    """Problems of the measurement, and violations of a tree with one stationary root, one line each."""
+
+    @property
+    def untold(self) -> NDArray[np.bool_]:
+        """DoFs (D,) that move no cell, as far as is known."""
+        untold: NDArray[np.bool_] = ~np.logical_or.reduce(self.activity, axis=0)
+        return untold
 
 
 def activity_matrix(
-    before_g: NDArray[np.float64], after_g: NDArray[np.float64], threshold_g: float = 0.01
+    before_g: NDArray[np.float64],
+    after_g: NDArray[np.float64],
+    threshold_g: float = 0.01,
+    lost: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Compute the activity matrix from gravity changes: equation (1) of [M14], runs combined by 'or'.
 
@@ -50,14 +75,31 @@ def activity_matrix(
             NaN where it was not measured.
         after_g: (P, D, S, 3) the same after the move.
         threshold_g: minimum distance of the two normalised vectors; 0.01 [M14].
+        lost: (P, D) moves without a measurement, which say nothing about any cell; none unless given.
 
     Returns:
         (S, D) active entries, and (S, D) unknown ones: not active, with an unmeasured run.
     """
-    change = np.linalg.norm(_normalise(before_g) - _normalise(after_g), axis=-1)
-    active = (change > threshold_g).any(axis=0)
-    unknown = ~active & np.isnan(change).any(axis=0)
+    change = _gravity_change(before_g, after_g)
+    active = np.logical_or.reduce(change > threshold_g, axis=0)
+    missing = np.isnan(change)
+    if lost is not None:
+        missing &= ~lost[:, :, None]
+    unknown = ~active & np.logical_or.reduce(missing, axis=0)
     return active.T.copy(), unknown.T.copy()
+
+
+def barely_active(
+    before_g: NDArray[np.float64], after_g: NDArray[np.float64], threshold_g: float
+) -> NDArray[np.bool_]:
+    """Find the DoFs (D,) whose active entries noise decides; arguments as in `activity_matrix`."""
+    change = np.nan_to_num(_gravity_change(before_g, after_g)).max(axis=0)
+    active = change > threshold_g
+    n_active = active.sum(axis=1)
+    barely: NDArray[np.bool_] = (n_active > 0) & (
+        np.where(active, change, 0.0).sum(axis=1) <= _CLEAR_RATIO * threshold_g * n_active
+    )
+    return barely
 
 
 def find_structure(
@@ -65,6 +107,7 @@ def find_structure(
     unknown: NDArray[np.bool_] | None = None,
     problems: Sequence[str] = (),
     *,
+    accelerated: NDArray[np.bool_] | None = None,
     dof_names: Sequence[str] = (),
     cell_names: Sequence[str] = (),
 ) -> KinematicStructure:
@@ -74,6 +117,7 @@ def find_structure(
         activity: (S, D) from `activity_matrix`.
         unknown: (S, D) unmeasured entries; their cells belong to no part.
         problems: problems of the measurement, listed first in the structure's problems.
+        accelerated: (D,) DoFs whose activity was measured by acceleration as well; none unless given.
         dof_names: (D,) names of the DoFs in the problems; their numbers unless given.
         cell_names: (S,) names of the cells likewise.
     """
@@ -92,12 +136,14 @@ def find_structure(
         found.append(
             f"{format_members('cell', np.flatnonzero(unmeasured), cell_names)} measured with too few samples"
         )
-    idle = np.flatnonzero(~part_dofs.any(axis=0))
-    if len(idle):
-        found.append(
-            f"{format_members('DoF', idle, dof_names)} moves no cell: no skin distal to it, or its axis is "
-            "parallel to gravity"
-        )
+    idle = ~part_dofs.any(axis=0)
+    shaken = np.zeros_like(idle) if accelerated is None else accelerated
+    for dofs, why in (
+        (idle & ~shaken, "no skin distal to it, or its axis is parallel to gravity"),
+        (idle & shaken, "no skin distal to it, as neither gravity nor acceleration changes in any cell"),
+    ):
+        if dofs.any():
+            found.append(f"{format_members('DoF', np.flatnonzero(dofs), dof_names)} moves no cell: {why}")
     return KinematicStructure(
         activity=activity,
         parts=parts,
@@ -106,13 +152,55 @@ def find_structure(
         parent_part=parent_part,
         parent_joint=parent_joint,
         unmeasured=tuple(np.flatnonzero(unmeasured).tolist()),
+        step_problems=tuple(problems),
         problems=(*found, *broken),
+    )
+
+
+def complete_structure(
+    structure: KinematicStructure,
+    accelerates: NDArray[np.bool_],
+    measured: NDArray[np.bool_],
+    *,
+    dof_names: Sequence[str] = (),
+    cell_names: Sequence[str] = (),
+) -> KinematicStructure:
+    """Complete a structure by acceleration where gravity tells nothing: axes parallel to it.
+
+    Args:
+        structure: structure from changes of gravity.
+        accelerates: (S, D) True where a cell accelerates with a DoF.
+        measured: (D,) DoFs for which this was measured.
+        dof_names: (D,) names of the DoFs in the problems; their numbers unless given.
+        cell_names: (S,) names of the cells likewise.
+
+    Returns:
+        The completed structure; `structure` itself if gravity has told all that was measured.
+    """
+    added = structure.untold & measured
+    if not added.any():
+        return structure
+    unknown = np.zeros_like(structure.activity)
+    unknown[list(structure.unmeasured)] = True
+    return find_structure(
+        np.where(added, accelerates, structure.activity),
+        unknown,
+        structure.step_problems,
+        accelerated=added,
+        dof_names=dof_names,
+        cell_names=cell_names,
     )
 
 
 def count_wrong_entries(structure: KinematicStructure, ground_truth: NDArray[np.bool_]) -> int:
     """Count the entries of the activity matrix that differ from the ground truth (S, D)."""
     return int(np.count_nonzero(structure.activity != ground_truth))
+
+
+def _gravity_change(before_g: NDArray[np.float64], after_g: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (P, D, S) of the normalised accelerations before and after a move."""
+    change: NDArray[np.float64] = np.linalg.norm(_normalise(before_g) - _normalise(after_g), axis=-1)
+    return change
 
 
 def _normalise(vector: NDArray[np.float64]) -> NDArray[np.float64]:

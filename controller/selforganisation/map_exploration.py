@@ -8,12 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.selforganisation.deflections import Deflections
 from controller.selforganisation.exploration import MotionState, PointToPoint, PositionControl
 from controller.selforganisation.kinematic_structure import format_members
 from controller.selforganisation.lock_in import LockIn
+from controller.selforganisation.touch_guard import TouchGuard
+from controller.selforganisation.velocity_sine import SinePlace, VelocitySine
 from skinnet import pinned_math
 
-__all__ = ["Deflections", "MapExploration", "MapExplorationConfig"]
+__all__ = ["MapExploration", "MapExplorationConfig"]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM, 1901)."""
@@ -31,6 +34,8 @@ class MapExplorationConfig:
     frequency_hz: float = 4.0
     periods: int = 4
     """Number of measured periods, at full amplitude."""
+    tilt_frequency_hz: float | None = None
+    """Frequency of a second sine, by which gravity tilt is told from inertia; None: the tilt stays."""
     ramp_periods: int = 1
     """Number of periods of each ramp, before and after."""
     settle_ns: int = 250_000_000
@@ -43,32 +48,19 @@ class MapExplorationConfig:
     """Fraction of the commanded amplitude below which a DoF counts as not moved."""
 
 
-@dataclass(frozen=True, eq=False)
-class Deflections:
-    """Measured deflections of all cells in one pose."""
-
-    pose_rad: NDArray[np.float64]
-    """Explored pose (D,)."""
-    deflection_m: NDArray[np.float64]
-    """Deflections (S, D, 3): in-phase acceleration along cell axes per joint acceleration [m/s² per rad/s²].
-
-    Zero where not measured.
-    """
-    problems: tuple[str, ...]
-    """Missing measurements, one line each."""
-
-
 class MapExploration:
     """Exploration program: applies a velocity sine to each DoF in turn and measures deflections [M14, III.B].
 
-    The envelope of the sine is symmetric over a whole number of periods: velocity and acceleration begin and
-    end at zero, and the position returns to its start; what is left at rest is corrected between sines.
+    What is left of a sine at rest is corrected before the next. A sine begins off home, or is smaller, where
+    limits of the DoF leave no room for it. Contact, or what comes nearer, stops it, and it is repeated
+    mirrored.
 
     A deflection is the part of a cell's acceleration that is in phase with the *measured* joint acceleration,
     which rejects servo lag, servo gain and all quadrature components. Centripetal acceleration, at twice the
-    frequency, is rejected too. Two effects are not compensated. Gravity tilt is in phase with −q̈ and adds
-    −G·g/(2πf)² to the row J of the Jacobian, G being the change of 'up' in the cell's frame per radian: at
-    4 Hz like a lever arm of up to 16 mm, at 8 Hz of 4 mm. The other joints are assumed to be at rest.
+    frequency, is rejected too. Gravity tilt is in phase with −q̈ and adds −G·g/(2πf)² to the row J of the
+    Jacobian, G being the change of 'up' in the cell's frame per radian: at 4 Hz like a lever arm of up to
+    16 mm, at 8 Hz of 4 mm. Deflections D at two frequencies give J = (f₁² D₁ − f₂² D₂)/(f₁² − f₂²). The
+    other joints are assumed to be at rest; how far they are not is in the coupling.
     """
 
     def __init__(
@@ -86,14 +78,24 @@ class MapExploration:
         self._n_dofs, self._n_cells = n_dofs, n_cells
         self._dof_names, self._cell_names = dof_names, cell_names
         self._motion = PointToPoint(config.position_control, n_dofs)
-        self._ramp_ns = round(1e9 * config.ramp_periods / config.frequency_hz)
-        self._sine_ns = round(1e9 * config.periods / config.frequency_hz) + 2 * self._ramp_ns
+        self._sines = [
+            VelocitySine(config.amplitude_rad_s, frequency_hz, config.periods, config.ramp_periods)
+            for frequency_hz in (config.frequency_hz, config.tilt_frequency_hz)
+            if frequency_hz is not None
+        ]
         self._phase_start_ns = start_ns
         self._window_ns = (start_ns, start_ns)
-        self._dof = -1
-        self._exciting = self._done = False
+        self._sine_number = -1
+        self._guard = TouchGuard(n_cells, config.position_control.touch)
+        self._places: list[SinePlace] = []
+        """Places of the present sine that have room; the first is the one in use."""
+        self._in_place = True
+        self._exciting = self._stopped = self._done = False
         self._home_rad = np.zeros(0)
-        self._deflection_m = np.zeros((n_cells, n_dofs, 3))
+        n_frequencies = len(self._sines)
+        self._in_phase_m = np.zeros((n_frequencies, n_cells, n_dofs, 3))
+        self._coupling = np.tile(np.eye(n_dofs), (n_frequencies, 1, 1))
+        self._measured = np.zeros((n_frequencies, n_dofs), dtype=np.bool_)
         self._problems: list[str] = []
         self._reset_lock_ins()
 
@@ -110,7 +112,7 @@ class MapExploration:
     @property
     def progress(self) -> float:
         """Completed fraction of the program, 0 to 1."""
-        return 1.0 if self._done else (self._dof + 1) / (self._n_dofs + 1)
+        return 1.0 if self._done else (self._sine_number + 1) / (self._n_sines + 1)
 
     @cached_property
     def result(self) -> Deflections:
@@ -121,7 +123,32 @@ class MapExploration:
         """
         if not self._done:
             raise RuntimeError("map exploration is not done; wait for `done`")
-        return Deflections(self._home_rad, self._deflection_m, tuple(self._problems))
+        measured: NDArray[np.bool_] = np.logical_and.reduce(self._measured, axis=0)
+        deflection_m = self._in_phase_m[0]
+        if len(self._sines) > 1:
+            square, tilt_square = (sine.frequency_hz * sine.frequency_hz for sine in self._sines)
+            without_tilt_m = (square * deflection_m - tilt_square * self._in_phase_m[1]) / (
+                square - tilt_square
+            )
+            deflection_m = np.where(measured[:, None], without_tilt_m, 0.0)
+        return Deflections(self._home_rad, deflection_m, self._coupling[0], measured, tuple(self._problems))
+
+    @property
+    def _n_sines(self) -> int:
+        return self._n_dofs * len(self._sines)
+
+    @property
+    def _dof(self) -> int:
+        """DoF of the present sine, the DoFs in turn at all their frequencies."""
+        return self._sine_number // len(self._sines)
+
+    @property
+    def _frequency_number(self) -> int:
+        return self._sine_number % len(self._sines)
+
+    @property
+    def _sine(self) -> VelocitySine:
+        return self._sines[self._frequency_number]
 
     def step(self, t_ns: int, position_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the velocity command (D,) [rad/s] at `t_ns`, from the measured positions (D,)."""
@@ -135,15 +162,16 @@ class MapExploration:
         if not self._exciting:
             return correction
         velocity = np.zeros(self._n_dofs)
-        velocity[self._dof] = self._sine((t_ns - self._phase_start_ns) * 1e-9)
+        t_s = (t_ns - self._phase_start_ns) * 1e-9
+        velocity[self._dof] = self._places[0].scale * self._sine.velocity_rad_s(t_s)
         return velocity
 
     def add_positions(self, t_measured_ns: int, position_rad: NDArray[np.float64]) -> None:
         """Add the joint positions (D,) measured at `t_measured_ns`: the reference of phase and amplitude."""
         if self._window_ns[0] <= t_measured_ns < self._window_ns[1]:
             t_s = np.array([t_measured_ns - self._window_ns[0]]) * 1e-9
-            shift_rad = position_rad[self._dof] - self._home_rad[self._dof]
-            self._joint.add(np.zeros(1, dtype=np.int64), t_s, np.array([[shift_rad]]))
+            shift_rad = position_rad - self._home_rad
+            self._joints.add(np.zeros(1, dtype=np.int64), t_s, shift_rad[None])
 
     def add_samples(
         self, cells: NDArray[np.int64], t_sampled_ns: NDArray[np.int64], acceleration_g: NDArray[np.float64]
@@ -157,23 +185,87 @@ class MapExploration:
         t_s = (t_sampled_ns[inside] - begin_ns) / 1e9
         self._cells.add(cells[inside], t_s, acceleration_g[inside])
 
+    def add_touch(self, cells: NDArray[np.int64], touch: NDArray[np.float64]) -> None:
+        """Add touch readings (n, 4) of cells (n,), three of force and one of proximity."""
+        self._guard.add(cells, touch)
+
     def _advance(self, t_ns: int) -> None:
         """Switch between holding and sine at their ends."""
         elapsed_ns = t_ns - self._phase_start_ns
-        if self._exciting and elapsed_ns >= self._sine_ns:
-            self._exciting = False
+        if self._exciting:
+            self._stopped = self._guard.cells.size > 0
+            if self._stopped or elapsed_ns >= self._sine.duration_ns:
+                self._exciting = False
+                self._phase_start_ns = t_ns
+                self._guard.rest()
+                self._motion.settle()
+        elif not self._done and self._has_settled(elapsed_ns):
+            if not self._in_place:
+                self._begin(t_ns)
+            elif self._stopped:
+                self._repeat_mirrored(t_ns)
+            else:
+                if self._sine_number >= 0:
+                    self._reduce_to_deflections()
+                self._next_sine(t_ns)
+
+    def _repeat_mirrored(self, t_ns: int) -> None:
+        """Repeat a sine that a cell has stopped to the other side, if it has room; else go on to the next."""
+        del self._places[0]
+        if self._places:
+            self._go_to_place(t_ns)
+            return
+        self._problems.append(
+            f"{self._dof_text([self._dof])} did not complete its sine: something touched or came near "
+            f"{format_members('cell', self._guard.cells, self._cell_names)}"
+        )
+        self._next_sine(t_ns)
+
+    def _next_sine(self, t_ns: int) -> None:
+        """Go to the place of the next sine that has room within the limits; home after the last."""
+        self._stopped = False
+        self._sine_number += 1
+        while self._sine_number < self._n_sines:
+            dof, range_rad = self._dof, self._config.position_control.range_rad
+            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
+            self._places = self._sine.places(*(limits_rad - self._home_rad[dof]).tolist())
+            if self._places:
+                break
+            self._problems.append(
+                f"{self._dof_text([dof])} was not moved: its limits leave no room for its sine of "
+                f"{self._sine.frequency_hz} Hz"
+            )
+            self._sine_number += 1
+        self._go_to_place(t_ns)
+
+    def _go_to_place(self, t_ns: int) -> None:
+        """Go to where the sine begins, or home after the last; begin it at once if it is there."""
+        target_rad = self._home_rad.copy()
+        if self._sine_number < self._n_sines:
+            target_rad[self._dof] += self._places[0].offset_rad
+        self._in_place = bool((target_rad == self._motion.target_rad).all())
+        if self._in_place:
+            self._begin(t_ns)
+        else:
             self._phase_start_ns = t_ns
-            self._motion.settle()
-        elif not (self._exciting or self._done) and self._has_settled(elapsed_ns):
-            if self._dof >= 0:
-                self._reduce_to_deflections()
-            self._dof += 1
-            self._exciting = self._dof < self._n_dofs
-            self._done = not self._exciting
-            self._phase_start_ns = t_ns
-            measured_ns = self._sine_ns - 2 * self._ramp_ns if self._exciting else 0
-            self._window_ns = (t_ns + self._ramp_ns, t_ns + self._ramp_ns + measured_ns)
-            self._reset_lock_ins()
+            self._window_ns = (t_ns, t_ns)
+            self._motion.begin(target_rad)
+
+    def _begin(self, t_ns: int) -> None:
+        """Begin the sine; end after the last."""
+        self._in_place = True
+        self._done = self._sine_number >= self._n_sines
+        self._window_ns = (t_ns, t_ns)
+        if not self._done:
+            self._excite(t_ns)
+
+    def _excite(self, t_ns: int) -> None:
+        self._exciting, self._stopped = True, False
+        self._phase_start_ns = t_ns
+        begin_ns = t_ns + self._sine.ramp_ns
+        self._window_ns = (begin_ns, begin_ns + self._sine.full_ns)
+        self._reset_lock_ins()
+        self._guard.arm()
 
     def _has_settled(self, elapsed_ns: int) -> bool:
         """Return True once the settling time is over with all DoFs at rest; report those that do not rest."""
@@ -184,8 +276,10 @@ class MapExploration:
             return True
         if elapsed_ns < config.rest_timeout_ns:
             return False
-        if self._dof + 1 < self._n_dofs:
-            before = f"before the sine of {self._dof_text([self._dof + 1])}"
+        following = self._sine_number + 1
+        if following < self._n_sines:
+            following_dof = following // len(self._sines)
+            before = f"before the sine of {self._dof_text([following_dof])}"
         else:
             before = "after the last sine"
         self._problems.append(f"{self._dof_text(motion.restless())} did not come to rest {before}")
@@ -194,33 +288,27 @@ class MapExploration:
     def _dof_text(self, dofs: Sequence[int] | NDArray[np.int64]) -> str:
         return format_members("DoF", dofs, self._dof_names)
 
-    def _sine(self, t_s: float) -> float:
-        """Return the velocity [rad/s] at `t_s` after the start of the sine."""
-        to_end_s = min(t_s, self._sine_ns * 1e-9 - t_s)
-        ramp_s = self._ramp_ns * 1e-9
-        fade = 0.5 - 0.5 * pinned_math.cos(math.pi * to_end_s / ramp_s) if to_end_s < ramp_s else 1.0
-        return (
-            self._config.amplitude_rad_s
-            * fade
-            * pinned_math.sin(2.0 * math.pi * self._config.frequency_hz * t_s)
-        )
-
     def _reset_lock_ins(self) -> None:
-        self._cells = LockIn(self._n_cells, 3, self._config.frequency_hz)
-        self._joint = LockIn(1, 1, self._config.frequency_hz)
+        self._cells = LockIn(self._n_cells, 3, self._sine.frequency_hz)
+        self._joints = LockIn(1, self._n_dofs, self._sine.frequency_hz)
 
     def _reduce_to_deflections(self) -> None:
         """Reduce the samples of the current DoF to its deflections."""
-        config, dof = self._config, self._dof
-        angular_hz = 2.0 * math.pi * config.frequency_hz
-        motion_rad = complex(self._joint.amplitude(config.min_samples)[0, 0])
+        config, number, dof = self._config, self._frequency_number, self._dof
+        angular_hz = 2.0 * math.pi * self._sine.frequency_hz
+        motions_rad = self._joints.amplitude(config.min_samples)[0]
+        motion_rad = complex(motions_rad[dof])
         length_rad = pinned_math.hypot(motion_rad.real, motion_rad.imag)
-        if not length_rad >= config.min_motion_fraction * config.amplitude_rad_s / angular_hz:
+        wanted_rad = abs(self._places[0].scale) * config.amplitude_rad_s / angular_hz
+        if not length_rad >= config.min_motion_fraction * wanted_rad:
             self._problems.append(
                 f"{self._dof_text([dof])} did not follow its sine: its amplitude is below the minimum "
                 "fraction of the command"
             )
             return
+        self._measured[number, dof] = True
+        in_phase = motions_rad.real * motion_rad.real + motions_rad.imag * motion_rad.imag
+        self._coupling[number, :, dof] = in_phase / (length_rad * length_rad)
         # the real part of amplitude / (−ω² motion), in real numbers: complex division depends on the CPU
         amplitude = self._cells.amplitude(config.min_samples)
         along = amplitude.real * motion_rad.real + amplitude.imag * motion_rad.imag
@@ -232,4 +320,4 @@ class MapExploration:
                 f"{self._dof_text([dof])}: "
                 f"{format_members('cell', np.flatnonzero(blind), self._cell_names)} with too few samples"
             )
-        self._deflection_m[~blind, dof] = deflection_m[~blind]
+        self._in_phase_m[number, ~blind, dof] = deflection_m[~blind]

@@ -8,13 +8,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.selforganisation.exploration import MotionState, PointToPoint, PositionControl
+from controller.selforganisation.exploration import (
+    MotionState,
+    PointToPoint,
+    PositionControl,
+    steps_with_room,
+)
 from controller.selforganisation.kinematic_structure import (
     KinematicStructure,
     activity_matrix,
+    barely_active,
     find_structure,
     format_members,
 )
+from controller.selforganisation.touch_guard import TouchGuard
 
 __all__ = ["StructuralExploration", "StructuralExplorationConfig"]
 
@@ -53,12 +60,15 @@ _Window = tuple[int, int, int]
 class StructuralExploration:
     """Exploration program: steps each DoF, all forth, then all back, and compares gravity [M14, III.A].
 
+    A step goes to the side with room within the limits of the DoF, upwards first. Contact, or what comes
+    nearer, stops it: it goes back and to the other side. A DoF that can go to neither is among the problems.
+
     In the first run every DoF stays at its step, which tilts the axes of the next ones off gravity. Targets
     are absolute, the pose at the first tick and that plus the step, hence no drift.
 
     A step counts only between two measured rests: all DoFs are still throughout the averages before and after
-    it. Else it is repeated; if that fails as well, the DoF is among the problems, and unless it was still its
-    measurements are dropped.
+    it. Else it is repeated; if that fails as well, the DoF is among the problems. Unless all were still its
+    measurements in this run are dropped: they say nothing about any cell.
     """
 
     def __init__(
@@ -81,11 +91,15 @@ class StructuralExploration:
         self._progress = 0.0
         self._motion = PointToPoint(config.position_control, n_dofs)
         self._home_rad: NDArray[np.float64] | None = None
+        self._guard = TouchGuard(n_cells, config.position_control.touch)
         self._origin_rad = np.zeros(n_dofs)
+        self._steps_rad: list[list[float]] = [[] for _ in range(n_dofs)]
+        """Steps of each DoF that have room, from home; the first is the next one to be made."""
         self._extremes_rad = np.zeros((2, n_dofs))
         self._windows: list[tuple[int, _Window]] = [(start_ns, (0, 0, 0))]
         self._sum_g = np.zeros((2, _RUNS, n_dofs, n_cells, 3))
         self._count = np.zeros((2, _RUNS, n_dofs, n_cells), dtype=np.int64)
+        self._lost = np.zeros((_RUNS, n_dofs), dtype=np.bool_)
         self._failed_steps: list[str] = []
 
     @property
@@ -115,7 +129,9 @@ class StructuralExploration:
         enough = self._count >= self._config.min_samples
         count = np.where(enough, self._count, 1)[..., None]
         before_g, after_g = np.where(enough[..., None], self._sum_g / count, np.nan)
-        active, unknown = activity_matrix(before_g, after_g, self._config.threshold_g)
+        threshold_g = self._config.threshold_g
+        active, unknown = activity_matrix(before_g, after_g, threshold_g, self._lost)
+        active[:, barely_active(before_g, after_g, threshold_g)] = False
         return find_structure(
             active, unknown, self._failed_steps, dof_names=self._dof_names, cell_names=self._cell_names
         )
@@ -126,6 +142,7 @@ class StructuralExploration:
             self._home_rad = position_rad.astype(np.float64)
             self._extremes_rad[:] = position_rad
             self._motion.retarget(self._home_rad)
+            self._plan_steps(self._home_rad)
         if t_ns < self._start_ns or self.done:
             return np.zeros(self._n_dofs)
         self._extremes_rad[0] = np.minimum(self._extremes_rad[0], position_rad)
@@ -147,21 +164,55 @@ class StructuralExploration:
                 self._sum_g[window][:, axis] += np.bincount(rows, values_g[:, axis], self._n_cells)
             self._count[window] += np.bincount(rows, minlength=self._n_cells)
 
+    def add_touch(self, cells: NDArray[np.int64], touch: NDArray[np.float64]) -> None:
+        """Add touch readings (n, 4) of cells (n,), three of force and one of proximity."""
+        self._guard.add(cells, touch)
+
+    def _plan_steps(self, home_rad: NDArray[np.float64]) -> None:
+        """Find the steps with room; a DoF without is lost. Skip the first steps if there are none."""
+        config, range_rad = self._config, self._config.position_control.range_rad
+        for dof in range(self._n_dofs):
+            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
+            room_rad = (limits_rad - home_rad[dof]).tolist()
+            self._steps_rad[dof] = steps_with_room(config.step_rad, *room_rad)
+            if not self._steps_rad[dof]:
+                self._lost[:, dof] = True
+                self._failed_steps.append(
+                    f"{self._dof_text([dof])} was not stepped: no room for a step of {config.step_rad} rad "
+                    "within its limits"
+                )
+        self._skip_lost_steps()
+        if self._step < _RUNS * self._n_dofs:
+            self._windows = [(self._start_ns, (0, *divmod(self._step, self._n_dofs)))]
+        else:
+            self._end(self._start_ns)
+
+    def _skip_lost_steps(self) -> None:
+        """Go on to the next step that can be made, if the present one cannot."""
+        while self._step < _RUNS * self._n_dofs and self._lost[:, self._step % self._n_dofs].all():
+            self._step += 1
+
     def _advance(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
         config, motion = self._config, self._motion
         elapsed_ns = t_ns - self._phase_start_ns
         timed_out = elapsed_ns >= config.move_timeout_ns
         match self._phase:
             case _Phase.RETURN if motion.state is MotionState.ARRIVED or timed_out:
-                self._open_window(0, t_ns, position_rad)
-                self._enter(_Phase.BEFORE, t_ns)
+                if self._lost[divmod(self._step, self._n_dofs)]:
+                    self._next_step(t_ns, position_rad)
+                else:
+                    self._open_window(0, t_ns, position_rad)
+                    self._enter(_Phase.BEFORE, t_ns)
             case _Phase.BEFORE if elapsed_ns >= config.average_ns:
                 self._origin_rad = motion.target_rad
                 if self._was_still():
+                    self._guard.arm()
                     motion.begin(self._step_target_rad())
                     self._enter(_Phase.MOVE, t_ns)
                 else:
                     self._fail(t_ns, position_rad)
+            case _Phase.MOVE if self._guard.cells.size:
+                self._stop(t_ns)
             case _Phase.MOVE if self._has_settled(t_ns):
                 self._open_window(1, t_ns, position_rad)
                 self._enter(_Phase.AFTER, t_ns)
@@ -202,17 +253,41 @@ class StructuralExploration:
         assert self._home_rad is not None
         run, dof = divmod(self._step, self._n_dofs)
         target_rad = self._motion.target_rad.copy()
-        target_rad[dof] = self._home_rad[dof] + (self._config.step_rad if run == 0 else 0.0)
+        target_rad[dof] = self._home_rad[dof] + (self._steps_rad[dof][0] if run == 0 else 0.0)
         return target_rad
 
     def _next_step(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
-        if self._step == _RUNS * self._n_dofs - 1:
-            # rests once more, until the last samples arrive
-            self._enter(_Phase.LAST, t_ns)
-            return
         self._step, self._attempt = self._step + 1, 1
+        self._skip_lost_steps()
+        if self._step >= _RUNS * self._n_dofs:
+            self._end(t_ns)
+            return
         self._open_window(0, t_ns, position_rad)
         self._enter(_Phase.BEFORE, t_ns)
+
+    def _end(self, t_ns: int) -> None:
+        """Rest once more, until the last samples arrive."""
+        self._step = _RUNS * self._n_dofs - 1
+        self._enter(_Phase.LAST, t_ns)
+
+    def _stop(self, t_ns: int) -> None:
+        """Go back from a step that a cell has stopped, and try the other side, if it has room."""
+        run, dof = divmod(self._step, self._n_dofs)
+        self._motion.begin(self._origin_rad)
+        self._enter(_Phase.RETURN, t_ns)
+        if run == 0:
+            del self._steps_rad[dof][0]
+            again = bool(self._steps_rad[dof])
+        else:
+            again = self._attempt < self._config.max_attempts
+            self._attempt += 1
+        if not again:
+            self._failed_steps.append(
+                f"{self._dof_text([dof])} did not complete its step in run {run + 1}: something touched or "
+                f"came near {format_members('cell', self._guard.cells, self._cell_names)}"
+            )
+            self._drop_measurement()
+            self._lost[run:, dof] = True
 
     def _fail(self, t_ns: int, position_rad: NDArray[np.float64]) -> None:
         """Repeat the step from the pose before it; after the last attempt report it and continue."""
@@ -246,10 +321,13 @@ class StructuralExploration:
         """Drop the averages of the present step, and samples of it that are still to come."""
         run, dof = divmod(self._step, self._n_dofs)
         self._count[:, run, dof] = 0
+        self._lost[run, dof] = True
         self._windows = [entry for entry in self._windows if entry[1][1:] != (run, dof)]
 
     def _enter(self, phase: _Phase, t_ns: int) -> None:
         self._phase, self._phase_start_ns = phase, t_ns
+        if phase is not _Phase.MOVE:
+            self._guard.disarm()
         done = max(0, phase.value) / _Phase.DONE.value
         self._progress = max(self._progress, (self._step + done) / (_RUNS * self._n_dofs))
 
@@ -260,3 +338,4 @@ class StructuralExploration:
         self._sum_g[window], self._count[window] = 0.0, 0
         self._windows = [*(entry for entry in self._windows[-1:] if entry[1] != window), (t_ns, window)]
         self._extremes_rad[:] = position_rad
+        self._guard.rest()

@@ -128,6 +128,10 @@ class StageCore:
             case _:
                 raise ProtocolError(f"the controller does not subscribe to channel {channel}")
 
+    def set_joint_ranges(self, range_rad: NDArray[np.float64]) -> None:
+        """Set the position limits (D, 2), within which the explorations move."""
+        self.controller.range_rad = range_rad
+
     def on_upstream_lost(self, upstream: Upstream) -> None:
         """Set the cells of a lost patch to absent; the others continue."""
         self._lost_patches.add(upstream.name)

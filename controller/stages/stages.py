@@ -9,7 +9,7 @@ from controller.cell_input import CellRows
 from controller.grasping.long_term_memory import LongTermMemory
 from controller.grasping.teach_and_grasp import TeachAndGrasp
 from controller.self_model import SelfModel
-from controller.selforganisation.exploration import Exploration, PositionControl
+from controller.selforganisation.exploration import Exploration, PositionControl, add_readings
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.selforganisation.structural_exploration import (
     StructuralExploration,
@@ -23,8 +23,6 @@ from skinnet.deployment.controller.controller import ControllerSpec
 from skinnet.deployment.controller.stages import StageSpec
 
 __all__ = ["ExplorationStage", "PostureStage", "Stage", "make_stage"]
-
-_ACCELERATION = slice(4, 7)
 
 
 class Stage(Protocol):
@@ -108,9 +106,8 @@ class ExplorationStage:
         return self._program.needs_stream
 
     def add_readings(self, stream: CellRows) -> None:
-        """Add accelerations to the averages and lock-in detectors."""
-        acceleration_g = stream.rows["values"][:, _ACCELERATION].astype(np.float64)
-        self._program.add_samples(stream.cell, stream.rows["t_sampled_ns"], acceleration_g)
+        """Add accelerations to the averages and lock-in detectors, and touch to what stops a motion."""
+        add_readings(self._program, stream)
 
     def step(
         self, t_ns: int, position_rad: NDArray[np.float64], tactile_state: TactileState
@@ -125,9 +122,9 @@ class ExplorationStage:
         knowledge = self._self_model
         if isinstance(self._exploration, StructuralExploration):
             knowledge.structure = self._exploration.result
-            self._memory.store_structure()
-            return
-        knowledge.add_map(self._exploration.result)
+        else:
+            knowledge.add_map(self._exploration.result)
+        self._memory.store_structure()
 
 
 class PostureStage:
@@ -185,17 +182,21 @@ def make_stage(
     t_ns: int,
     n_cells: int,
     home_rad: NDArray[np.float64],
+    range_rad: NDArray[np.float64] | None,
 ) -> Stage:
-    """Build the stage of `spec`, starting at `t_ns`; `home_rad` (D,) is the initial pose."""
+    """Build the stage of `spec`, starting at `t_ns`.
+
+    `home_rad` (D,) is the initial pose, `range_rad` (D, 2) the limits of the joints, if they are known.
+    """
     n_dofs = len(home_rad)
     names = {"dof_names": self_model.dof_names, "cell_names": self_model.cell_names}
     match spec.kind:
         case "structure":
-            structure_config = _structure_config(control)
+            structure_config = _structure_config(control, range_rad)
             structure = StructuralExploration(structure_config, n_dofs, n_cells, t_ns, **names)
             return ExplorationStage(structure, self_model, memory)
         case "map":
-            explored = MapExploration(_map_config(control), n_dofs, n_cells, t_ns, **names)
+            explored = MapExploration(_map_config(control, range_rad), n_dofs, n_cells, t_ns, **names)
             return ExplorationStage(explored, self_model, memory)
         case "posture":
             pose = home_rad if spec.pose == "home" else np.array(control.poses_rad[spec.pose])
@@ -207,30 +208,42 @@ def make_stage(
             return PassiveStage(spec.duration_s, t_ns)
         case "teach_and_grasp":
             return TeachAndGrasp(
-                control, self_model, memory, _map_config(control), tactile_state, n_dofs, n_cells, t_ns
+                control,
+                self_model,
+                memory,
+                _map_config(control, range_rad),
+                tactile_state,
+                n_dofs,
+                n_cells,
+                t_ns,
             )
 
 
-def _structure_config(control: ControllerSpec) -> StructuralExplorationConfig:
+def _structure_config(
+    control: ControllerSpec, range_rad: NDArray[np.float64] | None
+) -> StructuralExplorationConfig:
     spec = control.structure
     return StructuralExplorationConfig(
         step_rad=spec.step_rad,
         average_ns=round(spec.averaging_s * 1e9),
         settle_ns=round(spec.settle_s * 1e9),
         threshold_g=spec.threshold_g,
-        position_control=PositionControl(speed_rad_s=spec.speed_rad_s, delay_ns=_feedback_delay_ns(control)),
+        position_control=PositionControl(
+            speed_rad_s=spec.speed_rad_s, delay_ns=_feedback_delay_ns(control), range_rad=range_rad
+        ),
         min_samples=max(1, round(25 * spec.averaging_s)),
     )
 
 
-def _map_config(control: ControllerSpec) -> MapExplorationConfig:
+def _map_config(control: ControllerSpec, range_rad: NDArray[np.float64] | None) -> MapExplorationConfig:
     spec = control.map
     return MapExplorationConfig(
         amplitude_rad_s=spec.amplitude_rad_s,
         frequency_hz=spec.frequency_hz,
+        tilt_frequency_hz=spec.tilt_frequency_hz,
         periods=spec.periods,
         settle_ns=round(spec.settle_s * 1e9),
-        position_control=PositionControl(delay_ns=_feedback_delay_ns(control)),
+        position_control=PositionControl(delay_ns=_feedback_delay_ns(control), range_rad=range_rad),
     )
 
 

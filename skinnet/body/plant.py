@@ -30,6 +30,10 @@ class Plant(Protocol):
     def n_dofs(self) -> int:
         """Number of controlled joints."""
 
+    @property
+    def range_rad(self) -> NDArray[np.float64]:
+        """Position limits (D, 2) of the controlled joints, infinite without a limit."""
+
     def set_command(self, velocity_rad_s: NDArray[np.float64]) -> bool:
         """Set the velocity command (D,) [rad/s] from now on; return False if it is refused."""
 

@@ -18,7 +18,7 @@ from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
 from skinnet.protocol.channels import CONTROLLER, Keys
-from skinnet.protocol.messages import Command, Joints, Stimulus, decode, encode
+from skinnet.protocol.messages import Command, JointRanges, Joints, Stimulus, decode, encode
 from skinnet.protocol.recorded_messages import FreeBodyPoses
 from skinnet.protocol.sheet_messages import Pressures
 from skinnet.runtime.loop import Put
@@ -58,6 +58,7 @@ class BodyProcess(WiredProcess):
         self._end_commanded = False
         self._patches = hosts
         self._stage = ""
+        self._joint_ranges_key = keys.of("joint_ranges")
         self._joints_key = keys.of("joints")
         self._free_bodies_key = keys.of("free_bodies")
         self._has_subscribers: Callable[[str], bool] = _no_subscribers
@@ -81,8 +82,11 @@ class BodyProcess(WiredProcess):
         self._has_subscribers = has_subscribers
 
     def start(self, put: Put) -> None:
-        """Publish stimuli and joint positions of time zero."""
+        """Publish joint ranges, and stimuli and joint positions of time zero."""
         self._start_s = time.monotonic()
+        lowest_rad, highest_rad = self._plant.range_rad.T.tolist()
+        ranges = JointRanges(lowest_rad=lowest_rad, highest_rad=highest_rad)
+        put(self._joint_ranges_key, encode(ranges))
         self._publish(put)
 
     def needs(self) -> dict[str, int] | None:

@@ -159,6 +159,11 @@ class BodySimulation:
         return payload, truth
 
     @property
+    def range_rad(self) -> NDArray[np.float64]:
+        """Position limits (D, 2) of the controlled joints, infinite without a limit."""
+        return self.model.range_rad
+
+    @property
     def n_dofs(self) -> int:
         """Number of controlled joints."""
         return len(self.model.joint_id)

@@ -92,9 +92,9 @@ def robot_roots(mj: Model) -> list[int]:
 def _actuated_joints(mj: Model) -> set[int]:
     """Joints that an actuator of the file moves, by itself or by a tendon over them."""
     found: set[int] = set()
-    for kind, target in zip(mj.actuator_trntype, mj.actuator_trnid[:, 0], strict=True):
+    for kind, target in zip(mj.actuator_trntype.tolist(), mj.actuator_trnid[:, 0].tolist(), strict=True):
         if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
-            found.add(int(target))
+            found.add(target)
         elif kind == mujoco.mjtTrn.mjTRN_TENDON:
             first = int(mj.tendon_adr[target])
             wraps = range(first, first + int(mj.tendon_num[target]))
@@ -119,7 +119,7 @@ def _loop_joints(mj: Model) -> set[int]:
     """Joints between two bodies of the robot that `connect` or `weld` ties together."""
     found: set[int] = set()
     for equality in range(mj.neq):
-        kind = mj.eq_type[equality]
+        kind = int(mj.eq_type[equality])  # no NumPy integer equals a member of an enumeration
         if kind not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD) or not mj.eq_active0[equality]:
             continue
         ends = [int(mj.eq_obj1id[equality]), int(mj.eq_obj2id[equality])]

@@ -31,6 +31,7 @@ __all__ = [
     "ControllerState",
     "EventKind",
     "Events",
+    "JointRanges",
     "Joints",
     "Message",
     "Modality",
@@ -125,6 +126,16 @@ class Joints(Message, frozen=True, kw_only=True, tag="joints"):
     t_ns: int
     watermark_ns: int
     position_rad: list[float]
+
+
+class JointRanges(Message, frozen=True, kw_only=True, tag="joint_ranges"):
+    """Position limits [rad, m for a slide] of the controlled joints, (n_dof,) each; infinite without a limit.
+
+    The body sends them once, before the first joint feedback.
+    """
+
+    lowest_rad: list[float]
+    highest_rad: list[float]
 
 
 class Command(Message, frozen=True, kw_only=True, tag="command"):

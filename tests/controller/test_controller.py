@@ -18,6 +18,7 @@ from skinnet.errors import ProtocolError
 from skinnet.protocol.messages import (
     STREAM_ROW,
     Config,
+    JointRanges,
     Joints,
     Message,
     Modality,
@@ -335,6 +336,14 @@ two = events("arm", (0, 1, 0.5), (1, 1, 0.5))
         ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[-math.inf, 0.0]), "finite"),
         ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[0.0]), "1 positions; expected 2"),
         ("joints", (), Joints(t_ns=0, watermark_ns=9**9, position_rad=[]), "0 positions"),
+        ("joint_ranges", (), JointRanges(lowest_rad=[0.0], highest_rad=[1.0, 2.0]), "1 lowest and 2 highest"),
+        ("joint_ranges", (), JointRanges(lowest_rad=[0.0, 1.0], highest_rad=[1.0, 0.0]), "range is empty"),
+        (
+            "joint_ranges",
+            (),
+            JointRanges(lowest_rad=[0.0] * 2, highest_rad=[1.0, math.nan]),
+            "range is empty",
+        ),
         ("period_end", ("leg",), PeriodEnd(patch="leg", t_ns=0, watermark_ns=9**9, n_events=0), "leg"),
         ("period_end", ("arm",), events("arm", (0, 1, 0.5)), "PeriodEnd"),
         ("events", ("arm", "3"), events("arm", (3, 1, 0.5)), "unknown cell of arm: .* 0 to 2"),

@@ -54,7 +54,10 @@ def cross(a: Floats, b: Floats) -> Floats:
 class SkinnedArms:
     """Kinematics: one or two mirrored arms on a torso at rest, and their cells."""
 
-    def __init__(self, n_arms: int = 2, cells_per_part: int = 8, torso_cells: int = 10) -> None:
+    def __init__(
+        self, n_arms: int = 2, cells_per_part: int = 8, torso_cells: int = 10, up: Floats = UP
+    ) -> None:
+        self.up = up
         self.n_arms, self.n_dofs = n_arms, 7 * n_arms
         sides = np.array([1, -1])[:n_arms]
         mirror = np.where([1, 0, 0, 1, 0, 1, 0], 1, sides[:, None])
@@ -77,7 +80,7 @@ class SkinnedArms:
         self.R_link_cell, self.position_link_m = np.array(frame), np.array(place)
         self.n_arm_cells, self.n_cells = len(arm), len(arm) + torso_cells
         self.torso_up = np.array(
-            [rotation(UP, s).T @ rotation(AXES[0], -1.5) @ UP for s in range(torso_cells)]
+            [rotation(UP, s).T @ rotation(AXES[0], -1.5) @ up for s in range(torso_cells)]
         )
 
     @property
@@ -98,7 +101,7 @@ class SkinnedArms:
         acceleration, _, R, omega, alpha = self._links(q, v, a)
         arm = np.einsum("tsij,sj->tsi", R, self.position_link_m)
         acceleration = acceleration + cross(alpha, arm) + cross(omega, cross(omega, arm))
-        on_arms = ((acceleration / G_M_S2 + UP)[..., None, :] @ R @ self.R_link_cell)[..., 0, :]
+        on_arms = ((acceleration / G_M_S2 + self.up)[..., None, :] @ R @ self.R_link_cell)[..., 0, :]
         return np.concatenate([on_arms, np.tile(self.torso_up, (len(q), 1, 1))], axis=1)
 
     def jacobian(self, q: Floats) -> Floats:

@@ -24,15 +24,24 @@ def structure_metrics(
     """Metrics of structural exploration: wrong entries of the activity matrix, size of the tree, duration.
 
     A tree that lacks a joint is a tree: `structure.is_tree` tells that the parts fit together,
-    `structure.wrong_entries` that they are those of the model.
+    `structure.wrong_entries` that they are those of the model. Joints that move no cell, as far as was found,
+    are named, with the wrong entries in their columns: the rest is right if those are all.
     """
     if "structure" not in controller.facts:
         return {}
     found = controller.facts["structure"]
     activity = controller.arrays["activity"]
     spans = stage_intervals(deployment, controller, "structure")
-    return {
-        "structure.wrong_entries": int(np.count_nonzero(activity != reference.activity)),
+    wrong = activity != reference.activity
+    untold = ~np.logical_or.reduce(activity, axis=0)
+    named: dict[str, Any] = {}
+    if untold.any():
+        named = {
+            "structure.untold_joints": [deployment.body.joints[dof] for dof in np.flatnonzero(untold)],
+            "structure.untold_entries": int(np.count_nonzero(wrong[:, untold])),
+        }
+    return named | {
+        "structure.wrong_entries": int(np.count_nonzero(wrong)),
         "structure.entries": int(activity.size),
         "structure.body_parts": len(found["parts"]),
         "structure.joints": len(found["joints"]),

@@ -82,6 +82,11 @@ class ScriptedBody:
         self._sample_stimulus()
 
     @property
+    def range_rad(self) -> NDArray[np.float64]:
+        """Position limits (D, 2): infinite, as a script has none."""
+        return np.tile([-np.inf, np.inf], (self.n_dofs, 1))
+
+    @property
     def n_dofs(self) -> int:
         """Number of controlled joints."""
         return len(self.model.joint_id)

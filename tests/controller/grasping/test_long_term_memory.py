@@ -45,7 +45,7 @@ def learn(memory: LongTermMemory, knowledge: SelfModel) -> None:
 
 
 def begin(tmp_path: Path, out: str | None, **tables: Any) -> tuple[LongTermMemory, SelfModel]:
-    knowledge = SelfModel(min_row_norm=0.05)
+    knowledge = SelfModel(min_row_norm=0.05, min_lever_m=0.005)
     folder = None if out is None else tmp_path / out
     return LongTermMemory.open(small(**tables), tmp_path, folder, knowledge), knowledge
 
@@ -120,7 +120,7 @@ def test_cells_that_were_not_measured_stay_so(tmp_path: Path) -> None:
     knowledge.structure = find_structure(ACTIVITY, unknown)
     memory.store_structure()
     memory.close()
-    recalled = SelfModel(min_row_norm=0.05)
+    recalled = SelfModel(min_row_norm=0.05, min_lever_m=0.005)
     restore_self_model(read_memory(tmp_path / "run" / MEMORY_FILE), recalled)
     assert recalled.structure is not None
     assert recalled.structure.unmeasured == (5,)
@@ -161,7 +161,7 @@ async def test_nodes_learn_where_the_run_folder_is(tmp_path: Path, monkeypatch: 
 
 
 def test_positions_are_recalled_to_the_bit(tmp_path: Path) -> None:
-    knowledge = SelfModel(min_row_norm=0.05)
+    knowledge = SelfModel(min_row_norm=0.05, min_lever_m=0.005)
     memory, other = begin(tmp_path, "run")
     pose_rad = np.array([0.1 + 0.2, 1 / 3])
     other.poses["open"] = pose_rad

@@ -83,7 +83,7 @@ class Robot:
 
     def __init__(self, *, taught: bool = True, **session: Any) -> None:
         control = small(controller={"teach_and_grasp": session}).controller
-        self.knowledge = SelfModel(min_row_norm=0.05)
+        self.knowledge = SelfModel(min_row_norm=0.05, min_lever_m=0.005)
         if taught:
             self.knowledge.structure = find_structure(ACTIVITY)
             self.knowledge.sensory_motor_map.add(POSES["home"], WEIGHTS)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_robot import G_M_S2, Floats, SkinnedArms, run
 
+from controller.selforganisation.deflections import Deflections
 from controller.selforganisation.lock_in import LockIn
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.selforganisation.sensory_motor_map import (
@@ -100,6 +101,35 @@ def test_deflection_is_inertia_minus_gravity_tilt_whatever_the_servo_lag(
     # one percent: the lag moves the ramp into the window, and samples alias harmonics of the velocity steps
     np.testing.assert_allclose(program.result.deflection_m, expected, rtol=1e-2, atol=3e-4)
     assert np.abs(tilt).max() > 10 * 3e-4
+
+
+def test_a_second_frequency_removes_the_tilt_of_gravity() -> None:
+    arm = SkinnedArms(n_arms=1, cells_per_part=1, torso_cells=1)
+    J = arm.jacobian(arm.home_rad)
+
+    def error_m(tilt_frequency_hz: float | None) -> float:
+        config = MapExplorationConfig(tilt_frequency_hz=tilt_frequency_hz, periods=2)
+        program = MapExploration(config, arm.n_dofs, arm.n_cells, 0)
+        run(program, arm, noise_g=0.0)
+        assert program.result.problems == ()
+        return float(np.abs(program.result.deflection_m - J).max())
+
+    assert error_m(2.0) < 1.5e-3
+    assert error_m(None) > 10e-3
+
+
+def test_motion_by_reaction_belongs_to_the_joint_that_yields() -> None:
+    rng = np.random.default_rng(5)
+    J = rng.uniform(-0.5, 0.5, (4, 3, 3))
+    J[2:, 1] = 0.0  # cells proximal to joint 1
+    coupling = np.array([[1.0, -0.2, 0.05], [0.1, 1.0, 0.0], [0.0, 0.3, 1.0]])
+    in_phase = np.einsum("sdx,de->sex", J, coupling)
+    found = Deflections(np.zeros(3), in_phase, coupling, np.array([True, True, False]), ())
+    assert np.linalg.norm(in_phase[2:, 1], axis=1).min() > 0.005
+    lever_m = found.lever_arms_m()
+    np.testing.assert_allclose(lever_m[:, :2], np.linalg.norm(J, axis=2)[:, :2], atol=1e-12)
+    assert not lever_m[2:, 1].round(12).any()
+    assert not lever_m[:, 2].any()
 
 
 def test_the_command_has_no_jump_and_returns() -> None:

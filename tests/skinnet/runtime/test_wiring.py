@@ -45,10 +45,16 @@ def written_by_hand(deployment: Deployment, name: str) -> Facts:
             return {"body/pressures", "skin/boards/*/config"}, {"body"}, body, told
         case "controller" if deployment.nursing is not None:
             # but for the velocity, which nobody heard and which is now refused
-            heard = {"body/joints", "skin/*/regions", "controller/request/*", "controller/velocity"}
+            heard = {
+                "body/joint_ranges",
+                "body/joints",
+                "skin/*/regions",
+                "controller/request/*",
+                "controller/velocity",
+            }
             return heard, {"body", "boards"}, body | {"boards": ("boards", 0)}, told
         case "controller":
-            heard = {"body/joints", *SKIN, "controller/request/*", "controller/velocity"}
+            heard = {"body/joint_ranges", "body/joints", *SKIN, "controller/request/*", "controller/velocity"}
             return heard, {"body", *hosts}, body | skin, told | (set(hosts) if "cells" in told else set())
         case "recorder":
             sources = body | {"controller": ("controller", 0)} | skin
@@ -125,6 +131,7 @@ def hearers(deployment: Deployment, key: str, sender: str) -> set[str]:
     [
         ("body/stimulus/cells1", "body", {"cells1"}),
         ("body/pressures", "body", {"boards"}),
+        ("body/joint_ranges", "body", {"controller"}),
         ("body/joints", "body", {"controller", "recorder"}),
         ("body/free_bodies", "body", {"recorder"}),
         ("body/command", "controller", {"body", "recorder"}),

@@ -57,7 +57,8 @@ def test_a_joint_that_moves_nothing_leaves_a_tree_with_wrong_entries(reference: 
     activity[:, 2] = False
     metrics = structure_of(activity, reference)
     assert metrics["structure.is_tree"]
-    assert metrics["structure.wrong_entries"] == 3
+    assert metrics["structure.wrong_entries"] == metrics["structure.untold_entries"] == 3
+    assert metrics["structure.untold_joints"] == [ARM.body.joints[2]]
     assert metrics["structure.body_parts"] == 2
     assert "DoF 2 moves no cell" in metrics["structure.problems"][0]
 

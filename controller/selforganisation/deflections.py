@@ -1,0 +1,43 @@
+"""Deflections: how the motion of every joint accelerates every cell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skinnet.pinned_linalg import solve
+
+__all__ = ["Deflections"]
+
+
+@dataclass(frozen=True, eq=False)
+class Deflections:
+    """Measured deflections of all cells in one pose.
+
+    In the sine of DoF e the in-phase acceleration is the sum over all DoFs d of deflection times motion.
+    """
+
+    pose_rad: NDArray[np.float64]
+    """Explored pose (D,)."""
+    deflection_m: NDArray[np.float64]
+    """Deflections (S, D, 3): in-phase acceleration along cell axes per joint acceleration [m/s² per rad/s²].
+
+    Zero where not measured.
+    """
+    coupling: NDArray[np.float64]
+    """Motion of DoF d, in phase, per motion of the excited DoF e (D, D): one on the diagonal."""
+    measured: NDArray[np.bool_]
+    """DoFs (D,) that followed their sine."""
+    problems: tuple[str, ...]
+    """Missing measurements, one line each."""
+
+    def lever_arms_m(self) -> NDArray[np.float64]:
+        """Lever arm (S, D) [m] of every DoF at every cell, up to gravity tilt; zero where not measured.
+
+        With the coupling C, D = J C: what a reaction torque moves belongs to the joint that yields.
+        """
+        n_cells, n_dofs, _ = self.deflection_m.shape
+        by_sine = self.deflection_m.transpose(1, 0, 2).reshape(n_dofs, 3 * n_cells)
+        by_dof = solve(self.coupling.T, by_sine).reshape(n_dofs, n_cells, 3)
+        lever_m: NDArray[np.float64] = np.linalg.norm(by_dof, axis=2).T * self.measured
+        return lever_m
