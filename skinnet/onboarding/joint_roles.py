@@ -138,7 +138,7 @@ def _planar_base(mj: Model, root: int) -> list[int]:
     body: int | None = root
     while body is not None:
         for joint in _joints_of(mj, body):
-            if mj.jnt_type[joint] not in _ONE_DOF or mj.jnt_limited[joint]:
+            if int(mj.jnt_type[joint]) not in _ONE_DOF or mj.jnt_limited[joint]:
                 return found
             if not found and mj.jnt_type[joint] != _SLIDE:
                 return found
