@@ -39,6 +39,11 @@ _CONTACT = "skinnet/body/contact"
 _ONE = "single_evaluations"
 _TIP = "cell_loading::a_tip_reads_the_closed_form_wherever_it_presses[0.008-0.03]"
 _MOMENT = "cell_loading::the_moment_is_that_of_the_centre_of_pressure"
+_RAYS = "parallel_rays"
+_THICKNESS = tuple(
+    f"thin_links::rays_start_{how}"
+    for how in ("before_the_far_face_of_a_link", "in_the_middle_of_a_thin_link")
+)
 _ROUND_SHEET = "sheet_foundation::a_plate_on_a_round_sheet_is_the_integral_over_the_circle[0.002]"
 _TABLE = (
     "foam_curve::a_straight_table_in_series_is_the_linear_law",
@@ -65,6 +70,7 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
             _modules(_CONTACT, "mesh_quality"),
             as_python=_contact(
                 "contact_scene::gap_between_hull_and_mesh_is_that_in_the_middle_of_the_opening",
+                "contact_scene::gap_of_a_notch_between_long_triangles",
                 "contact_scene::open_and_inward_meshes_are_known",
                 "contact_notices",
             ),
@@ -77,13 +83,14 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
         Mapping(
             _modules(_CONTACT, "cell_loading", "parallel_rays", "sample_grid", "skin_surface"),
             _contact(*_STATICS),
-            _contact(_ONE, _TIP, _MOMENT, _ROUND_SHEET),
+            _contact(_ONE, _RAYS, _TIP, _MOMENT, _ROUND_SHEET),
         ),
         Mapping(
             _modules(_CONTACT, "broad_phase", "cell_tree", "contact_scene", "link_thickness"),
             _contact("broad_phase", *_STATICS),
             _contact(
                 _ONE,
+                *_THICKNESS,
                 "broad_phase::every_node_holds_its_cells",
                 "broad_phase::only_cells_near_a_solid_are_active",
             ),
@@ -98,18 +105,23 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
             ("tests/skinnet/body/environment",),
             _contact(_ONE, *_TABLE),
         ),
-        Mapping(_modules(_CONTACT, "sheet_foundation"), _contact("sheet_foundation"), _contact(_ROUND_SHEET)),
+        Mapping(
+            _modules(_CONTACT, "sheet_foundation"),
+            _contact("sheet_foundation"),
+            _contact(_ROUND_SHEET, "sheet_foundation::depth_times_stiffness_times_area_is_the_force"),
+        ),
         Mapping(_modules(_CONTACT, "foam_curve"), _contact("foam_curve"), _contact(*_TABLE)),
         Mapping(
             _modules(_CONTACT, "foam_response", "implicit_step", "joint_coupling", "line_search"),
             _contact("skin_foundation", "foam_energy", "foam_curve", "constraint_rows"),
-            _contact(_ONE, "constraint_rows::only_what_constraints_couple_to_foam_takes_part"),
+            _contact(_ONE, "line_search", "constraint_rows::only_what_constraints_couple_to_foam_takes_part"),
         ),
         Mapping(
             _modules(_CONTACT, "constraint_rows"),
             _contact("constraint_rows"),
             _contact("constraint_rows::only_what_constraints_couple_to_foam_takes_part")
-            + _contact("constraint_rows::forces_and_their_derivative_are_those_of_mujoco[elliptic-6-sparse]"),
+            + _contact("constraint_rows::a_cone_in_the_first_row")
+            + _contact("constraint_rows::forces_and_their_derivative_are_those_of_mujoco"),
         ),
     ),
     "network": (

@@ -64,8 +64,13 @@ class Point(NamedTuple):
 class Pressed:
     """An arm in any state with two cells under a plate that covers both of them."""
 
-    def __init__(self, folder: Path, layer: CompliantLayer = RIGID, **foam: float) -> None:
-        self.body: BodySimulation = body_scenes.arm(folder, more=TOOL, foam=FoamSpec(**foam))
+    def __init__(
+        self, folder: Path, layer: CompliantLayer = RIGID, *, is_led: bool = False, **foam: float
+    ) -> None:
+        """A free plate, or one that is led as the teacher's finger is: without joints, with a velocity."""
+        tool = TOOL.replace('"tool"', '"tool" mocap="true"').replace("<freejoint/>", "") if is_led else TOOL
+        self.is_led = is_led
+        self.body: BodySimulation = body_scenes.arm(folder, more=tool, foam=FoamSpec(**foam))
         self.mj, self.data, self.layer = self.body.model.mj, self.body.data, layer
         self.tool, self.arm = (int(self.mj.body(name).id) for name in ("tool", "arm"))
         given = self.body.cell_foundation
@@ -89,10 +94,15 @@ class Pressed:
         )
         x, y, z, w = R_tool.as_quat().tolist()
         face_m = self.data.xpos[self.arm] + R_arm.apply([0.35, 0.0, 0.01 + THICK_M - depth_m])
-        self.data.qpos[2:5] = face_m + R_tool.apply([0.0, 0.0, 0.02])
-        self.data.qpos[5:9] = (w, x, y, z)
+        position_m, rotation = face_m + R_tool.apply([0.0, 0.0, 0.02]), (w, x, y, z)
+        if self.is_led:
+            self.data.mocap_pos[0], self.data.mocap_quat[0] = position_m, rotation
+        else:
+            self.data.qpos[2:5], self.data.qpos[5:9] = position_m, rotation
         self.data.qvel[:] = speed * random.normal(size=self.mj.nv)
         mujoco.mj_forward(self.mj, self.data)
+        if self.is_led:
+            self.data.cvel[self.tool] = speed * random.normal(size=6)
         self.data.xfrc_applied[:] = 0.0
 
     def points(self) -> list[Point]:
@@ -107,11 +117,21 @@ class Pressed:
             below_m = self.data.xpos[self.arm] + R_world_arm @ surface.position_m[cell]
             below_m = below_m + axes[:, 0] * grid.x_m[i] + axes[:, 1] * grid.y_m[i]
             depth_m = THICK_M - float((plane_m - below_m) @ up / (axes[:, 2] @ up))
-            indented_m = min((1.0 - self.layer.foam_fraction) * depth_m, self.layer.max_indentation_m)
-            place_m = below_m + (THICK_M - depth_m + indented_m) * axes[:, 2]
+            pressed_m = max(depth_m, 0.0)
+            indented_m = min((1.0 - self.layer.foam_fraction) * pressed_m, self.layer.max_indentation_m)
+            place_m = below_m + (THICK_M - pressed_m + indented_m) * axes[:, 2]
             J = axes.T @ (self._jacobian(self.tool, place_m) - self._jacobian(self.arm, place_m))
-            found.append(Point(cell, s // 9, place_m, axes, depth_m, J @ self.data.qvel, J, grid.area_m2))
+            velocity_m_s = J @ self.data.qvel + axes.T @ self._led_velocity_m_s(place_m)
+            found.append(Point(cell, s // 9, place_m, axes, depth_m, velocity_m_s, J, grid.area_m2))
         return found
+
+    def _led_velocity_m_s(self, place_m: Floats) -> Floats:
+        """Velocity of a point of the plate that no joint gives it."""
+        if not self.is_led:
+            return np.zeros(3)
+        twist, root = self.data.cvel[self.tool], self.mj.body_rootid[self.tool]
+        led_m_s: Floats = twist[3:] + np.cross(twist[:3], place_m - self.data.subtree_com[root])
+        return led_m_s
 
     def _jacobian(self, body: int, place_m: Floats) -> Floats:
         J = np.zeros((3, self.mj.nv))
@@ -212,8 +232,9 @@ def response(scene: Pressed, twist: Floats, *, with_stiffness: bool = True) -> P
 @pytest.mark.parametrize("share", [1.0, 0.6])
 @pytest.mark.parametrize("damping", [1e4, 0.0])
 @pytest.mark.parametrize("friction", [50.0, 0.05], ids=["sticks", "slides"])
+@pytest.mark.parametrize("depth_m", [0.004, -0.0002], ids=["in contact", "before it"])
 def test_wrench_and_stiffness_of_a_pair(
-    tmp_path: Path, share: float, damping: float, friction: float
+    tmp_path: Path, share: float, damping: float, friction: float, depth_m: float
 ) -> None:
     """Wrench: the law at the end of the step, point by point. Stiffness: its central differences.
 
@@ -223,17 +244,22 @@ def test_wrench_and_stiffness_of_a_pair(
     scene = Pressed(tmp_path, CompliantLayer(share, 0.02), friction=friction, damping_pa_s_per_m=damping)
     random = np.random.default_rng(0)
     for seed in range(3):
-        scene.put(seed, depth_m=0.004, tilt_rad=0.0, speed=0.0)
+        scene.put(seed, depth_m, tilt_rad=0.0, speed=0.0)
+        data_velocity = scene.data.cvel[scene.tool, 3:]
+        data_velocity[:] = 0.5  # so fast that what is 0.2 mm away is looked for
         scene.foundation.compute_contact(STEP_S)
+        data_velocity[:] = 0.0
         scene.foundation.contact.shear_m[:2] = random.normal(0.0, 1e-4, (2, 27, 2))
         twist = random.normal(0.0, 0.05, 6) * (1, 1, 1, 10, 10, 10)
+        twist[:3] -= scene.data.xmat[scene.arm].reshape(3, 3)[:, 2] * (0.5 if depth_m < 0.0 else 0.0)
         pairs, points = response(scene, twist), scene.points()
         shear_m = scene.foundation.contact.shear_m[:2].reshape(54, 2)
         slope, expected = max(damping, STEP_S * K_PA_PER_M), np.zeros(6)
         for p, strain_m in zip(points, shear_m, strict=True):
             u = p.axes.T @ (twist[:3] + np.cross(twist[3:], p.place_m - pairs.origin_m))
             area_m2 = share * p.area_m2
-            normal_n = area_m2 * max(0.0, K_PA_PER_M * p.depth_m - slope * u[2])
+            elastic_pa = p.depth_m * (K_PA_PER_M if p.depth_m > 0.0 else slope / STEP_S)
+            normal_n = area_m2 * max(0.0, elastic_pa - slope * u[2])
             rate = slope - STEP_S * K_PA_PER_M
             sheared_n = -0.5 * area_m2 * (K_PA_PER_M * (strain_m + STEP_S * u[:2]) + rate * u[:2])
             size_n = np.linalg.norm(sheared_n)
@@ -258,10 +284,32 @@ def test_wrench_and_stiffness_of_a_pair(
             )
 
 
+def test_the_stiffness_under_an_edge_is_the_derivative(tmp_path: Path) -> None:
+    """Cells of which a part is pressed: no moment of their points vanishes by symmetry."""
+    scene, reach = Pressed(tmp_path, friction=50.0), 1e-6
+    for seed, along_m in ((0, 0.05), (1, 0.055), (2, -0.055)):
+        scene.put(seed, 0.004, tilt_rad=0.0, speed=0.0)
+        scene.data.qpos[2:5] += along_m * scene.data.xmat[scene.arm].reshape(3, 3)[:, 0]
+        mujoco.mj_forward(scene.mj, scene.data)
+        scene.foundation.compute_contact(STEP_S)
+        points = scene.foundation.problem.points
+        n = int(points.total[0])
+        pressed_m2 = [
+            points.area_m2[:n][(points.cell[:n] == c) & (points.depth_m[:n] > 0)].sum() for c in (0, 1)
+        ]
+        assert 0.05 < min(pressed_m2) / max(pressed_m2) < 0.95, "an edge lies across one of the cells"
+        stiffness = response(scene, np.zeros(6)).stiffness[0]
+        for way in np.eye(6):
+            low, high = (response(scene, sign * reach * way).wrench[0] for sign in (-1, 1))
+            slope = (high - low) / (2.0 * reach)
+            assert -stiffness @ way == pytest.approx(slope, rel=1e-5, abs=1e-6 * np.abs(slope).max())
+
+
 @pytest.mark.parametrize("damping", [1e4, 0.0])
+@pytest.mark.parametrize("is_led", [False, True], ids=["free", "led"])
 @pytest.mark.parametrize(("tilt_rad", "accuracy", "n_iterations"), [(0.0, 1e-9, 2), (0.03, 1e-3, 6)])
 def test_forces_of_a_step_solve_the_dense_system(
-    tmp_path: Path, tilt_rad: float, accuracy: float, n_iterations: int, damping: float
+    tmp_path: Path, tilt_rad: float, accuracy: float, n_iterations: int, damping: float, is_led: bool
 ) -> None:
     """M̂ (v⁺ - v) = h (Q + Σ Jᵀ f(J v⁺)) with all samples and joints at once; the foam sticks, so f is linear.
 
@@ -269,7 +317,7 @@ def test_forces_of_a_step_solve_the_dense_system(
     """
     slope = max(damping, STEP_S * K_PA_PER_M)
     for seed in range(3):
-        scene = Pressed(tmp_path, friction=50.0, damping_pa_s_per_m=damping)
+        scene = Pressed(tmp_path, is_led=is_led, friction=50.0, damping_pa_s_per_m=damping)
         mj, data = scene.mj, scene.data
         implicit = ImplicitContact(mj, data, (scene.foundation, scene.body.sheet_foundation))
         scene.put(seed, depth_m=0.004, tilt_rad=tilt_rad)
@@ -288,10 +336,12 @@ def test_forces_of_a_step_solve_the_dense_system(
             by_axis = p.area_m2 * slope * np.array([0.5, 0.5, 1.0])
             matrix = matrix + STEP_S * p.jacobian.T @ (by_axis[:, None] * p.jacobian)
             right = right + STEP_S * p.jacobian[2] * p.area_m2 * K_PA_PER_M * p.depth_m
+            led_m_s = p.velocity_m_s - p.jacobian @ data.qvel
+            right = right - STEP_S * p.jacobian.T @ (by_axis * led_m_s)
         after = np.linalg.solve(matrix, right)
         expected = np.zeros(mj.nv)
         for p in scene.points():
-            u = p.jacobian @ after
+            u = p.velocity_m_s + p.jacobian @ (after - data.qvel)
             sheared_n = -0.5 * p.area_m2 * slope * u[:2]
             normal_n = p.area_m2 * (K_PA_PER_M * p.depth_m - slope * u[2])
             assert normal_n > 0.0
@@ -300,6 +350,65 @@ def test_forces_of_a_step_solve_the_dense_system(
         assert 1 <= implicit.n_iterations <= n_iterations
         added, slack = data.qfrc_smooth - smooth, accuracy * np.abs(expected).max()
         assert added == pytest.approx(expected, rel=accuracy, abs=slack)
+
+
+def test_solids_are_sought_as_far_as_they_may_come(tmp_path: Path) -> None:
+    """Twice the way of a step, by translation or turning; a body at rest may fall; at most 10 mm."""
+    scene = Pressed(tmp_path)
+    for speed_m_s, gap_m, found in (
+        (0.0, 3.9e-5, True),
+        (0.0, 4.1e-5, False),
+        (1.0, 1.9e-3, True),
+        (1.0, 2.1e-3, False),
+        (40.0, 9.9e-3, True),
+        (40.0, 10.1e-3, False),
+    ):
+        for turns in (False, True):
+            scene.put(0, -gap_m, tilt_rad=0.0, speed=0.0)
+            normal = scene.data.xmat[scene.arm].reshape(3, 3)[:, 2]
+            radius_m = float(np.linalg.norm([0.1, 0.06, 0.02]))
+            scene.data.qvel[2:5] = 0.0 if turns else -speed_m_s * normal
+            scene.data.qvel[5:8] = (0.0, speed_m_s / radius_m, 0.0) if turns else 0.0
+            mujoco.mj_fwdVelocity(scene.mj, scene.data)
+            scene.foundation.compute_contact(STEP_S)
+            points = scene.foundation.problem.points
+            n = int(points.total[0])
+            assert n == (54 if found else 0), (speed_m_s, gap_m, turns)
+            assert points.depth_m[:n] == pytest.approx(np.full(n, -gap_m), abs=1e-9)
+            assert scene.foundation.n_in_contact == 0
+
+
+def test_a_cell_that_two_bodies_press(tmp_path: Path) -> None:
+    """Its temperature is their mean, weighted by area; each body has its own force."""
+    other = TOOL.replace("tool", "other")
+    body = body_scenes.arm(tmp_path, more=TOOL + other)
+    data, foundation = body.data, body.cell_foundation
+    arm, tool, second = (int(body.model.mj.body(name).id) for name in ("arm", "tool", "other"))
+    foundation.temperature_c[[tool, second]] = 20.0, 50.0
+    edge_m = 0.003
+    for address, side in ((2, -1.0), (9, 1.0)):
+        data.qpos[address : address + 3] = (
+            0.30 + edge_m + side * 0.1,
+            0.0,
+            1.05 + 0.01 + THICK_M - 0.004 + 0.02,
+        )
+        data.qpos[address + 3 : address + 7] = (1.0, 0.0, 0.0, 0.0)
+    mujoco.mj_forward(body.model.mj, data)
+    foundation.compute_contact(STEP_S)
+    points, contact = foundation.problem.points, foundation.contact
+    n = int(points.total[0])
+    of = foundation.scene.body_id[points.solid[:n]]
+    in_cell = points.cell[:n] == 0
+    area_m2 = [points.area_m2[:n][in_cell & (of == each)].sum() for each in (tool, second)]
+    assert sum(area_m2) == pytest.approx(1.5 * 3**0.5 * 0.014**2)
+    assert area_m2[0] > 1.1 * area_m2[1] > 0.0
+    assert contact.contact_temperature_c[0] == pytest.approx(np.average([20.0, 50.0], weights=area_m2))
+    for each in (tool, second):
+        pressed_n = K_PA_PER_M * 0.004 * points.area_m2[:n][of == each].sum()
+        assert contact.body_normal_force_n[each] == pytest.approx(pressed_n, rel=1e-6)
+    assert contact.force_n.sum() == pytest.approx(contact.body_normal_force_n[[tool, second]].sum())
+    assert contact.patch_body_force_n[0] == pytest.approx(contact.body_normal_force_n)
+    assert data.xfrc_applied[arm, 2] == pytest.approx(-contact.force_n.sum())
 
 
 def test_the_broad_phase_of_every_solid_is_safe_and_of_use(tmp_path: Path) -> None:
