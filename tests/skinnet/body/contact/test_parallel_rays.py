@@ -19,13 +19,14 @@ START_M = 0.004
 def scene(folder: Path) -> BodySimulation:
     """An arm with cells, and floating solids of all kinds."""
     spec = mujoco.MjSpec.from_string(body_scenes.ARM.format(more="", sensors=""))
-    spec.add_mesh(name="egg").make_sphere(subdivision=2)
-    spec.mesh("egg").scale = [0.03, 0.02, 0.015]
+    turn = np.arange(9) * 2.0 * np.pi / 9.0
+    rim = np.column_stack([0.02 * np.cos(turn), 0.02 * np.sin(turn), 0.0 * turn])
+    spec.add_mesh(name="cone", uservert=[*rim.ravel(), 0.01, 0.005, 0.06])  # its box is not about its centre
     for kind in KINDS:
         body = spec.worldbody.add_body(name=kind, mocap=True)
         shape = getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
         body.add_geom(
-            name=kind, type=shape, size=[0.03, 0.02, 0.015], meshname="egg" if kind == "mesh" else ""
+            name=kind, type=shape, size=[0.03, 0.02, 0.015], meshname="cone" if kind == "mesh" else ""
         )
     spec.compile()
     skin = (body_scenes.patch("skin", "arm", *body_scenes.ARM_CELLS),)
