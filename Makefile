@@ -37,8 +37,8 @@ long: $(STAMP) ## the tests that take too long for `test`: whole grasps, teachin
 values: $(STAMP) ## runs every shipped deployment and compares values and metrics with the frozen ones
 	$(BIN)/python tests/support/frozen_values.py
 
-mutants: $(STAMP) ## puts 300 small faults into the code, one at a time, and says which ones no test notices (hours)
-	$(BIN)/python tests/support/mutants.py --count 300 --out mutants.csv
+mutants: $(STAMP) ## puts 300 small faults into the code, one at a time, and says which ones no test notices (hours; goes on)
+	$(BIN)/python tests/support/mutants.py --count 300 --results build/mutants.jsonl
 
 robots: $(STAMP) ## puts skin on a dozen robots of other projects, whose models it fetches, and reports (an hour)
 	$(BIN)/skinnet bench robots --fetch --json robots.json

@@ -12,6 +12,8 @@ from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.deployment.skin.cells import EncodingSpec
 from skinnet.deployment.skin.patches import InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.protocol.messages import STIMULUS_NAMES, Stimulus, encode
+from skinnet.protocol.sheet_messages import Pressures
+from skinnet.skin.tactile_sheets import place_sheets
 
 __all__ = ["build", "warm_up"]
 
@@ -30,9 +32,21 @@ def build(
 ) -> CellProcess | BoardProcess:
     """Build the process `name` of `deployment`: of cells, or of the boards of tactile sheets."""
     if name == BOARD_PROCESS:
+        _warm_up_boards(deployment)
         return BoardProcess(deployment, name, recorded=recorded)
     warm_up(deployment)
     return CellProcess(deployment, name, recorded=recorded)
+
+
+def _warm_up_boards(deployment: Deployment) -> None:
+    """Warm up with one period of all boards, without pressure."""
+    node = BoardProcess(deployment, BOARD_PROCESS)
+    felt = np.zeros(sum(sheet.n_elements for sheet in place_sheets(deployment.surfaces, deployment.sheets)))
+    for t_ns in (0, deployment.boards.period_ns):
+        pressures = Pressures(t_ns=t_ns, watermark_ns=t_ns, values=felt.astype("<f4").tobytes())
+        node.accept("pressures", (), encode(pressures))
+    node.step(_discard)
+    node.result()
 
 
 def warm_up(deployment: Deployment) -> int:

@@ -12,6 +12,7 @@ from controller.telemetry import StatePublisher, simulated_clock_ns, wall_clock_
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
+from skinnet.pinned_loading import load_pinned_functions
 from skinnet.protocol.channels import BODY, Keys
 from skinnet.protocol.messages import FOREVER_NS, Command, Config, Request, decode, encode
 from skinnet.runtime.loop import Put
@@ -162,6 +163,7 @@ def build(
     deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
 ) -> ControllerProcess:
     """Build the controller process of `deployment`, with the decision core of its program."""
+    load_pinned_functions()
     core: DecisionCore
     if deployment.nursing is None:
         core = build_stage_core(deployment, base, out)

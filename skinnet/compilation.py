@@ -66,7 +66,8 @@ def compiled_without_nrt(function: F) -> F:
 
 def compiled_for_this_process(function: F) -> F:
     """Compile a function of `compiled_without_nrt` once more, without the on-disk cache."""
-    result: F = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function.py_func)  # type: ignore[attr-defined]
+    python = getattr(function, "py_func", function)  # the function itself where NUMBA_DISABLE_JIT is set
+    result: F = numba.njit(error_model="numpy", nogil=True, _nrt=False)(python)
     return result
 
 

@@ -36,8 +36,9 @@ def reference(value: T) -> T:
     """Make a reference to `value`: a named tuple of arrays, numbers and such tuples.
 
     Its numbers are those of now, its arrays stay those of now. Python reads it as it reads `value`, by names.
+    With `NUMBA_DISABLE_JIT` nothing is compiled, and `value` serves itself.
     """
-    return cast("T", _Reference(value))
+    return value if numba.config.DISABLE_JIT else cast("T", _Reference(value))
 
 
 class _Reference:

@@ -144,7 +144,12 @@ def _diagonalise(a: Floats, vectors: Floats) -> None:
 
 
 def _array(values: ArrayLike) -> Floats:
-    return np.ascontiguousarray(values, dtype=np.float64)
+    return _writable(np.ascontiguousarray(values, dtype=np.float64))
+
+
+def _writable(values: Floats) -> Floats:
+    """Return a copy of read-only values: to Numba they are another type, for which it compiles again."""
+    return values if values.flags.writeable else values.copy()
 
 
 def dot(a: ArrayLike, b: ArrayLike) -> float:
@@ -189,7 +194,7 @@ def matmul(a: ArrayLike, b: ArrayLike) -> Floats:
 def _one_stack(matrices: Floats, stack: tuple[int, ...]) -> Floats:
     """Return matrices (…, m, n) as one stack (s, m, n), of one only if they have no stack, else of all."""
     if matrices.ndim > 2:
-        matrices = np.ascontiguousarray(np.broadcast_to(matrices, (*stack, *matrices.shape[-2:])))
+        matrices = _array(np.broadcast_to(matrices, (*stack, *matrices.shape[-2:])))
     return matrices.reshape(math.prod(matrices.shape[:-2]), *matrices.shape[-2:])
 
 

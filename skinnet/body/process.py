@@ -17,6 +17,7 @@ from skinnet.body.simulation import BodySimulation
 from skinnet.clock import next_multiple
 from skinnet.deployment import Deployment
 from skinnet.errors import ProtocolError
+from skinnet.pinned_loading import load_pinned_functions
 from skinnet.protocol.channels import CONTROLLER, Keys
 from skinnet.protocol.messages import Command, JointRanges, Joints, Stimulus, decode, encode
 from skinnet.protocol.recorded_messages import FreeBodyPoses
@@ -226,6 +227,7 @@ def build(
     deployment: Deployment, name: str, base: Path, out: Path | None, *, recorded: bool = False
 ) -> BodyProcess:
     """Build the body process of `deployment`: scripted if it has a script, else simulated."""
+    load_pinned_functions()
     body = (
         BodySimulation(deployment, base)
         if deployment.scripted_stimuli is None

@@ -119,6 +119,7 @@ class ImplicitContact:
             acceleration=data.qacc,
         )
         self._problem = reference(self._unreferenced)
+        _solve(self._problem, 0.0)  # compiles; nothing is loaded yet
 
     def add_forces(self, step_s: float) -> None:
         """Add generalised forces of the foam in the step `step_s` [s] to `qfrc_smooth`, without them before.

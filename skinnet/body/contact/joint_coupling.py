@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from skinnet.body.contact.foam_response import PairResponse
 from skinnet.body.contact.point_kinematics import Motion
+from skinnet.body.model_file import ONE_DOF
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = [
@@ -154,7 +155,7 @@ def _implicit_damping(mj: mujoco.MjModel) -> Floats:
     for actuator in range(mj.nu):
         if mj.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
             joint = int(mj.actuator_trnid[actuator, 0])
-            if mj.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            if int(mj.jnt_type[joint]) in ONE_DOF:  # no NumPy integer equals a member of an enumeration
                 gear = float(mj.actuator_gear[actuator, 0])
                 damping[mj.jnt_dofadr[joint]] -= float(mj.actuator_biasprm[actuator, 2]) * gear * gear
     return np.maximum(damping, 0.0)

@@ -80,6 +80,7 @@ class ScriptedBody:
         self._moving = True
         self._stimulus = np.zeros((len(self.surface.body_id), len(STIMULUS_NAMES)))
         self._sample_stimulus()
+        self.ground_truth()  # compiles what the end of a run needs
 
     @property
     def range_rad(self) -> NDArray[np.float64]:

@@ -27,9 +27,10 @@ STEP_S = 1e-3
 
 EVERYTHING = """
 <mujoco>
-  <option cone="{cone}" jacobian="{jacobian}"/>
+  <option cone="{cone}" jacobian="{jacobian}" impratio="1.5"/>
+  <default><geom friction="0.6 0.02 0.001"/></default>
   <worldbody>
-    <geom type="plane" size="2 2 0.1" friction="0.6 0.02 0.001"/>
+    <geom type="plane" size="2 2 0.1"/>
     <body name="box" pos="0 0 0.049">
       <freejoint/><geom type="box" size="0.05 0.05 0.05" mass="0.3" condim="6"/>
     </body>
@@ -111,6 +112,26 @@ def test_forces_and_their_derivative_are_those_of_mujoco(cone: str, condim: int,
     contact = mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC
     assert kinds >= {0, 1, 3, int(contact) if cone == "elliptic" else int(contact) - 1}
     assert cone == "pyramidal" or (int(contact), int(mujoco.mjtConstraintState.mjCNSTRSTATE_CONE)) in states
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 0.001, 0.3], ids=["sticks", "nearly", "slides"])
+def test_a_cone_in_the_first_row(speed_m_s: float) -> None:
+    """A ball on a plane and nothing else: its contact begins with row 0."""
+    mj = mujoco.MjModel.from_xml_string(
+        '<mujoco><option cone="elliptic"/><default><geom friction="0.4"/></default><worldbody>'
+        '<geom type="plane" size="2 2 0.1"/>'
+        '<body name="ball" pos="0 0 0.0295"><freejoint/><geom size="0.03" mass="2"/></body>'
+        "</worldbody></mujoco>"
+    )
+    data = mujoco.MjData(mj)
+    data.qvel[0] = speed_m_s
+    mujoco.mj_forward(mj, data)
+    assert data.contact[0].efc_address == 0
+    expected = mujoco_forces(mj, data, data.qacc)
+    rows, workspace, n = coupled_rows(mj, data, ["ball"])
+    assert n == 6
+    assert rows.force[: data.nefc] == pytest.approx(data.efc_force, rel=1e-9, abs=1e-9)
+    assert workspace.residual == pytest.approx(STEP_S * expected, rel=1e-9, abs=1e-12)
 
 
 def test_only_what_constraints_couple_to_foam_takes_part() -> None:

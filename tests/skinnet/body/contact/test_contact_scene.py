@@ -1,5 +1,6 @@
 """What skin feels of a model: MuJoCo's filters, margins, hulls of meshes; what is refused, by name."""
 
+import math
 from pathlib import Path
 
 import body_scenes
@@ -173,6 +174,23 @@ def test_gap_between_hull_and_mesh_is_that_in_the_middle_of_the_opening():
     mesh.make_sphere(subdivision=3)
     ball.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="ball")
     assert hull_gap_m(ball.compile(), 0) < 1e-5
+
+
+def test_gap_of_a_notch_between_long_triangles():
+    """A notch 20 mm wide and 30 mm deep: to its sides, from the middle, 300 / √(10² + 30²) mm."""
+    length_mm = 400
+    outline = [(-30, 0), (30, 0), (30, 40), (10, 40), (0, 10), (-10, 40), (-30, 40)]
+    vertices = [(x, y, z) for y in (-0.5 * length_mm, 0.5 * length_mm) for x, z in outline]
+    faces = [(k, (k + 1) % 7, 7 + (k + 1) % 7) for k in range(7)] + [
+        (k, 7 + (k + 1) % 7, 7 + k) for k in range(7)
+    ]
+    caps = [(0, 1, 4), (1, 3, 4), (1, 2, 3), (0, 4, 5), (0, 5, 6)]
+    faces += [tuple(reversed(cap)) for cap in caps] + [tuple(7 + k for k in cap) for cap in caps]
+    text = " ".join(f"{0.001 * v:g}" for vertex in vertices for v in vertex)
+    corners = " ".join(str(k) for face in faces for k in face)
+    model = mesh_model(f'<mesh name="u" vertex="{text}" face="{corners}"/>')
+    assert open_edges(model, 0) == 0
+    assert hull_gap_m(model, 0) == pytest.approx(0.3 / math.sqrt(1000.0), abs=0.001)
 
 
 def test_open_and_inward_meshes_are_known():

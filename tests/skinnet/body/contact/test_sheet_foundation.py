@@ -125,6 +125,10 @@ def test_depth_times_stiffness_times_area_is_the_force(tmp_path: Path) -> None:
     assert force_n == pytest.approx([0.0, 0.0, K * 0.003 * (8 * PITCH_M) ** 2], abs=1e-6)
     assert moment_nm == pytest.approx(0.0, abs=1e-6)
     assert scene.force_n() == pytest.approx(K * 0.003 * PITCH_M**2)
+    sheet = scene.body.sheet_foundation
+    assert sheet.pressure_kpa() == pytest.approx(1e-3 * K * 0.003)
+    assert sheet.body_force_n()[scene.body.model.mj.body("base").id] == pytest.approx(scene.force_n().sum())
+    assert sheet.surface.grid.n_nodes == 8, "the corners of an element's three pieces, in a strip"
 
 
 @pytest.mark.parametrize("surface", [FLAT, ROUND, SEMI_FLAT], ids=["flat", "round", "semi_flat"])

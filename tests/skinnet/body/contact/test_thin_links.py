@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import body_scenes
+import numpy as np
 import pytest
 
+from skinnet.body.contact.link_thickness import start_depths_m
 from skinnet.deployment.skin.patches import CellPoseSpec
 
 MASS_KG = 10.0
@@ -40,3 +42,36 @@ def test_cells_below_a_plate_do_not_feel_what_lies_on_it(tmp_path: Path, thickne
     assert not force_n[body.cells["below"]].any()
     sunk_m = 1.042 - body.data.qpos[2]
     assert sunk_m == pytest.approx(MASS_KG * 9.81 / (1.5e6 * 0.2**2), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("deepest_m", "expected_m"),
+    [
+        (0.004, [0.004, 0.004, 0.004]),
+        (0.03, [0.015, 0.03, 0.03]),
+        (0.1, [0.015, 0.055, 0.1]),
+    ],
+)
+def test_rays_start_before_the_far_face_of_a_link(
+    tmp_path: Path, deepest_m: float, expected_m: list[float]
+) -> None:
+    """The arm is 20 mm thick under its top and 60 mm across; nothing is under a cell beside it."""
+    cells = (
+        body_scenes.ARM_CELLS[0],
+        body_scenes.ARM_CELLS[2],
+        CellPoseSpec(position_m=(0.3, 0.2, 0.01), normal=(0, 0, 1), x_axis=(1, 0, 0)),
+    )
+    mjcf = body_scenes.ARM.format(more="", sensors="")
+    body = body_scenes.body_of(tmp_path, mjcf, (body_scenes.patch("skin", "arm", *cells),), ("turn", "lift"))
+    found = body.cell_foundation
+    depths_m = start_depths_m(found.surface, found.scene, found.motion, deepest_m)
+    assert depths_m == pytest.approx(np.array(expected_m), abs=1e-9)
+
+
+@pytest.mark.parametrize("half_m", [0.001, 0.003])
+def test_rays_start_in_the_middle_of_a_thin_link(tmp_path: Path, half_m: float) -> None:
+    mjcf = PLATE.format(half=half_m, shape="box")
+    skin = (body_scenes.lattice_patch("above", "base", 2, 2),)
+    found = body_scenes.body_of(tmp_path, mjcf, skin, ("turn",)).cell_foundation
+    depths_m = start_depths_m(found.surface, found.scene, found.motion, 0.004)
+    assert depths_m == pytest.approx(np.full(4, half_m), abs=1e-9)
