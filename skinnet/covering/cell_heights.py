@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
+from skinnet.body.contact.convex_hull import hull_entry
 from skinnet.compilation import compiled_without_nrt
-from skinnet.covering.felt_solids import FeltSolids, first_entry_m
+from skinnet.covering.felt_solids import FeltSolids, first_entry_m, solid_entry_m
 from skinnet.covering.hexagons import in_hexagon
 
 __all__ = ["heights_under_cell", "peak_m"]
@@ -38,19 +39,32 @@ def heights_under_cell(
     −`depth_m` are −inf.
     """
     nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
+    x0, y0, z0 = position_m[0] + start_m * nx, position_m[1] + start_m * ny, position_m[2] + start_m * nz
+    reach_m = start_m + depth_m
     for i in range(len(points)):
-        a, b = side_m * points[i, 0], side_m * points[i, 1]
-        entry_m = first_entry_m(
-            solids,
-            position_m[0] + a * R[0, 0] + b * R[0, 1] + start_m * nx,
-            position_m[1] + a * R[1, 0] + b * R[1, 1] + start_m * ny,
-            position_m[2] + a * R[2, 0] + b * R[2, 1] + start_m * nz,
-            -nx,
-            -ny,
-            -nz,
-            start_m + depth_m,
-        )
-        heights_m[i] = start_m - entry_m
+        heights_m[i] = -math.inf
+    for k in range(len(solids.kind)):
+        px, py, pz = solids.sphere_m[k, 0] - x0, solids.sphere_m[k, 1] - y0, solids.sphere_m[k, 2] - z0
+        radius_m = solids.sphere_m[k, 3] + 1e-9
+        along_m = -(px * nx + py * ny + pz * nz)
+        if along_m < -radius_m or along_m > reach_m + radius_m:
+            continue
+        if px * px + py * py + pz * pz - along_m * along_m > (radius_m + side_m) ** 2:
+            continue
+        near = -1  # rays of one cell meet neighbouring triangles
+        for i in range(len(points)):
+            a, b = side_m * points[i, 0], side_m * points[i, 1]
+            x, y, z = (
+                x0 + a * R[0, 0] + b * R[0, 1],
+                y0 + a * R[1, 0] + b * R[1, 1],
+                z0 + a * R[2, 0] + b * R[2, 1],
+            )
+            if solids.hull[k] >= 0:
+                entry_m, near = hull_entry(solids.hulls, solids.hull[k], x, y, z, -nx, -ny, -nz, near)
+            else:
+                entry_m = solid_entry_m(solids, k, x, y, z, -nx, -ny, -nz)
+            if entry_m <= reach_m:
+                heights_m[i] = max(heights_m[i], start_m - entry_m)
 
 
 @compiled_without_nrt

@@ -11,6 +11,7 @@ from skinnet.covering.covering_cache import covering_key, read_covering, write_c
 from skinnet.covering.covering_gateways import with_gateways
 from skinnet.covering.covering_metrics import network_metrics
 from skinnet.covering.felt_solids import model_bytes
+from skinnet.covering.measured_layouts import read_layout
 from skinnet.deployment import Deployment, load
 from skinnet.errors import DeploymentError
 
@@ -54,17 +55,22 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
         cached: Use and fill the cache.
 
     Raises:
-        DeploymentError: a cover names no body, asks for no surface, its cells do not fit, or no number of
-            gateways keeps the limits of `[plan]`.
+        DeploymentError: a cover names no body, asks for no surface, its cells do not fit, its layout is
+            wrong, or no number of gateways keeps the limits of `[plan]`.
         ModelError: there is no such model, or it cannot be read.
     """
     check_covers(deployment)
     mj = load_model(deployment, base_dir, with_environment=False).mj
-    key = covering_key(deployment, model_bytes(mj))
+    layouts = {
+        cover.name: read_layout(base_dir / cover.layout, cover.name)
+        for cover in deployment.cover
+        if cover.layout is not None
+    }
+    key = covering_key(deployment, model_bytes(mj), layouts)
     made = read_covering(key, Covering) if cached else None
     if made is None:
         start_s = time.process_time()
-        made = cover_links(deployment, mj)
+        made = cover_links(deployment, mj, layouts)
         made = msgspec.structs.replace(made, cpu_s=round(time.process_time() - start_s, 2))
         if cached:
             write_covering(key, made)

@@ -1,7 +1,7 @@
 """Covers made into patches and bridges, link by link."""
 
 import fnmatch
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,7 @@ from skinnet.covering.felt_solids import (
     relative_pose,
 )
 from skinnet.covering.link_covering import CellSize, LinkGround, cover_ground, largest_side_m, prepare_ground
+from skinnet.covering.measured_layouts import Layout, cells_of_layout
 from skinnet.deployment import Deployment
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.covers import CoverSpec
@@ -104,8 +105,13 @@ def check_covers(deployment: Deployment) -> None:
             )
 
 
-def cover_links(deployment: Deployment, mj: Model) -> Covering:
+def cover_links(deployment: Deployment, mj: Model, layouts: Mapping[str, Layout]) -> Covering:
     """Cover the links of `mj` as the deployment's covers ask, still without gateways.
+
+    Args:
+        deployment: The deployment.
+        mj: Model of its robot.
+        layouts: Measured layouts, by cover.
 
     Raises:
         DeploymentError: a cover names no body, asks for no surface, or its cells do not fit.
@@ -126,7 +132,7 @@ def cover_links(deployment: Deployment, mj: Model) -> Covering:
         for body, link in links:
             skin = _add(mj, skins, link, None)
             fixed = skin.cells_in(*relative_pose(mj, skin.link.body_id, link.body_id))
-            found = _cover_link(mj, cover, body, link, size, fixed)
+            found = _cover_link(mj, cover, body, link, size, fixed, layouts.get(cover.name))
             if isinstance(found, str):
                 if not _is_pattern(cover):
                     raise DeploymentError(f'cover.{cover.name}.body = "{body}": {found}')
@@ -208,12 +214,20 @@ def _links(mj: Model, cover: CoverSpec) -> Iterator[tuple[str, Link]]:
 
 
 def _cover_link(
-    mj: Model, cover: CoverSpec, body: str, link: Link, size: CellSize, fixed: tuple[Floats, Floats]
+    mj: Model,
+    cover: CoverSpec,
+    body: str,
+    link: Link,
+    size: CellSize,
+    fixed: tuple[Floats, Floats],
+    layout: Layout | None,
 ) -> tuple[LinkGround, Floats, Floats] | str:
     """Surface of a link with the positions and rotations of its cells, or why there are none."""
     if not felt_geoms(mj, link.members):
         return "no geom of it can be felt (contype and conaffinity are 0, or it has none)"
     ground = prepare_ground(mj, link, body, cover, size)
+    if layout is not None:
+        return ground, *cells_of_layout(layout, size.side_m)
     if not ground.n_in_region:
         low_m, high_m = (
             getattr(ground.ground.samples.point_m, end)(axis=0).round(3).tolist() for end in ("min", "max")

@@ -15,12 +15,18 @@ __all__ = ["covering_key", "read_covering", "write_covering"]
 T = TypeVar("T")
 
 
-def covering_key(deployment: Deployment, model: bytes) -> str:
-    """Key of a covering: a hash of covers, cells, patches, foam, model, and of the code that covers."""
+def covering_key(deployment: Deployment, model: bytes, layouts: object) -> str:
+    """Key of a covering: a hash of covers, cells, patches, foam, layouts, model, and of the code."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
-    asked = (deployment.cover, deployment.cells.side_m, deployment.body.foam.thickness_m, deployment.patches)
+    asked = (
+        deployment.cover,
+        deployment.cells.side_m,
+        deployment.body.foam.thickness_m,
+        deployment.patches,
+        layouts,
+    )
     digest.update(msgspec.json.encode(asked, order="deterministic"))
     digest.update(model)
     return digest.hexdigest()

@@ -35,8 +35,8 @@ _PLATE_M = 0.002
 _DEPTH_M = 0.010
 _SAMPLES_PER_CELL, _LEAST_ASKED, _MOST_SAMPLES = 12.0, 300, 3000
 """Samples for the area of each cell, the least number in what is asked for, and the greatest."""
-_TRIED_SAMPLES = 60
-"""Number of places of a link at which the metrics try whether a cell fits."""
+_TRIED_SAMPLES, _TRIED_ABOUT = 60, 6
+"""Number of places of a link at which the metrics try whether a cell fits, and of places about each."""
 _NEAREST = 6
 _MM_PER_M = 1e3
 
@@ -230,6 +230,7 @@ def _share_that_fits(measured: MeasuringModel, limits: CellLimits, point_m: Floa
         near = np.array(sorted(tree.query_ball_point(point_m[i], 0.5 * limits.pitch_m)), dtype=np.int64)
         near = near[(normal[near] * normal[i]).sum(axis=1) > 0.0]
         mean = normal[near].sum(axis=0)
+        near = near[:: max(len(near) // _TRIED_ABOUT, 1)]
         mean /= math.sqrt(float((mean * mean).sum()))
         places = [(i, normal[i]), (i, mean), *((j, normal[j]) for j in near), *((j, mean) for j in near)]
         count += any(_fits(measured, limits, point_m[j], n) for j, n in places)

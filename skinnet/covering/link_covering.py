@@ -37,10 +37,9 @@ Bools = NDArray[np.bool_]
 
 _SAMPLES_PER_PITCH = 8.0
 _SEEDS = 2
-_ANGLES_DEG = (0.0, 30.0, 15.0, 45.0)
-"""Angles of the first rows to the axis of the link; the last two only on links of few cells."""
-_SEEDS_OF_FEW = 4
-_FEW_CELLS, _VERY_FEW_CELLS = 300, 40
+_ANGLES_DEG = (0.0, 30.0)
+"""Angles of the first rows to the axis of the link."""
+_SEEDS_OF_FEW, _FEW_CELLS = 4, 40
 _ROUNDS = 24
 _COMPONENT_COST, _WIRE_GAIN = 0.5, 0.15
 """Score of a lattice in cells: every component costs so many, every wire is worth so many."""
@@ -232,11 +231,10 @@ def _starts(of: LinkGround) -> list[tuple[int, Floats]]:
     if edge.any():
         room_m = np.minimum(cKDTree(samples.point_m[edge]).query(samples.point_m[asked])[0], 1.0)
     n_cells = of.asked_m2 / (0.5 * math.sqrt(3.0) * of.limits.pitch_m**2)
-    angles = _ANGLES_DEG if n_cells < _FEW_CELLS else _ANGLES_DEG[:2]
     starts = []
-    for _ in range(_SEEDS if n_cells > _VERY_FEW_CELLS else _SEEDS_OF_FEW):
+    for _ in range(_SEEDS if n_cells > _FEW_CELLS else _SEEDS_OF_FEW):
         seed = int(asked[np.argmax(np.round(room_m, 6))])
-        starts += [(seed, _row_axis(samples.normal[seed], of.axis, angle_deg)) for angle_deg in angles]
+        starts += [(seed, _row_axis(samples.normal[seed], of.axis, angle_deg)) for angle_deg in _ANGLES_DEG]
         off = samples.point_m[asked] - samples.point_m[seed]
         room_m = np.minimum(room_m, np.sqrt((off * off).sum(axis=1)))
     return starts

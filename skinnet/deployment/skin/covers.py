@@ -85,6 +85,10 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Body, list of bodies, or a pattern with * and ? of their names; those of a list must all take cells."""
     pitch_m: Positive | None = None
     """Distance of neighbouring cells; that of the cell itself, √3 × `cells.side_m`, unless given."""
+    layout: str | None = None
+    """Measured layout instead of a covering: a CSV file, relative to the deployment, with a header and a line
+    for each cell: its centre `x_m`, `y_m`, `z_m` and outward normal `nx`, `ny`, `nz`, frame of the body, and,
+    if known, the direction `ux`, `uy`, `uz` of port 0."""
     region: CoverRegionSpec | None = None
     """Part of the surface; all of it unless given."""
     margin_m: NonNegative | None = None
@@ -96,3 +100,12 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Greatest number of cells on each link."""
     min_component: Annotated[int, Meta(ge=1)] = 1
     """Least number of wired cells; smaller components are left out."""
+
+    def __post_init__(self) -> None:
+        if self.layout is None:
+            return
+        if not isinstance(self.body, str) or any(sign in self.body for sign in "*?"):
+            raise ValueError(f"layout = {self.layout!r}: lies on one body; give its name as body")
+        for key in ("pitch_m", "region", "margin_m", "max_cells"):
+            if getattr(self, key) is not None:
+                raise ValueError(f"{key}: not with layout, which tells where every cell is; leave one out")

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from skinnet.covering.covered_deployment import cover_deployment, load_covered
 from skinnet.deployment import load
-from skinnet.errors import DeploymentError
+from skinnet.errors import DeploymentError, SkinnetError
 from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
@@ -24,6 +24,7 @@ def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
+@pytest.mark.timeout(300)
 def test_covers_become_patches_that_a_run_accepts(tmp_path: Path) -> None:
     file = write_two_links(tmp_path, SKIN)
     prepared = prepare_run(RunOptions(file)).deployment
@@ -37,7 +38,7 @@ def test_covers_become_patches_that_a_run_accepts(tmp_path: Path) -> None:
     assert sum(patch.n_cells for patch in prepared.patches) > 100
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_a_covered_robot_runs_and_every_cell_is_reached(tmp_path: Path) -> None:
     file = write_two_links(tmp_path, SKIN)
     order = RunOptions(file, ("run.max_s=0.2",), in_process=True, plots=False)
@@ -166,6 +167,20 @@ def test_a_body_without_geoms_that_are_felt_is_refused(tmp_path: Path) -> None:
     model.write_text(text, "utf-8")
     with pytest.raises(DeploymentError, match=r'cover.skin.body = "fore": no geom of it can be felt'):
         load_covered(file)
+
+
+def test_a_missing_mesh_is_named_in_one_line(tmp_path: Path) -> None:
+    file = write_two_links(tmp_path, '[[cover]]\nname = "skin"\nbody = "fore"\n')
+    model = tmp_path / "two.xml"
+    text = model.read_text("utf-8").replace(
+        "<worldbody>", '<asset><mesh name="m" file="not_there.stl"/></asset><worldbody>'
+    )
+    model.write_text(
+        text.replace('<geom name="needle" type="capsule"', '<geom name="needle" type="mesh" mesh="m"')
+    )
+    with pytest.raises(SkinnetError, match=r"two.xml: .*not_there.stl") as caught:
+        load_covered(file)
+    assert "\n" not in str(caught.value)
 
 
 def test_names_that_are_taken_twice_are_refused(tmp_path: Path) -> None:
