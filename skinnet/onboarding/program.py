@@ -13,7 +13,7 @@ _TOUCH_S, _HOME_S, _LISTEN_S, _FORMATION_S = 4.5, 2.0, 5.0, 5.0
 
 
 class Template(StrEnum):
-    """What the controller of a new deployment does."""
+    """Template of the program of a new deployment."""
 
     TOUCH = "touch"
     GRASP = "grasp"
