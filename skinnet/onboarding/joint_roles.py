@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from skinnet.onboarding.geom_points import world_points_m
 
 __all__ = ["JointRole", "Role", "joint_roles", "robot_roots"]
 
-Model = mujoco.MjModel
+Model: TypeAlias = mujoco.MjModel
 Floats = NDArray[np.float64]
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)

@@ -95,7 +95,8 @@ class PoseJudge:
 
     def clipped(self, position: Floats) -> Floats:
         """Position (D,) within limits and with room for steps."""
-        return np.round(np.clip(position, self.low, self.high), 3)
+        clipped: Floats = np.clip(position, self.low, self.high).round(3)
+        return clipped
 
     def positions(self, position: Floats) -> dict[int, float]:
         """Positions (D,) by the ids of their joints."""
