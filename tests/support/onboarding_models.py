@@ -122,6 +122,22 @@ def write_trait(folder: Path, trait: str) -> Path:
     return path
 
 
+def write_two_arms(folder: Path) -> Path:
+    """Write a trunk with two arms of three joints, of which the outer links are thick enough for skin."""
+    arms = "".join(
+        f'<body name="{side}_1" pos="0 {y} .06"><joint name="{side}_a" axis="0 1 0" range="-1 1"/>'
+        f'<geom type="sphere" size=".02" mass=".3"/><body name="{side}_2" pos="0 0 .05">'
+        f'<joint name="{side}_b" axis="1 0 0" range="-1 1"/><geom type="sphere" size=".02" mass=".3"/>'
+        f'<body name="{side}_3" pos="0 0 .05"><joint name="{side}_c" axis="0 1 0" range="-1 1"/>'
+        '<geom type="capsule" size=".03" fromto="0 0 .06 0 0 .14" mass=".3"/></body></body></body>'
+        for side, y in (("left", 0.15), ("right", -0.15))
+    )
+    path = folder / "two_arms.xml"
+    trunk = f'<body name="trunk"><geom type="box" size=".05 .05 .04" mass="5"/>{arms}</body>'
+    path.write_text(_model("two_arms", trunk), encoding="utf-8")
+    return path
+
+
 def write_package(folder: Path, mesh: str = "block.stl") -> Path:
     """Write a ROS package `my_arm` with a URDF whose base is fixed to the world and whose meshes it holds."""
     package = folder / "my_arm"

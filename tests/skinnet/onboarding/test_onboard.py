@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from onboarding_models import TRAITS, write_package, write_trait
+from onboarding_models import TRAITS, write_package, write_trait, write_two_arms
 from rich.console import Console
 
 from skinnet.deployment import load
@@ -154,3 +154,10 @@ def test_one_arm_cannot_grasp(tmp_path: Path) -> None:
     ):
         onboard(model, out, Template.GRASP, ())
     assert not out.exists()
+
+
+def test_two_arms_are_explored_and_stroked(tmp_path: Path) -> None:
+    prepared = made(write_two_arms(tmp_path), Template.GRASP).deployment
+    assert prepared.controller.program == ("structure", "teach_and_grasp")
+    stroked = {cells.partition("/")[0] for cells in prepared.teacher.strokes[0].cells}
+    assert {patch.body for patch in prepared.patches if patch.name in stroked} == {"left_3", "right_3"}
