@@ -25,7 +25,7 @@ _TIME_MARGIN = 1.5
 
 @dataclass(frozen=True)
 class DeploymentPlan:
-    """All that a new deployment says.
+    """Content of a new deployment.
 
     Attributes:
         name: Name of the deployment.

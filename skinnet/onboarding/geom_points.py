@@ -36,7 +36,8 @@ def _points_m(mj: mujoco.MjModel, geom: int) -> Floats:
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return hull_vertices_m(mj, int(mj.geom_dataid[geom]))
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return np.array(list(np.ndindex(2, 2, 2))) * 2.0 * size_m - size_m
+        corners_m: Floats = np.array(list(np.ndindex(2, 2, 2))) * 2.0 * size_m - size_m
+        return corners_m
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         turn = np.linspace(0.0, 2.0 * np.pi, _N_POINTS // 4, endpoint=False)
         ring_m = np.stack([size_m[0] * np.cos(turn), size_m[0] * np.sin(turn)], axis=1)

@@ -48,7 +48,7 @@ def find_home(survey: RobotSurvey) -> HomePose:
     """Find the home pose of a robot: the first keyframe without faults, else the best pose of a search."""
     judge = PoseJudge(survey)
     keyframes = [_keyframe(survey, judge, key) for key in range(survey.mj.nkey)]
-    rejected = []
+    rejected: list[str] = []
     for name, position in keyframes:
         faults = judge.faults(position)
         if not faults.avoidable:
@@ -105,4 +105,5 @@ def _descend(judge: PoseJudge, position: Floats, start: Floats) -> tuple[Floats,
 
 def _candidates(low: float, high: float, start: float) -> Floats:
     lowest, highest = max(low, start - _REACH), min(high, start + _REACH)
-    return np.round(np.linspace(lowest, highest, _CANDIDATES), _DIGITS)
+    values: Floats = np.round(np.linspace(lowest, highest, _CANDIDATES), _DIGITS)
+    return values

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from skinnet.onboarding.geom_points import world_points_m
 
 __all__ = ["JointRole", "Role", "joint_roles", "robot_roots"]
 
-Model = mujoco.MjModel
+Model: TypeAlias = mujoco.MjModel
 Floats = NDArray[np.float64]
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
@@ -23,6 +24,8 @@ _FLOOR_M = 0.01
 _ROUND = 0.05
 """Difference of the radius of a wheel over its circumference, as a fraction of it (assumed)."""
 _SECTORS = 12
+_MAX_AXLE_SLOPE = 0.34
+"""Sine of the greatest angle, 20°, of an axle to the floor (assumed)."""
 
 
 class Role(Enum):
@@ -149,7 +152,7 @@ def _planar_base(mj: Model, root: int) -> list[int]:
 
 
 def _wheels(mj: Model, roots: Sequence[int], excluded: set[int]) -> dict[int, str]:
-    """Wheels: hinges without limits at the end of a chain, round about their axis, that reach the floor.
+    """Wheels: level hinges without limits that end a chain, round about their axis, on the floor.
 
     A caster is a hinge without limits that carries nothing but wheels.
     """
@@ -180,7 +183,13 @@ def _wheels(mj: Model, roots: Sequence[int], excluded: set[int]) -> dict[int, st
                 wheels[joint] = "a caster: carries only wheels"
             continue
         points_m = world_points_m(mj, data, felt_geoms(mj, below))
-        if len(points_m) and points_m[:, 2].min() <= floor_m and _is_round(mj, data, joint, points_m):
+        is_level = abs(data.xaxis[joint][2]) <= _MAX_AXLE_SLOPE
+        if (
+            is_level
+            and len(points_m)
+            and points_m[:, 2].min() <= floor_m
+            and _is_round(mj, data, joint, points_m)
+        ):
             wheels[joint] = "a wheel: no limits, round about its axis, on the floor"
     return wheels
 

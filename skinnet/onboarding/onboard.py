@@ -29,7 +29,7 @@ _N_TOUCHES = 3
 
 @dataclass(frozen=True)
 class Onboarding:
-    """What has been written, and what about it a user should know.
+    """Result of onboarding: the plan that has been written, and the skin that comes of it.
 
     Attributes:
         plan: What the deployment says.

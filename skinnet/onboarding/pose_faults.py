@@ -25,7 +25,7 @@ ROOM = 0.15
 """Room for a step on both sides of a position [rad or m]: a step of 0.1 and some way to stop (assumed)."""
 _CLEARANCE_M = 0.025
 """Clearance of links that is wanted: a foam of 12 mm on both (assumed)."""
-_BLIND_COST, _TOUCH_COST, _NEAR_COST, _FAR_COST = 2.0, 4.0, 0.5, 0.05
+_BLIND_COST, _TOUCH_COST, _NEAR_COST, _FAR_COST = 2.0, 4.0, 1.5, 0.05
 """Costs in units of an axis along gravity: blind, links that touch, links that are near, away from the start
 by all of its range (assumed)."""
 _OPEN_COST = 10.0
@@ -95,7 +95,8 @@ class PoseJudge:
 
     def clipped(self, position: Floats) -> Floats:
         """Position (D,) within limits and with room for steps."""
-        return np.round(np.clip(position, self.low, self.high), 3)
+        clipped: Floats = np.clip(position, self.low, self.high).round(3)
+        return clipped
 
     def positions(self, position: Floats) -> dict[int, float]:
         """Positions (D,) by the ids of their joints."""
@@ -179,7 +180,7 @@ class PoseJudge:
         return np.asarray(np.arcsin(np.minimum(np.sqrt((across * across).sum(axis=1)), 1.0)))
 
     def _axes_that_turn(self) -> list[bool]:
-        """Which controlled hinges (D,) have an axis whose angle to gravity depends on the pose."""
+        """Controlled hinges (D,) that have an axis whose angle to gravity depends on the pose."""
         if self._down is None:
             return [False] * len(self.joint_id)
         random = np.array([0.37, 0.61, 0.83])

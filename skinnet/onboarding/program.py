@@ -13,7 +13,7 @@ _TOUCH_S, _HOME_S, _LISTEN_S, _FORMATION_S = 4.5, 2.0, 5.0, 5.0
 
 
 class Template(StrEnum):
-    """What the controller of a new deployment does."""
+    """Template of the program of a new deployment."""
 
     TOUCH = "touch"
     GRASP = "grasp"
@@ -139,10 +139,11 @@ def _grasp_lines(arms: Sequence[Sequence[str]]) -> list[str]:
     ):
         lines += ["", "[[controller.teach_and_grasp.operator_requests]]"]
         lines += [f"{key} = {toml_value(value)}" for key, value in request.items()]
-    lines += [
-        "",
-        "[[teacher.strokes]]",
-        'stage = "teach_and_grasp.attend"',
-        f"cells = {toml_value(cells)}  # some of each arm",
-    ]
+    if cells:
+        lines += [
+            "",
+            "[[teacher.strokes]]",
+            'stage = "teach_and_grasp.attend"',
+            f"cells = {toml_value(cells)}  # some of each arm",
+        ]
     return lines

@@ -15,7 +15,7 @@ __all__ = ["SIDE_M", "SkinChoice", "choose_skin"]
 
 SIDE_M = 0.014
 """Side of a HEX-o-SKIN cell [m]."""
-_SMALLER = 0.8
+_SMALLER = 0.7
 _SMALLEST_M = 0.0045
 _ENOUGH = 0.5
 """Fraction of the links that cells of the usual size should fit on (assumed)."""

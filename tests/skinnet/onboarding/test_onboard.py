@@ -1,0 +1,163 @@
+"""Onboarding: for every trait that a model may have, a deployment that a run accepts as it is written."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from onboarding_models import TRAITS, write_package, write_trait, write_two_arms
+from rich.console import Console
+
+from skinnet.deployment import load
+from skinnet.errors import ModelError, UsageError
+from skinnet.onboarding.onboard import onboard
+from skinnet.onboarding.program import Template
+from skinnet.run.pipeline import run_once
+from skinnet.run.prepare import PreparedRun, RunOptions, prepare_run
+from skinnet.run.progress import ProgressDisplay
+
+JOINTS = {
+    "no_keyframe": ("shoulder", "elbow"),
+    "free_base_without_name": ("hip",),
+    "default_classes": ("hinge",),
+    "mimic_joint": ("shoulder", "elbow"),
+    "tendon": ("shoulder", "elbow"),
+    "gravity_aligned_wrist": ("shoulder", "elbow", "wrist_roll"),
+    "names_to_quote": ("shoulder", '"elbow" é # 1'),
+    "slide_joint": ("lift", "tilt"),
+    "wheels": ("tilt",),
+    "keyframe": ("shoulder", "elbow"),
+}
+
+
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def made(model: Path, template: Template = Template.TOUCH) -> PreparedRun:
+    """A deployment for `model` in another folder, prepared for a run from what the file says."""
+    out = model.parent / "new" / "robot.toml"
+    out.parent.mkdir()
+    onboard(model, out, template, ())
+    return prepare_run(RunOptions(out))
+
+
+def test_every_trait_has_its_joints() -> None:
+    assert set(JOINTS) == set(TRAITS)
+
+
+@pytest.mark.parametrize("trait", TRAITS)
+def test_a_run_accepts_what_is_written(trait: str, tmp_path: Path) -> None:
+    deployment = made(write_trait(tmp_path, trait)).deployment
+    assert deployment.body.joints == JOINTS[trait]
+    assert set(deployment.body.home_rad) == set(JOINTS[trait])
+    assert deployment.body.model == f"../{trait}.xml"
+    assert deployment.body.reference_body in {patch.body for patch in deployment.patches}
+    assert deployment.teacher.touches
+    assert len(deployment.controller.program) == 2 + 2 * len(deployment.teacher.touches)
+
+
+def test_a_free_base_is_held_and_a_driving_one_locked(tmp_path: Path) -> None:
+    assert made(write_trait(tmp_path, "free_base_without_name")).deployment.body.fixed_base
+    cart = made(write_trait(tmp_path / "cart", "wheels")).deployment
+    assert not cart.body.fixed_base
+    assert cart.body.locked == ("drive_x", "drive_yaw")
+    assert {patch.body for patch in cart.patches} == {"cart", "arm"}  # neither the wheel nor the ball
+
+
+def test_meshes_of_a_package_are_found_from_where_the_model_lies(tmp_path: Path) -> None:
+    deployment = made(write_package(tmp_path)).deployment
+    assert deployment.body.package_paths == ()
+    assert {patch.body for patch in deployment.patches} == {"base_link", "upper_link"}
+
+
+def test_packages_that_the_environment_names_are_written_down(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = write_package(tmp_path / "ros" / "src")
+    (tmp_path / "models").mkdir()
+    alone = model.rename(tmp_path / "models" / "arm.urdf")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros" / "src"))
+    out = tmp_path / "robot.toml"
+    onboard(alone, out, Template.NETWORK, ())
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    assert prepare_run(RunOptions(out)).deployment.body.package_paths == ("ros/src",)
+
+
+def test_comments_are_the_reasons(tmp_path: Path) -> None:
+    model, out = write_trait(tmp_path, "slide_joint"), tmp_path / "robot.toml"
+    onboard(model, out, Template.TOUCH, ())
+    text = out.read_text("utf-8")
+    assert '"tilt",  # hinge of "arm", -1.000 to 1.000 rad' in text
+    assert "lift = 0.0  # a slide turns no cell against gravity: not found by gravity" in text
+    assert '#     "carriage": 1 kg' in text
+
+
+def test_equal_models_give_equal_files(tmp_path: Path) -> None:
+    model = write_trait(tmp_path, "gravity_aligned_wrist")
+    files = [tmp_path / "robot.toml", tmp_path / "again" / "robot.toml"]
+    files[1].parent.mkdir()
+    for file in files:
+        onboard(model, file, Template.TOUCH, ())
+    one, other = (file.read_text("utf-8") for file in files)
+    assert one == other.replace('"../gravity', '"gravity')
+
+
+def test_a_network_alone_runs(tmp_path: Path) -> None:
+    prepared = made(write_trait(tmp_path, "default_classes"), Template.NETWORK)
+    summary = ran(prepared, tmp_path)
+    assert summary["ok"]
+    assert summary["metrics"]["formation.unreached_cells"] == 0
+    assert summary["metrics"]["network.data_packets"] > 0
+
+
+@pytest.mark.long
+def test_a_touch_is_evaded_after_exploration(tmp_path: Path) -> None:
+    summary = ran(made(write_trait(tmp_path, "no_keyframe")), tmp_path)
+    assert summary["ok"]
+    assert summary["metrics"]["structure.wrong_entries"] == 0
+    assert summary["metrics"]["smm.sign_agreement"] >= 0.97
+    assert summary["metrics"]["contact.peak_force_n"] < 20.0
+
+
+def ran(prepared: PreparedRun, folder: Path) -> dict[str, Any]:
+    options = RunOptions(prepared.options.deployment_file, in_process=True, plots=False)
+    return run_once(prepare_run(options), folder / "run", ProgressDisplay(Console(quiet=True), quiet=True))
+
+
+def test_nothing_is_replaced_unless_asked(tmp_path: Path) -> None:
+    model, out = write_trait(tmp_path, "no_keyframe"), tmp_path / "robot.toml"
+    out.write_text("mine", "utf-8")
+    with pytest.raises(UsageError, match=r"robot\.toml: is there already; --force"):
+        onboard(model, out, Template.NETWORK, ())
+    assert out.read_text("utf-8") == "mine"
+    onboard(model, out, Template.NETWORK, (), overwrite=True)
+    assert load(out).name == "robot"
+    with pytest.raises(UsageError, match="is the model itself"):
+        onboard(model, model, Template.NETWORK, (), overwrite=True)
+
+
+def test_places_that_do_not_do(tmp_path: Path) -> None:
+    model = write_trait(tmp_path, "no_keyframe")
+    with pytest.raises(UsageError, match=r"there is no folder .*; make it first"):
+        onboard(model, tmp_path / "none" / "robot.toml", Template.TOUCH, ())
+    with pytest.raises(UsageError, match="is a folder; name the file in it"):
+        onboard(model, tmp_path, Template.TOUCH, ())
+    with pytest.raises(ModelError, match="there is no such file"):
+        onboard(tmp_path / "none.xml", tmp_path / "robot.toml", Template.TOUCH, ())
+
+
+def test_one_arm_cannot_grasp(tmp_path: Path) -> None:
+    model, out = write_trait(tmp_path, "no_keyframe"), tmp_path / "robot.toml"
+    with pytest.raises(
+        UsageError, match=r"--template grasp: .* has 0 arms with skin .* use touch or network"
+    ):
+        onboard(model, out, Template.GRASP, ())
+    assert not out.exists()
+
+
+def test_two_arms_are_explored_and_stroked(tmp_path: Path) -> None:
+    prepared = made(write_two_arms(tmp_path), Template.GRASP).deployment
+    assert prepared.controller.program == ("structure", "teach_and_grasp")
+    stroked = {cells.partition("/")[0] for cells in prepared.teacher.strokes[0].cells}
+    assert {patch.body for patch in prepared.patches if patch.name in stroked} == {"left_3", "right_3"}
