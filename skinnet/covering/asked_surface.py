@@ -54,22 +54,25 @@ def creases(samples: SurfaceSamples) -> Bools:
 
 @compiled_without_nrt
 def mark_reached(
-    samples: SurfaceSamples, neighbour: FeltSolids, poses: Floats, height_m: float, reached: Bools
+    point_m: Floats, normal: Floats, neighbour: FeltSolids, poses: Floats, height_m: float, reached: Bools
 ) -> None:
-    """Mark samples (n,) above which a neighbour comes within `height_m` in one of its `poses` (s, 3, 4).
+    """Mark points (n,) above which a neighbour comes within `height_m` in one of its `poses` (s, 3, 4).
 
     Args:
-        samples: Samples of the link's surface.
+        point_m: (n, 3) points on the link, frame of its body [m].
+        normal: (n, 3) normals there, outwards.
         neighbour: Solids of the neighbour, frame of its own body.
         poses: R and t of that frame in the frame of the link.
         height_m: Height of the skin [m].
         reached: (n,) marks, set in place.
     """
-    for i in range(len(samples.point_m)):
-        n = samples.normal
-        top_x = samples.point_m[i, 0] + height_m * n[i, 0]
-        top_y = samples.point_m[i, 1] + height_m * n[i, 1]
-        top_z = samples.point_m[i, 2] + height_m * n[i, 2]
+    n = normal
+    for i in range(len(point_m)):
+        if reached[i]:
+            continue
+        top_x = point_m[i, 0] + height_m * n[i, 0]
+        top_y = point_m[i, 1] + height_m * n[i, 1]
+        top_z = point_m[i, 2] + height_m * n[i, 2]
         for s in range(len(poses)):
             R = poses[s]
             x, y, z = top_x - R[0, 3], top_y - R[1, 3], top_z - R[2, 3]

@@ -44,6 +44,7 @@ _ROUNDS = 24
 _COMPONENT_COST, _WIRE_GAIN = 0.5, 0.15
 """Score of a lattice in cells: every component costs so many, every wire is worth so many."""
 _RINGS = (5, 8)
+_CLEARANCE_RINGS = 3
 _INTRUSION_FRACTION = 0.035
 """Height in the foam to which the link may reach at one of many points, as a fraction of the pitch."""
 _SMALLER = 0.85
@@ -70,6 +71,7 @@ class LinkGround:
         limits: Limits that its cells keep.
         axis: (3,) axis of the link, along its longest side.
         n_in_region: Number of samples in the region, before clearance.
+        neighbours: Links that move against it, each with its poses (s, 3, 4) in the frame of the body.
     """
 
     link: Link
@@ -78,6 +80,7 @@ class LinkGround:
     limits: CellLimits
     axis: Floats
     n_in_region: int
+    neighbours: tuple[tuple[FeltSolids, Floats], ...]
 
     @property
     def asked_m2(self) -> float:
@@ -107,15 +110,18 @@ def prepare_ground(mj: Model, link: Link, body: str, cover: CoverSpec, size: Cel
     if cover.region is not None:
         inside = in_region(samples, solids, cover.region, _region_geoms(mj, solids, body, cover))
     reached = np.zeros(len(samples.point_m), dtype=np.bool_)
-    if cover.clearance:
-        for neighbour, poses in neighbour_poses(mj, link):
-            mark_reached(samples, felt_solids(mj, neighbour), poses, size.foam_m, reached)
+    found = neighbour_poses(mj, link) if cover.clearance else []
+    neighbours = tuple((felt_solids(mj, neighbour), poses) for neighbour, poses in found)
+    for neighbour, poses in neighbours:
+        mark_reached(samples.point_m, samples.normal, neighbour, poses, size.foam_m, reached)
     blocked = reached.copy()
     if cover.margin_m is not None:
         blocked |= ~inside | creases(samples)
     limits = limits_of(size.pitch_m, size.side_m, size.foam_m, cover.margin_m or 0.0)
     ground = Ground(solids, samples, inside & ~reached, blocked)
-    return LinkGround(link, body, ground, limits, _longest_axis(solids, samples), int(inside.sum()))
+    return LinkGround(
+        link, body, ground, limits, _longest_axis(solids, samples), int(inside.sum()), neighbours
+    )
 
 
 def cover_ground(
@@ -147,7 +153,10 @@ def cover_ground(
 
 
 def _clear_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Bools:
-    """Cells (n,) into whose foam the link does not reach, at many more points than growth looks at."""
+    """Cells (n,) into whose foam no link reaches, at many more points than growth looks at.
+
+    Growth asks for clearance where the surface was sampled; a cell at an edge juts out beyond it.
+    """
     points = np.concatenate([hexagon_grid(rings)[0] for rings in _RINGS])
     heights_m, clear = np.zeros(len(points)), np.ones(len(position_m), dtype=np.bool_)
     for i, R in enumerate(R_body_cell):
@@ -165,7 +174,20 @@ def _clear_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Boo
             of.ground.solids, position_m[i], R, points, heights_m, of.limits.side_m, of.limits.foam_m
         )
         clear[i] = top_m <= _INTRUSION_FRACTION * of.limits.pitch_m
-    return clear
+    return clear & ~_reached_cells(of, position_m, R_body_cell)
+
+
+def _reached_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Bools:
+    """Cells (n,) into whose foam another link reaches in one of its poses."""
+    n, side_m, points = len(position_m), of.limits.side_m, hexagon_grid(_CLEARANCE_RINGS)[0]
+    place_m = position_m[:, None] + side_m * (
+        points[None, :, :1] * R_body_cell[:, None, :, 0] + points[None, :, 1:] * R_body_cell[:, None, :, 1]
+    )
+    normal = np.repeat(R_body_cell[:, :, 2], len(points), axis=0)
+    reached = np.zeros(n * len(points), dtype=np.bool_)
+    for neighbour, poses in of.neighbours:
+        mark_reached(place_m.reshape(-1, 3), normal, neighbour, poses, of.limits.foam_m, reached)
+    return reached.reshape(n, len(points)).any(axis=1)
 
 
 def largest_side_m(mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize) -> float | None:

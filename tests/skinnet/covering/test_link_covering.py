@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import mujoco
 import numpy as np
 import pytest
 from link_models import (
@@ -139,3 +140,38 @@ def test_the_same_link_gets_the_same_cells() -> None:
     made = covering_of(TEE)
     assert (again.position_m == made.position_m).all()
     assert (again.R_body_cell == made.R_body_cell).all()
+
+
+RIM = """
+<mujoco>
+  <worldbody>
+    <body name="lower">
+      <geom name="lower" type="cylinder" size=".05 .1" mass="3"/>
+      <body name="upper" pos="0 0 .104">
+        <joint name="turn" axis="0 0 1"/>
+        <geom name="upper" type="box" size=".09 .045 .04" pos="0 0 .04" mass="2"/>
+      </body>
+    </body>
+    <body name="probe" mocap="true"><geom name="probe" type="cylinder" size="{radius} {half}"/></body>
+  </worldbody>
+</mujoco>
+"""
+"""A box that turns 4 mm above the end of a cylinder, and juts out beyond its rim."""
+
+
+def test_no_cell_at_a_rim_is_in_the_way_of_what_turns_above_it() -> None:
+    """Cells may jut out beyond an edge: their foam, as cylinders of MuJoCo, is clear at all angles."""
+    half_m = 0.5 * 0.012
+    mj = mujoco.MjModel.from_xml_string(RIM.format(radius=0.5 * PITCH_M, half=half_m))
+    found = cover_ground(ground_of(mj, "lower"), *NONE, None)
+    assert len(found.position_m) > 50
+    data, probe, upper = mujoco.MjData(mj), mj.geom("probe").id, mj.geom("upper").id
+    deepest_m = 0.0
+    for angle in np.linspace(-np.pi, np.pi, 25):
+        data.qpos[0] = angle
+        for position_m, R in zip(found.position_m, found.R_body_cell, strict=True):
+            data.mocap_pos[0] = position_m + half_m * R[:, 2]
+            mujoco.mju_mat2Quat(data.mocap_quat[0], R.ravel())
+            mujoco.mj_kinematics(mj, data)
+            deepest_m = max(deepest_m, -mujoco.mj_geomDistance(mj, data, probe, upper, 0.1, None))
+    assert deepest_m < 0.5e-3
