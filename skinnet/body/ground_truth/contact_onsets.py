@@ -131,7 +131,7 @@ class CrossingDetector:
 
 @compiled_without_nrt
 def _any_rises(before: Floats, now: Floats, thresholds: Floats) -> bool:
-    """True if any of the values `now` (n, c) reaches one of the `thresholds` (l,) that it was below `before`."""
+    """True if any of the values `now` (n, c) reaches one of the `thresholds` (l,); `before` it was below."""
     for i in range(now.shape[0]):
         for j in range(now.shape[1]):
             low, high = before[i, j], now[i, j]
