@@ -4,11 +4,16 @@ Loops over points are short and without branches where they can be: the compiler
 them. So each fills one array, and lengths are those of slices, which are known not to be negative.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
 from skinnet.body.contact.contact_problem import ContactProblem
 from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.compilation import compiled_inline, compiled_without_nrt
 
 __all__ = ["add_partial_sample", "add_whole_sample", "add_whole_samples", "keep_nearest", "meet_nothing"]
+
+Floats = NDArray[np.float64]
 
 
 @compiled_without_nrt
@@ -107,7 +112,6 @@ def add_partial_sample(
         k = workspace.close[j]
         deepest_m = problem.foam.thickness_m + problem.scene.max_indentation_m[k]
         near = pressed = 0
-        depth_m = square_m2 = x_m2 = y_m2 = gap_m = near_x_m = near_y_m = 0.0
         for i in range(len(hit)):
             d = min(face_m - nearest_m[i], deepest_m)
             d = d if hit[i] == k else 0.0
@@ -117,31 +121,47 @@ def add_partial_sample(
         for i in range(len(hit)):
             pressed += overlap_m[i] > 0.0
         near -= pressed
-        for i in range(len(hit)):  # four sums at a time: zeros are cheaper than branches
-            d = overlap_m[i]
-            depth_m += d
-            square_m2 += d * d
-            x_m2 += d * grid_x_m[i]
-            y_m2 += d * grid_y_m[i]
+        if pressed > 0:
+            _add_pressed_part(points, s, k, pressed * inner_m2, pressed, overlap_m, grid_x_m, grid_y_m)
         if near > 0:
+            gap_m = near_x_m = near_y_m = 0.0
             for i in range(len(hit)):
                 if hit[i] == k and overlap_m[i] <= 0.0:
                     gap_m += face_m - nearest_m[i]
                     near_x_m += grid_x_m[i]
                     near_y_m += grid_y_m[i]
-        if pressed > 0:
-            _add_point(
-                points,
-                s,
-                k,
-                pressed * inner_m2,
-                depth_m / pressed,
-                square_m2 / pressed,
-                x_m2 / depth_m,
-                y_m2 / depth_m,
-            )
-        if near > 0:
             _add_point(points, s, k, near * inner_m2, gap_m / near, 0.0, near_x_m / near, near_y_m / near)
+
+
+@compiled_without_nrt
+def _add_pressed_part(
+    points: LoadedPoints,
+    s: int,
+    k: int,
+    area_m2: float,
+    pressed: int,
+    overlap_m: Floats,
+    grid_x_m: Floats,
+    grid_y_m: Floats,
+) -> None:
+    """Add the part of sample `s` that solid `k` presses, by its overlaps at the finer grid; some are zero.
+
+    Zeros between others are summed, which is cheaper than branches; those before and after are left out.
+    """
+    first, end = 0, len(overlap_m)
+    while overlap_m[first] <= 0.0:
+        first += 1
+    while overlap_m[end - 1] <= 0.0:
+        end -= 1
+    d_m, at_x_m, at_y_m = overlap_m[first:end], grid_x_m[first:end], grid_y_m[first:end]
+    depth_m = square_m2 = x_m2 = y_m2 = 0.0
+    for i in range(len(d_m)):
+        d = d_m[i]
+        depth_m += d
+        square_m2 += d * d
+        x_m2 += d * at_x_m[i]
+        y_m2 += d * at_y_m[i]
+    _add_point(points, s, k, area_m2, depth_m / pressed, square_m2 / pressed, x_m2 / depth_m, y_m2 / depth_m)
 
 
 @compiled_inline
