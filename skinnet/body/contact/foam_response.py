@@ -106,7 +106,7 @@ def _mean_height_m(points: LoadedPoints, r: int) -> float:
     height_m, first, last = 0.0, points.run_first[r], points.run_first[r + 1]
     for m in range(first, last):
         height_m += points.height_m[m]
-    return height_m / (last - first)
+    return float(height_m / (last - first))
 
 
 @compiled_without_nrt
