@@ -19,10 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.contact.contact_problem import RAY_START_DEPTH_M, ContactProblem
-from skinnet.body.contact.loaded_points import LoadedPoints
 from skinnet.body.contact.parallel_rays import CellInSolid, cast_rays, cell_in_solid, lowest_height_m
 from skinnet.body.contact.ray_casting import MESH, PLANE
 from skinnet.body.contact.sample_grid import SampleGrid
+from skinnet.body.contact.sample_points import (
+    add_partial_sample,
+    add_whole_sample,
+    add_whole_samples,
+    keep_nearest,
+    meet_nothing,
+)
 from skinnet.compilation import compiled_inline, compiled_without_nrt
 
 __all__ = ["find_loaded_points"]
@@ -46,25 +52,28 @@ _NARROW = 2.0
 
 
 @compiled_without_nrt
-def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m: float) -> None:
+def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m: float) -> bool:
     """Add the loaded points of cell `cell` against the first `n_close` solids of `workspace.close`.
 
     Solids are sought up to the height `face_m` [m], which the step may bring into contact.
+
+    Returns:
+        True if the points are one in each sample, in their order, against one solid.
     """
-    surface, scene, foam, workspace = problem.surface, problem.scene, problem.foam, problem.workspace
-    grid, close, hit, nearest_m = surface.grid, workspace.close, workspace.hit, workspace.nearest_m
-    height_m, inner_grid = workspace.height_m, workspace.inner_grid
-    face_m, top_m = RAY_START_DEPTH_M + foam.thickness_m, RAY_START_DEPTH_M + face_m
+    surface, scene, workspace = problem.surface, problem.scene, problem.workspace
+    grid, close = surface.grid, workspace.close
+    face_m, top_m = RAY_START_DEPTH_M + problem.foam.thickness_m, RAY_START_DEPTH_M + face_m
     centres, fines = grid.n_nodes, grid.n_nodes + grid.n_samples
-    for i in range(centres, fines):
-        hit[i], nearest_m[i] = -1, top_m
-        inner_grid[i - centres] = _NONE
-    met, has_few_nodes = 0, grid.n_nodes <= _FEW_NODES * grid.n_corners
+    met, has_few_nodes, limit, finest = 0, grid.n_nodes <= _FEW_NODES * grid.n_corners, _FINE, _NONE
     for j in range(n_close):
         k = close[j]
         f, above_m = _frame(problem, cell, k), _above_m(problem, cell, k)
         if lowest_height_m(scene, k, f) + above_m >= top_m:
             continue
+        if met == 0:
+            meet_nothing(problem, centres, fines, top_m)
+            for s in range(len(workspace.inner_grid)):
+                workspace.inner_grid[s] = _NONE
         close[met] = k
         met += 1
         if has_few_nodes:
@@ -72,40 +81,27 @@ def find_loaded_points(problem: ContactProblem, cell: int, n_close: int, face_m:
         else:
             _cast(problem, cell, k, f, 0, grid.n_corners)
             _cast(problem, cell, k, f, centres, fines)
-        _judge(problem, cell, k, f, face_m - above_m, top_m - above_m)
-        for i in range(centres, fines):
-            if height_m[i] + above_m < nearest_m[i]:
-                hit[i], nearest_m[i] = k, height_m[i] + above_m
-    if met == 0:
-        return
-    limit, finest = _FINE, _NONE
-    for j in range(met):
-        if scene.geom_type[close[j]] == MESH:
+        if not _is_flat(problem, face_m - above_m):
+            if not has_few_nodes:
+                _cast(problem, cell, k, f, grid.n_corners, centres)
+            finest = max(finest, _judge(problem, k, f, face_m - above_m, top_m - above_m))
+        keep_nearest(problem, centres, fines, k, above_m)
+        if scene.geom_type[k] == MESH:
             limit = _ROUGH
+    if met == 0:
+        return False
+    if finest == _NONE:
+        return add_whole_samples(problem, face_m)
     for s in range(grid.n_samples):
-        inner_grid[s] = min(inner_grid[s], limit)
-        finest = max(finest, inner_grid[s])
-    if finest > _NONE:
-        _cast_inner(problem, cell, met, top_m)
+        workspace.inner_grid[s] = min(workspace.inner_grid[s], limit)
+    _cast_inner(problem, cell, met, top_m)
     for s in range(grid.n_samples):
-        if inner_grid[s] > _NONE:
-            first, n_inner = _inner_points(grid, s, inner_grid[s])
-            _add_partial_sample(problem, cell, s, met, face_m, first, n_inner)
-        elif hit[centres + s] >= 0:
-            i = centres + s
-            give_m = scene.max_indentation_m[hit[i]]
-            depth_m = min(face_m - nearest_m[i], foam.thickness_m + give_m)
-            _add_point(
-                problem.points,
-                cell,
-                s,
-                hit[i],
-                grid.area_m2,
-                depth_m,
-                depth_m * depth_m,
-                grid.x_m[i],
-                grid.y_m[i],
-            )
+        if workspace.inner_grid[s] > _NONE:
+            first, n_inner = _inner_points(grid, s, workspace.inner_grid[s])
+            add_partial_sample(problem, s, met, face_m, first, n_inner)
+        else:
+            add_whole_sample(problem, s, face_m)
+    return False
 
 
 @compiled_inline
@@ -144,26 +140,34 @@ def _cast(problem: ContactProblem, cell: int, k: int, f: CellInSolid, first: int
             height_m[i] += fall_per_m * grid.x_m[i] * grid.x_m[i]
 
 
-@compiled_inline
-def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: float, top_m: float) -> None:
-    """Mark the samples that need an inner grid against solid `k`; make the heights of all others their means.
+@compiled_without_nrt
+def _is_flat(problem: ContactProblem, face_m: float) -> bool:
+    """True if all corners of the cell are pressed and its centres alone stand for the overlap.
 
-    Heights count from the start of the rays: `face_m` of the foam's face, `top_m` of what is sought [m].
+    Heights count from the start of the rays: `face_m` of the foam's face [m].
     """
-    workspace, grid = problem.workspace, problem.surface.grid
-    height_m, inner_grid, centres = workspace.height_m, workspace.inner_grid, grid.n_nodes
+    grid, height_m = problem.surface.grid, problem.workspace.height_m
     highest_m, corners_m, middle_m = 0.0, 0.0, 0.0
     for i in range(grid.n_corners):
         highest_m = max(highest_m, height_m[i])
         corners_m += height_m[i] / grid.n_corners
-    is_pressed = highest_m < face_m
-    if is_pressed:
-        for s in range(grid.n_samples):
-            middle_m += height_m[centres + s] / grid.n_samples
-        if corners_m - middle_m <= _FLAT * (face_m - middle_m):
-            return
-    if grid.n_nodes > _FEW_NODES * grid.n_corners:
-        _cast(problem, cell, k, f, grid.n_corners, grid.n_nodes)
+    if highest_m >= face_m:
+        return False
+    centre_m = height_m[grid.n_nodes : grid.n_nodes + grid.n_samples]
+    for s in range(grid.n_samples):
+        middle_m += centre_m[s] / grid.n_samples
+    return bool(corners_m - middle_m <= _FLAT * (face_m - middle_m))
+
+
+@compiled_without_nrt
+def _judge(problem: ContactProblem, k: int, f: CellInSolid, face_m: float, top_m: float) -> int:
+    """Mark the samples that need an inner grid against solid `k`; return the finest that one of them does.
+
+    The heights of all others become their means. Heights count from the start of the rays: `face_m` of the
+    foam's face, `top_m` of what is sought [m].
+    """
+    workspace, grid, finest = problem.workspace, problem.surface.grid, _NONE
+    height_m, inner_grid, centres = workspace.height_m, workspace.inner_grid, grid.n_nodes
     is_narrow = _half_width_m(problem, k) < _NARROW * grid.side_m
     for s in range(grid.n_samples):
         here_m = height_m[centres + s]
@@ -187,6 +191,8 @@ def _judge(problem: ContactProblem, cell: int, k: int, f: CellInSolid, face_m: f
             lowest_m == math.inf and is_narrow and _may_lie_over(problem, k, f, s)
         ):
             inner_grid[s] = _FINE
+        finest = max(finest, inner_grid[s])
+    return finest
 
 
 @compiled_inline
@@ -229,12 +235,10 @@ def _inner_points(grid: SampleGrid, s: int, inner_grid: int) -> tuple[int, int]:
 def _cast_inner(problem: ContactProblem, cell: int, met: int, top_m: float) -> None:
     """Cast rays from the finer grids in all marked samples of cell `cell` at the first `met` solids."""
     grid, workspace = problem.surface.grid, problem.workspace
-    hit, nearest_m, height_m = workspace.hit, workspace.nearest_m, workspace.height_m
     for s in range(grid.n_samples):
         if workspace.inner_grid[s] > _NONE:
             first, n_inner = _inner_points(grid, s, workspace.inner_grid[s])
-            for i in range(first, first + n_inner):
-                hit[i], nearest_m[i] = -1, top_m
+            meet_nothing(problem, first, first + n_inner, top_m)
     for j in range(met):
         k = workspace.close[j]
         f, above_m = _frame(problem, cell, k), _above_m(problem, cell, k)
@@ -243,79 +247,4 @@ def _cast_inner(problem: ContactProblem, cell: int, met: int, top_m: float) -> N
                 continue
             first, n_inner = _inner_points(grid, s, workspace.inner_grid[s])
             _cast(problem, cell, k, f, first, first + n_inner)
-            for i in range(first, first + n_inner):
-                if height_m[i] + above_m < nearest_m[i]:
-                    hit[i], nearest_m[i] = k, height_m[i] + above_m
-
-
-@compiled_without_nrt
-def _add_partial_sample(
-    problem: ContactProblem, cell: int, s: int, met: int, face_m: float, first: int, n_inner: int
-) -> None:
-    """Add the parts of sample `s` that each solid presses, or may press in the coming step."""
-    grid, workspace, scene, points = (
-        problem.surface.grid,
-        problem.workspace,
-        problem.scene,
-        problem.points,
-    )
-    inner_m2 = grid.area_m2 / n_inner
-    for j in range(met):
-        k = workspace.close[j]
-        deepest_m = problem.foam.thickness_m + scene.max_indentation_m[k]
-        pressed, near = 0, 0
-        depth_m = square_m2 = x_m2 = y_m2 = gap_m = near_x_m = near_y_m = 0.0
-        for i in range(first, first + n_inner):
-            if workspace.hit[i] != k:
-                continue
-            d = min(face_m - workspace.nearest_m[i], deepest_m)
-            if d > 0.0:
-                pressed += 1
-                depth_m += d
-                square_m2 += d * d
-                x_m2 += d * grid.x_m[i]
-                y_m2 += d * grid.y_m[i]
-            else:
-                near += 1
-                gap_m += d
-                near_x_m += grid.x_m[i]
-                near_y_m += grid.y_m[i]
-        if pressed > 0:
-            _add_point(
-                points,
-                cell,
-                s,
-                k,
-                pressed * inner_m2,
-                depth_m / pressed,
-                square_m2 / pressed,
-                x_m2 / depth_m,
-                y_m2 / depth_m,
-            )
-        if near > 0:
-            _add_point(
-                points, cell, s, k, near * inner_m2, gap_m / near, 0.0, near_x_m / near, near_y_m / near
-            )
-
-
-@compiled_inline
-def _add_point(
-    points: LoadedPoints,
-    cell: int,
-    s: int,
-    k: int,
-    area_m2: float,
-    depth_m: float,
-    square_m2: float,
-    x_m: float,
-    y_m: float,
-) -> None:
-    """Add a part of sample `s` of cell `cell`, against solid `k`, to the loaded points."""
-    m = points.total[0]
-    if m == len(points.cell):
-        points.lost[0] += 1
-        return
-    points.cell[m], points.sample[m], points.solid[m] = cell, s, k
-    points.area_m2[m], points.depth_m[m], points.square_m2[m] = area_m2, depth_m, square_m2
-    points.x_m[m], points.y_m[m] = x_m, y_m
-    points.total[0] = m + 1
+            keep_nearest(problem, first, first + n_inner, k, above_m)

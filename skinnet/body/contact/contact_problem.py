@@ -32,7 +32,7 @@ class ContactState(NamedTuple):
         peak_force_n: (1,) the largest force on any force cell [N].
         force_weighted_slip_n_m: (nbody,) sliding distance of each body over the skin in this step times
             normal force [N m]; μ times this is the work of sliding friction.
-        shear_m: (n, s, 2) shear displacement of the foam at each point, plane of the cell [m].
+        shear_m: (n, 2, s) shear displacement of the foam at each point, plane of the cell [m].
         play_m: (n, s) memory of foam with hysteresis (`foam_curve`) at each point [m]; else without entries.
         in_contact: (n,) True for cells in contact.
     """
@@ -58,6 +58,7 @@ class Workspace(NamedTuple):
         hit: Solid that the ray of each point meets first, or -1.
         nearest_m: Height at which it does, from `RAY_START_DEPTH_M` below the rigid surface on [m].
         height_m: Height at which the ray of each point meets one solid, from its start on [m].
+        at_point: (5, 2 s) shear forces, normal force [N] and shear displacement [m] at the points of a cell.
         inner_grid: Grid that each sample of a cell needs: none, a rough, or a fine one.
     """
 
@@ -67,6 +68,7 @@ class Workspace(NamedTuple):
     hit: Indices
     nearest_m: Floats
     height_m: Floats
+    at_point: Floats
     inner_grid: Indices
 
 

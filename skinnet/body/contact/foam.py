@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet import pinned_math
-from skinnet.compilation import compiled_inline
+from skinnet.compilation import compiled_inline, compiled_without_nrt
 from skinnet.deployment.robot import FoamSpec
 
-__all__ = ["SHEAR_STIFFNESS_RATIO", "Foam", "friction_force"]
+__all__ = ["SHEAR_STIFFNESS_RATIO", "Foam", "friction_force", "limited_friction"]
 
 Floats = NDArray[np.float64]
 _PA_PER_KPA = 1e3
@@ -82,12 +82,21 @@ def friction_force(
     stiffness = SHEAR_STIFFNESS_RATIO * foam.stiffness_pa_per_m * area
     damping = SHEAR_STIFFNESS_RATIO * foam.damping_pa_s_per_m * area
     fx, fy = -stiffness * shear_x - damping * slip_x, -stiffness * shear_y - damping * slip_y
-    limit_n, slid_m = foam.friction * normal_n, 0.0
-    # the first test is cheap and mostly decides
-    if abs(fx) + abs(fy) > limit_n and pinned_math.hypot(fx, fy) > limit_n:
-        force_n = pinned_math.hypot(fx, fy)
+    limit_n = foam.friction * normal_n
+    if abs(fx) + abs(fy) > limit_n:  # cheap, and mostly decides
+        return limited_friction(limit_n, stiffness, fx, fy, shear_x, shear_y)
+    return fx, fy, shear_x, shear_y, 0.0
+
+
+@compiled_without_nrt
+def limited_friction(
+    limit_n: float, stiffness_n_per_m: float, fx: float, fy: float, shear_x: float, shear_y: float
+) -> tuple[float, float, float, float, float]:
+    """As `friction_force`, from the force (fx, fy) [N] that there would be without limit."""
+    slid_m, force_n = 0.0, pinned_math.hypot(fx, fy)
+    if force_n > limit_n:
         fx, fy = fx * limit_n / force_n, fy * limit_n / force_n
-        held = foam.friction * normal_n / stiffness
+        held = limit_n / stiffness_n_per_m
         stretch = pinned_math.hypot(shear_x, shear_y)
         if stretch > held:
             slid_m = stretch - held

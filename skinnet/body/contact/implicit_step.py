@@ -29,7 +29,7 @@ from skinnet.body.contact.constraint_rows import (
     write_rows,
 )
 from skinnet.body.contact.contact_problem import ContactProblem
-from skinnet.body.contact.foam_response import PairResponse, add_pairs, add_response, no_pairs
+from skinnet.body.contact.foam_response import add_pairs, add_response
 from skinnet.body.contact.joint_coupling import (
     CouplingWorkspace,
     Joints,
@@ -42,6 +42,7 @@ from skinnet.body.contact.joint_coupling import (
     touch_trees,
 )
 from skinnet.body.contact.line_search import begin_search, continue_search, is_rounding
+from skinnet.body.contact.pair_response import PairResponse, no_pairs
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.compilation import compiled_without_nrt

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.contact.foam_response import PairResponse
+from skinnet.body.contact.pair_response import PairResponse
 from skinnet.body.contact.point_kinematics import Motion
 from skinnet.body.model_file import ONE_DOF
 from skinnet.compilation import compiled_without_nrt

@@ -15,13 +15,17 @@ from skinnet.body.contact.skin_surface import SkinSurface
 from skinnet.compilation import compiled_without_nrt
 
 __all__ = [
+    "CellFrame",
+    "CellTwist",
     "Motion",
     "cell_axis",
+    "cell_frame",
     "motion_views",
     "point_above_cell",
     "point_velocity",
     "rotate",
     "rotate_inverse",
+    "twist_in_cell",
 ]
 
 Floats = NDArray[np.float64]
@@ -49,6 +53,58 @@ class Motion(NamedTuple):
     cvel: Floats
     subtree_com_m: Floats
     root_body_id: NDArray[np.int32]
+
+
+class CellFrame(NamedTuple):
+    """Frame of a cell: its centre on the rigid surface [m], and its axes, world.
+
+    Attributes:
+        x: Centre, with y and z.
+        y: See x.
+        z: See x.
+        xx: x axis, with xy and xz.
+        xy: See xx.
+        xz: See xx.
+        yx: y axis, with yy and yz.
+        yy: See yx.
+        yz: See yx.
+        nx: Normal, with ny and nz.
+        ny: See nx.
+        nz: See nx.
+    """
+
+    x: float
+    y: float
+    z: float
+    xx: float
+    xy: float
+    xz: float
+    yx: float
+    yy: float
+    yz: float
+    nx: float
+    ny: float
+    nz: float
+
+
+class CellTwist(NamedTuple):
+    """Twist of a solid relative to a cell, in the frame of the cell.
+
+    Attributes:
+        vx: Velocity [m/s] of its point at the centre of the cell, with vy and vz.
+        vy: See vx.
+        vz: See vx.
+        wx: Angular velocity [rad/s], with wy and wz.
+        wy: See wx.
+        wz: See wx.
+    """
+
+    vx: float
+    vy: float
+    vz: float
+    wx: float
+    wy: float
+    wz: float
 
 
 def motion_views(mj: mujoco.MjModel, data: mujoco.MjData) -> Motion:
@@ -103,6 +159,31 @@ def cell_axis(surface: SkinSurface, motion: Motion, i: int, column: int) -> tupl
     """Cell axis x, y or z (`column` 0, 1, 2) of cell `i`, world."""
     cell = surface.R_body_cell
     return rotate(motion.xmat, surface.body_id[i], cell[i, 0, column], cell[i, 1, column], cell[i, 2, column])
+
+
+@compiled_without_nrt
+def cell_frame(surface: SkinSurface, motion: Motion, i: int) -> CellFrame:
+    """Frame of cell `i`."""
+    x, y, z = point_above_cell(surface, motion, i, 0.0)
+    xx, xy, xz = cell_axis(surface, motion, i, 0)
+    yx, yy, yz = cell_axis(surface, motion, i, 1)
+    nx, ny, nz = cell_axis(surface, motion, i, 2)
+    return CellFrame(x, y, z, xx, xy, xz, yx, yy, yz, nx, ny, nz)
+
+
+@compiled_without_nrt
+def twist_in_cell(
+    f: CellFrame, vx: float, vy: float, vz: float, wx: float, wy: float, wz: float
+) -> CellTwist:
+    """Twist in the frame `f`, of a velocity [m/s] at its centre and an angular one [rad/s], world."""
+    return CellTwist(
+        vx * f.xx + vy * f.xy + vz * f.xz,
+        vx * f.yx + vy * f.yy + vz * f.yz,
+        vx * f.nx + vy * f.ny + vz * f.nz,
+        wx * f.xx + wy * f.xy + wz * f.xz,
+        wx * f.yx + wy * f.yy + wz * f.yz,
+        wx * f.nx + wy * f.ny + wz * f.nz,
+    )
 
 
 @compiled_without_nrt

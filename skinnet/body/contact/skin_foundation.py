@@ -87,7 +87,7 @@ class Foundation:
             patch_body_force_n=np.zeros((len(self.surface.patch_body_id), n_bodies)),
             peak_force_n=np.zeros(1),
             force_weighted_slip_n_m=np.zeros(n_bodies),
-            shear_m=np.zeros((n, n_samples, 2)),
+            shear_m=np.zeros((n, 2, n_samples)),
             play_m=np.full((n, n_samples) if self.foam.reversal_m > 0.0 else (0, 0), -self.foam.reversal_m),
             in_contact=np.zeros(n, dtype=np.bool_),
         )
@@ -115,6 +115,7 @@ class Foundation:
                     hit=np.zeros(n_points, dtype=np.int64),
                     nearest_m=np.zeros(n_points),
                     height_m=np.zeros(n_points),
+                    at_point=np.zeros((5, 2 * n_samples)),
                     inner_grid=np.zeros(n_samples, dtype=np.int64),
                 ),
             )
@@ -153,6 +154,6 @@ class Foundation:
         lost = int(self.problem.points.lost[0])
         if lost:
             raise ModelError(
-                f"contact of skin: {lost} loaded points beyond the {len(self.problem.points.cell)} that are "
-                "expected at most; several solids press most samples of all cells: merge their geoms"
+                f"contact of skin: {lost} loaded points beyond the {len(self.problem.points.sample)} that "
+                "are expected at most; several solids press most samples of all cells: merge their geoms"
             )

@@ -22,10 +22,18 @@ from skinnet.body.contact.broad_phase import collect_active_cells, keep_active
 from skinnet.body.contact.cell_loading import find_loaded_points
 from skinnet.body.contact.contact_problem import RAY_START_DEPTH_M, ContactProblem
 from skinnet.body.contact.contact_scene import ContactScene, may_intersect_sphere, solids_near_patch
-from skinnet.body.contact.foam import friction_force
-from skinnet.body.contact.foam_curve import compressed_state
 from skinnet.body.contact.loaded_points import LoadedPoints
-from skinnet.body.contact.point_kinematics import Motion, cell_axis, point_above_cell, point_velocity
+from skinnet.body.contact.point_kinematics import (
+    CellFrame,
+    CellTwist,
+    Motion,
+    cell_frame,
+    point_above_cell,
+    point_velocity,
+    twist_in_cell,
+)
+from skinnet.body.contact.point_loops import Resultant
+from skinnet.body.contact.present_forces import press_cell, press_points, release_shear
 from skinnet.compilation import compiled_inline, compiled_without_nrt
 
 __all__ = ["compute_contact"]
@@ -47,7 +55,7 @@ def compute_contact(problem: ContactProblem, step_s: float) -> int:
     """
     surface, scene, motion, foam = problem.surface, problem.scene, problem.motion, problem.foam
     contact, points, workspace = problem.contact, problem.points, problem.workspace
-    points.total[0] = points.lost[0] = 0
+    points.total[0] = points.lost[0] = points.n_runs[0] = 0
     contact.body_normal_force_n[:] = 0.0
     contact.patch_body_force_n[:] = 0.0
     contact.peak_force_n[0] = 0.0
@@ -116,23 +124,27 @@ def _compute_cell_contact(
 
     Solids are sought up to the height `face_m` [m], which the step may bring into contact.
     """
-    contact, points = problem.contact, problem.points
-    first = points.total[0]
+    contact, points, is_whole = problem.contact, problem.points, False
+    cell_first = first = points.total[0]
     if n_close > 0:
-        find_loaded_points(problem, cell, n_close, face_m)
+        is_whole = find_loaded_points(problem, cell, n_close, face_m)
+    last = points.total[0]
+    if first == last and not contact.in_contact[cell]:
+        return
     contact.in_contact[cell] = False
     contact.contact_temperature_c[cell] = math.nan
     for e in range(problem.surface.n_taxels):
         contact.force_n[cell, e] = 0.0
     area_m2, temperature_c = 0.0, math.nan
-    last = points.total[0]
-    _release_shear(problem, cell, first, last)
+    if not is_whole or len(problem.foam.curve) > 0:
+        release_shear(problem, cell, first, last)
     while first < last:
         other = problem.scene.body_id[points.solid[first]]
-        end = first + 1
+        end = last if is_whole else first + 1
         while end < last and problem.scene.body_id[points.solid[end]] == other:
             end += 1
-        pressed_m2 = _add_forces(problem, step_s, patch, cell, other, first, end)
+        _add_run(points, cell, other, is_whole, first)
+        pressed_m2 = _add_forces(problem, step_s, patch, cell, other, is_whole, cell_first, first, end)
         if pressed_m2 > 0.0:
             area_m2 += pressed_m2
             other_c = problem.temperature_c[other]
@@ -146,139 +158,81 @@ def _compute_cell_contact(
             contact.peak_force_n[0] = max(contact.peak_force_n[0], contact.force_n[cell, e])
 
 
-@compiled_inline
-def _release_shear(problem: ContactProblem, cell: int, first: int, last: int) -> None:
-    """Forget shear and memory of the samples of cell `cell` that none of points `first` to `last` presses."""
-    shear_m, points, m = problem.contact.shear_m, problem.points, first
-    for s in range(problem.surface.grid.n_samples):
-        is_pressed = False
-        while m < last and points.sample[m] == s:
-            is_pressed = is_pressed or points.depth_m[m] > 0.0
-            m += 1
-        if not is_pressed:
-            shear_m[cell, s, 0] = shear_m[cell, s, 1] = 0.0
-            if problem.foam.reversal_m > 0.0:
-                problem.contact.play_m[cell, s] = -problem.foam.reversal_m
+@compiled_without_nrt
+def _add_run(points: LoadedPoints, cell: int, other: int, is_whole: bool, first: int) -> None:
+    """Add a run of points, from `first` on, of `cell` against body `other`."""
+    r = points.n_runs[0]
+    points.run_first[r], points.run_first[r + 1] = first, points.total[0]
+    points.run_cell[r], points.run_body[r], points.run_is_whole[r] = cell, other, is_whole
+    points.n_runs[0] = r + 1
 
 
-@compiled_inline
+@compiled_without_nrt
 def _add_forces(
-    problem: ContactProblem, step_s: float, patch: int, cell: int, other: int, first: int, last: int
+    problem: ContactProblem,
+    step_s: float,
+    patch: int,
+    cell: int,
+    other: int,
+    is_whole: bool,
+    cell_first: int,
+    first: int,
+    last: int,
 ) -> float:
-    """Add the forces at points `first` to `last`, all of one cell and against body `other`.
+    """Add the forces at points `first` to `last`, a run of `cell` against body `other`.
+
+    The points of the cell begin with `cell_first`.
 
     Returns:
         Area that is pressed [m²].
     """
-    surface, motion, foam, contact = problem.surface, problem.motion, problem.foam, problem.contact
-    points, scene = problem.points, problem.scene
-    own, per_element = surface.body_id[cell], surface.grid.n_samples // surface.n_taxels
-    x, y, z = point_above_cell(surface, motion, cell, 0.0)
-    xx, xy, xz = cell_axis(surface, motion, cell, 0)
-    yx, yy, yz = cell_axis(surface, motion, cell, 1)
-    nx, ny, nz = cell_axis(surface, motion, cell, 2)
-    u, v, w = _relative_spin(motion, own, other)
-    wx, wy, wz = u * xx + v * xy + w * xz, u * yx + v * yy + w * yz, u * nx + v * ny + w * nz
-    u, v, w = point_velocity(motion, other, x, y, z)
-    vx, vy, vz = point_velocity(motion, own, x, y, z)
-    u, v, w = u - vx, v - vy, w - vz
-    vx, vy, vz = u * xx + v * xy + w * xz, u * yx + v * yy + w * yz, u * nx + v * ny + w * nz
-    force_x = force_y = force_z = moment_x = moment_y = moment_z = pressed_m2 = slid_n_m = 0.0
-    e, has_curve = 0, len(foam.curve) > 0  # force cell of the sample
-    for m in range(first, last):
-        depth_m, s, k = points.depth_m[m], points.sample[m], points.solid[m]
-        share, give_m = scene.foam_fraction[k], scene.max_indentation_m[k]
-        h = foam.thickness_m - depth_m
-        if depth_m <= 0.0:
-            points.height_m[m] = foam.thickness_m
-            continue
-        indented_m, elastic_pa = (1.0 - share) * depth_m, foam.stiffness_pa_per_m * depth_m
-        damping_pa_s_per_m = foam.damping_pa_s_per_m
-        if has_curve:
-            indented_m, elastic_pa, damping_pa_s_per_m = compressed_state(
-                foam, depth_m, share, contact.play_m, cell, s
-            )
-        h += min(indented_m, give_m)
-        points.height_m[m] = h
-        a, b, area = points.x_m[m], points.y_m[m], points.area_m2[m]
-        rate_m_s = -(vz + wx * b - wy * a)
-        normal_n = area * max(0.0, share * (elastic_pa + damping_pa_s_per_m * rate_m_s))
-        slip_x, slip_y = vx + wy * h - wz * b, vy + wz * a - wx * h
-        passed_s = 0.0 if _has_moved(points, m) else step_s
-        shear_x = contact.shear_m[cell, s, 0] + slip_x * passed_s
-        shear_y = contact.shear_m[cell, s, 1] + slip_y * passed_s
-        fx, fy, shear_x, shear_y, slid_m = friction_force(
-            foam, share * area, normal_n, slip_x, slip_y, shear_x, shear_y
-        )
-        contact.shear_m[cell, s, 0], contact.shear_m[cell, s, 1] = shear_x, shear_y
-        force_x += fx
-        force_y += fy
-        force_z += normal_n
-        moment_x += b * normal_n - h * fy
-        moment_y += h * fx - a * normal_n
-        moment_z += a * fy - b * fx
-        while s >= (e + 1) * per_element:
-            e += 1
-        contact.force_n[cell, e] += normal_n
-        slid_n_m += normal_n * slid_m
-        pressed_m2 += area
-    contact.body_normal_force_n[other] += force_z
-    contact.patch_body_force_n[patch, other] += force_z
+    surface, motion, contact = problem.surface, problem.motion, problem.contact
+    own, f = surface.body_id[cell], cell_frame(surface, motion, cell)
+    twist = _relative_twist(motion, f, own, other)
+    if is_whole and len(problem.foam.curve) == 0:
+        total, slid_n_m = press_cell(problem, twist, step_s, cell, first, last)
+    else:
+        total, slid_n_m = press_points(problem, twist, step_s, cell, cell_first, first, last)
+    contact.body_normal_force_n[other] += total.force_z
+    contact.patch_body_force_n[patch, other] += total.force_z
     contact.force_weighted_slip_n_m[other] += slid_n_m
-    u = force_x * xx + force_y * yx + force_z * nx
-    v = force_x * xy + force_y * yy + force_z * ny
-    w = force_x * xz + force_y * yz + force_z * nz
-    mx = moment_x * xx + moment_y * yx + moment_z * nx
-    my = moment_x * xy + moment_y * yy + moment_z * ny
-    mz = moment_x * xz + moment_y * yz + moment_z * nz
-    _add_wrench(motion.xipos, problem.wrench, other, 1.0, x, y, z, u, v, w, mx, my, mz)
-    _add_wrench(motion.xipos, problem.wrench, own, -1.0, x, y, z, u, v, w, mx, my, mz)
-    return pressed_m2
-
-
-@compiled_inline
-def _has_moved(points: LoadedPoints, m: int) -> bool:
-    """True if an earlier point presses the sample of point `m` as well: its shear went on with that one."""
-    i = m - 1
-    while i >= 0 and points.cell[i] == points.cell[m] and points.sample[i] == points.sample[m]:
-        if points.depth_m[i] > 0.0:
-            return True
-        i -= 1
-    return False
+    _add_wrenches(problem, f, total, own, other)
+    return total.pressed_m2
 
 
 @compiled_without_nrt
-def _relative_spin(motion: Motion, own: int, other: int) -> tuple[float, float, float]:
-    """Angular velocity [rad/s] of body `other` relative to body `own`, world."""
+def _relative_twist(motion: Motion, f: CellFrame, own: int, other: int) -> CellTwist:
+    """Twist of body `other` relative to a cell of body `own`, at the centre of its frame `f`."""
     twist = motion.cvel
-    return (
+    vx, vy, vz = point_velocity(motion, other, f.x, f.y, f.z)
+    ux, uy, uz = point_velocity(motion, own, f.x, f.y, f.z)
+    return twist_in_cell(
+        f,
+        vx - ux,
+        vy - uy,
+        vz - uz,
         twist[other, 0] - twist[own, 0],
         twist[other, 1] - twist[own, 1],
         twist[other, 2] - twist[own, 2],
     )
 
 
-@compiled_inline
-def _add_wrench(
-    xipos: Floats,
-    wrench: Floats,
-    b: int,
-    sign: float,
-    x: float,
-    y: float,
-    z: float,
-    fx: float,
-    fy: float,
-    fz: float,
-    mx: float,
-    my: float,
-    mz: float,
-) -> None:
-    """Add a force [N] at (x, y, z) [m] and a moment [N m], world, with a sign, to the wrench of body `b`."""
-    rx, ry, rz = x - xipos[b, 0], y - xipos[b, 1], z - xipos[b, 2]
-    wrench[b, 0] += sign * fx
-    wrench[b, 1] += sign * fy
-    wrench[b, 2] += sign * fz
-    wrench[b, 3] += sign * (mx + ry * fz - rz * fy)
-    wrench[b, 4] += sign * (my + rz * fx - rx * fz)
-    wrench[b, 5] += sign * (mz + rx * fy - ry * fx)
+@compiled_without_nrt
+def _add_wrenches(problem: ContactProblem, f: CellFrame, total: Resultant, own: int, other: int) -> None:
+    """Add a resultant in the frame `f` of a cell to the wrench of body `other`, the opposite to `own`'s."""
+    fx = total.force_x * f.xx + total.force_y * f.yx + total.force_z * f.nx
+    fy = total.force_x * f.xy + total.force_y * f.yy + total.force_z * f.ny
+    fz = total.force_x * f.xz + total.force_y * f.yz + total.force_z * f.nz
+    mx = total.moment_x * f.xx + total.moment_y * f.yx + total.moment_z * f.nx
+    my = total.moment_x * f.xy + total.moment_y * f.yy + total.moment_z * f.ny
+    mz = total.moment_x * f.xz + total.moment_y * f.yz + total.moment_z * f.nz
+    wrench, xipos = problem.wrench, problem.motion.xipos
+    for side in range(2):
+        b, sign = (other, 1.0) if side == 0 else (own, -1.0)
+        rx, ry, rz = f.x - xipos[b, 0], f.y - xipos[b, 1], f.z - xipos[b, 2]
+        wrench[b, 0] += sign * fx
+        wrench[b, 1] += sign * fy
+        wrench[b, 2] += sign * fz
+        wrench[b, 3] += sign * (mx + ry * fz - rz * fy)
+        wrench[b, 4] += sign * (my + rz * fx - rx * fz)
+        wrench[b, 5] += sign * (mz + rx * fy - ry * fx)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.compilation import compiled_without_nrt
 from skinnet.deployment.controller.stages import StageSpec
 from skinnet.deployment.skin.cells import CellSpec, ForceSpec, ProximitySpec
 from skinnet.protocol.messages import N_FORCE_CHANNELS, STIMULUS_NAMES, Modality
@@ -66,16 +67,17 @@ class CrossingDetector:
     _was_without_contact: bool = True
     _was_out_of_range: bool = False
 
+    def __post_init__(self) -> None:
+        _any_rises(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1))  # compiles
+
     def observe_forces(self, t_ns: int, step_ns: int, force_n: Floats, in_contact: bool) -> None:
         """Observe forces (n, 3) [N] at `t_ns` [ns], a step after the last; `in_contact`: any in contact."""
         if not len(self.force_thresholds_n) or (self._was_without_contact and not in_contact):
             return
         if self._force_before is None:
             self._force_before = np.zeros_like(force_n)
-        before = self._force_before
-        if not np.array_equal(before, force_n):
-            self._find(t_ns, step_ns, before, force_n, self.force_thresholds_n, Modality.FORCE)
-            before[:] = force_n
+        self._find(t_ns, step_ns, self._force_before, force_n, self.force_thresholds_n, Modality.FORCE)
+        self._force_before[:] = force_n
         self._was_without_contact = not in_contact
 
     def observe_stimulus(self, t_ns: int, stimulus: Floats) -> None:
@@ -115,6 +117,8 @@ class CrossingDetector:
     def _find(
         self, t_ns: int, step_ns: int, before: Floats, now: Floats, thresholds: Floats, modality: Modality
     ) -> None:
+        if not _any_rises(before, np.ascontiguousarray(now), thresholds):  # mostly
+            return
         rises = (before[:, :, None] < thresholds) & (now[:, :, None] >= thresholds)
         for cell, channel, index in np.argwhere(rises).tolist():
             low, high = before[cell, channel], now[cell, channel]
@@ -123,6 +127,19 @@ class CrossingDetector:
             self.crossings.append(
                 Crossing(start_ns + round(share * step_ns), cell, modality, channel, index + 1)
             )
+
+
+@compiled_without_nrt
+def _any_rises(before: Floats, now: Floats, thresholds: Floats) -> bool:
+    """True if any of the values `now` (n, c) reaches one of the `thresholds` (l,); `before` it was below."""
+    for i in range(now.shape[0]):
+        for j in range(now.shape[1]):
+            low, high = before[i, j], now[i, j]
+            if high > low:
+                for k in range(len(thresholds)):
+                    if low < thresholds[k] <= high:
+                        return True
+    return False
 
 
 class PeakForceTrace:
