@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +24,10 @@ _PATIENCE, _SLACK_S = 3.0, 20.0
 """A mutant's tests may take this many times the CPU time of those of the sound code, and so much more [s]."""
 _BUSY = 20.0
 """Time that they may take, as a multiple of that CPU time: other programs may be running."""
+_MEMORY_KIB = 6 * 1024**2
+"""Memory that they may ask for: a loop without end may fill all there is."""
+_ONE_AT_A_TIME = threading.Lock()
+"""Held by the thread that works on a syntax tree: in Python 3.11 two at a time crash."""
 _PASSED, _FAILED = 0, 1
 
 
@@ -63,7 +68,9 @@ class Laboratory:
         """Put a fault into the copy, and take it out again."""
         path = self._root / mutant.path
         source, times = path.read_text(encoding="utf-8"), path.stat()
-        path.write_text(mutated_source(source, mutant), encoding="utf-8")
+        with _ONE_AT_A_TIME:
+            faulty = mutated_source(source, mutant)
+        path.write_text(faulty, encoding="utf-8")
         try:
             yield
         finally:
@@ -109,7 +116,7 @@ class Laboratory:
             "NUMBA_OPT": "1",  # half the time of compiling
             "NUMBA_DISABLE_JIT": "0" if compiled else "1",
         }
-        command = ["/bin/sh", "-c", f'ulimit -t {round(limit_s)}; exec "$@"', "sh"]
+        command = ["/bin/sh", "-c", f'ulimit -t {round(limit_s)}; ulimit -v {_MEMORY_KIB}; exec "$@"', "sh"]
         command += [sys.executable, "-m", "pytest", "-q", "--tb=no", "-o", "timeout=0"]
         command += ["-p", "no:cacheprovider", "-p", "no:xdist"]
         command += [] if compiled else ["-W", "ignore::RuntimeWarning"]  # NumPy's, of what is compiled else

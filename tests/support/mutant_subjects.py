@@ -71,6 +71,7 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
             as_python=_contact(
                 "contact_scene::gap_between_hull_and_mesh_is_that_in_the_middle_of_the_opening",
                 "contact_scene::gap_of_a_notch_between_long_triangles",
+                "contact_scene::gap_of_a_jagged_mesh_is_that_of_points_all_over_it",
                 "contact_scene::open_and_inward_meshes_are_known",
                 "contact_notices",
             ),

@@ -7,6 +7,7 @@ import body_scenes
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull, cKDTree
 
 from skinnet.body.contact.contact_margins import clear_contact_margins
 from skinnet.body.contact.mesh_quality import hull_gap_m, is_inward, open_edges
@@ -191,6 +192,32 @@ def test_gap_of_a_notch_between_long_triangles():
     model = mesh_model(f'<mesh name="u" vertex="{text}" face="{corners}"/>')
     assert open_edges(model, 0) == 0
     assert hull_gap_m(model, 0) == pytest.approx(0.3 / math.sqrt(1000.0), abs=0.001)
+
+
+def surface_points_m(corner_m, count, random):
+    """Points (count, 3) all over triangles (t, 3, 3)."""
+    area = np.linalg.norm(np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0]), axis=1)
+    triangle = random.choice(len(corner_m), size=count, p=area / area.sum())
+    weight = random.dirichlet(np.ones(3), size=count)
+    return np.einsum("sk,skx->sx", weight, corner_m[triangle])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_gap_of_a_jagged_mesh_is_that_of_points_all_over_it(seed):
+    """Against a cloud of points on hull and mesh, of an icosphere whose corners were moved in and out."""
+    random, spec = np.random.default_rng(seed), mujoco.MjSpec()
+    spec.add_mesh(name="u").make_sphere(subdivision=1)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="u")
+    ball = spec.compile()
+    vertex = ball.mesh_vert * random.uniform(0.01, 0.1, size=(len(ball.mesh_vert), 1))
+    text, corners = (" ".join(map(str, values.ravel().tolist())) for values in (vertex, ball.mesh_face))
+    model = mesh_model(f'<mesh name="u" vertex="{text}" face="{corners}"/>')
+    vertex_m = model.mesh_vert.astype(np.float64)
+    mesh_m = surface_points_m(vertex_m[model.mesh_face], 60_000, random)
+    hull = ConvexHull(vertex_m)
+    hull_m = surface_points_m(hull.points[hull.simplices], 30_000, random)
+    expected_m = cKDTree(mesh_m).query(hull_m)[0].max()
+    assert hull_gap_m(model, 0) == pytest.approx(expected_m, abs=0.0015)
 
 
 def test_open_and_inward_meshes_are_known():

@@ -74,16 +74,16 @@ def test_rays_of_a_cell_are_single_rays(tmp_path: Path, kind: str) -> None:
     assert min(seen.values()) > 5
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("plane", "mesh")])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "plane"])
 def test_the_lowest_height_is_reached(tmp_path: Path, kind: str) -> None:
-    """Of all rays around a solid, the first to meet it does so at its lowest height."""
+    """The first of many rays to meet a solid does so at its lowest height (that of a mesh is its box)."""
     body = scene(tmp_path)
     data, given, surface = body.data, body.cell_foundation.scene, body.surface
     motion, mj = body.cell_foundation.motion, body.model.mj
     k = int(np.flatnonzero(given.geom_id == mj.geom(kind).id)[0])
     mocap, random = int(mj.body(kind).mocapid[0]), np.random.default_rng(5)
     x_m, y_m = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.05, 0.05, 41)] * 2))
-    for _ in range(3):
+    for _ in range(3 if kind != "mesh" else 8):
         data.mocap_quat[mocap] = random.normal(size=4)
         mujoco.mj_kinematics(mj, data)
         place_m = point_above_cell(surface, motion, 0, 0.1)
@@ -91,4 +91,6 @@ def test_the_lowest_height_is_reached(tmp_path: Path, kind: str) -> None:
         mujoco.mj_kinematics(mj, data)
         f, height_m = cell_in_solid(surface, given, motion, 0, k, START_M, 1.0), np.zeros(len(x_m))
         cast_rays(given, k, f, x_m, y_m, 0, len(x_m), height_m)
-        assert lowest_height_m(given, k, f) == pytest.approx(height_m.min(), abs=3e-3)
+        lowest_m = lowest_height_m(given, k, f)
+        assert lowest_m <= height_m.min() + 1e-12
+        assert lowest_m == pytest.approx(height_m.min(), abs=0.04 if kind == "mesh" else 3e-3)
