@@ -15,7 +15,7 @@ from skinnet.covering.measured_layouts import read_layout
 from skinnet.deployment import Deployment, load
 from skinnet.errors import DeploymentError
 
-__all__ = ["cover_deployment", "covered", "load_covered"]
+__all__ = ["cover_deployment", "covered", "load_covered", "with_covering"]
 
 
 def load_covered(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -> Deployment:
@@ -35,7 +35,11 @@ def covered(deployment: Deployment, base_dir: Path) -> Deployment:
     """Return the deployment with patches and bridges in place of its covers; errors as `cover_deployment`."""
     if not deployment.cover:
         return deployment
-    covering = cover_deployment(deployment, base_dir)
+    return with_covering(deployment, cover_deployment(deployment, base_dir))
+
+
+def with_covering(deployment: Deployment, covering: Covering) -> Deployment:
+    """Return the deployment with the patches and bridges of its covering in place of its covers."""
     return msgspec.structs.replace(
         deployment,
         cover=(),

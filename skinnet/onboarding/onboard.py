@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from skinnet.covering.covered_deployment import Covering, cover_deployment, covered
+from skinnet.covering.covered_deployment import Covering, cover_deployment, with_covering
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
 from skinnet.errors import UsageError
@@ -81,7 +81,7 @@ def onboard(
         plan = replace(plan, touches=tuple(touches))
     elif template is Template.GRASP:
         plan = replace(plan, arms=find_arms(survey, covering.patches))
-    validate(covered(_deployment(plan, out), base_dir), out)
+    validate(with_covering(_deployment(plan, out), covering), out)
     write_bytes(out, deployment_text(plan).encode())
     return Onboarding(plan, covering)
 

@@ -8,8 +8,10 @@ from skinnet.toml_values import toml_comment, toml_value
 
 __all__ = ["Template", "program_lines", "program_time_s"]
 
-_STRUCTURE_S_PER_JOINT, _MAP_S_PER_JOINT = 5.5, 2.2
+_STRUCTURE_S_PER_JOINT, _MAP_S_PER_JOINT = 5.5, 5.5
 _TOUCH_S, _HOME_S, _LISTEN_S, _FORMATION_S = 4.5, 2.0, 5.0, 5.0
+_TILT_FREQUENCY_HZ = 2.0
+"""Frequency of the second sine of the map: half that of the first (assumed)."""
 
 
 class Template(StrEnum):
@@ -60,6 +62,7 @@ def _touch_lines(touches: Sequence[TouchedCell]) -> list[str]:
         "[controller]",
         f"program = {toml_value(program)}",
         "",
+        *_map_lines(),
         "[controller.stages]",
         'structure = { kind = "structure" }',
         'map = { kind = "map" }',
@@ -92,6 +95,18 @@ def _touch_lines(touches: Sequence[TouchedCell]) -> list[str]:
     return lines
 
 
+def _map_lines() -> list[str]:
+    return [
+        *toml_comment(
+            "A second sine of each joint tells inertia from the tilt of gravity, which at 4 Hz turns the "
+            "signs of cells nearer than 16 mm to an axis."
+        ),
+        "[controller.map]",
+        f"tilt_frequency_hz = {_TILT_FREQUENCY_HZ}",
+        "",
+    ]
+
+
 def _network_lines() -> list[str]:
     return [
         *toml_comment(
@@ -121,6 +136,7 @@ def _grasp_lines(arms: Sequence[Sequence[str]]) -> list[str]:
         "[controller]",
         'program = ["structure", "teach_and_grasp"]',
         "",
+        *_map_lines(),
         "[controller.stages]",
         'structure = { kind = "structure" }',
         'teach_and_grasp = { kind = "teach_and_grasp" }',

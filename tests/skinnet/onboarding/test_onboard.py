@@ -54,6 +54,7 @@ def test_a_run_accepts_what_is_written(trait: str, tmp_path: Path) -> None:
     assert deployment.body.model == f"../{trait}.xml"
     assert deployment.body.reference_body in {patch.body for patch in deployment.patches}
     assert deployment.teacher.touches
+    assert deployment.controller.map.tilt_frequency_hz == 2.0  # or cells near an axis get wrong signs
     assert len(deployment.controller.program) == 2 + 2 * len(deployment.teacher.touches)
 
 
@@ -159,5 +160,6 @@ def test_one_arm_cannot_grasp(tmp_path: Path) -> None:
 def test_two_arms_are_explored_and_stroked(tmp_path: Path) -> None:
     prepared = made(write_two_arms(tmp_path), Template.GRASP).deployment
     assert prepared.controller.program == ("structure", "teach_and_grasp")
+    assert prepared.controller.map.tilt_frequency_hz == 2.0
     stroked = {cells.partition("/")[0] for cells in prepared.teacher.strokes[0].cells}
     assert {patch.body for patch in prepared.patches if patch.name in stroked} == {"left_3", "right_3"}
