@@ -126,6 +126,10 @@ def _body_lines(plan: DeploymentPlan) -> list[str]:
             "The base floats in the model and would fall: it is held where the file draws it."
         )
         lines.append("fixed_base = true")
+    if survey.unfelt:
+        kinds = " and ".join(f"{kind}s" for kind in dict.fromkeys(survey.unfelt.values()))
+        lines += toml_comment(f"Skin does not feel {kinds}: these geoms are not part of the simulation.")
+        lines.append(f"leave_out = {toml_value(list(survey.unfelt))}")
     lines += ["joints = ["]
     inertia = _inertia_at_home(survey, plan.home)
     for joint in survey.joints(Role.CONTROLLED):
@@ -162,7 +166,7 @@ def _inertia_at_home(survey: RobotSurvey, home: HomePose) -> dict[int, float]:
     close_equalities(mj, qpos, dof)
     data.qpos[:] = qpos
     mujoco.mj_fwdPosition(mj, data)
-    inertia = felt_inertia(mj, data, joint_motion(mj, data, dof))
+    inertia = felt_inertia(mj, data, joint_motion(mj, qpos, dof))
     return dict(zip(joints.tolist(), inertia.tolist(), strict=True))
 
 

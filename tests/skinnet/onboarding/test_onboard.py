@@ -25,6 +25,7 @@ JOINTS = {
     "names_to_quote": ("shoulder", '"elbow" é # 1'),
     "slide_joint": ("lift", "tilt"),
     "wheels": ("tilt",),
+    "terrain": ("hip",),
     "keyframe": ("shoulder", "elbow"),
 }
 
@@ -63,6 +64,12 @@ def test_a_free_base_is_held_and_a_driving_one_locked(tmp_path: Path) -> None:
     assert not cart.body.fixed_base
     assert cart.body.locked == ("drive_x", "drive_yaw")
     assert {patch.body for patch in cart.patches} == {"cart", "arm"}  # neither the wheel nor the ball
+
+
+def test_terrain_that_skin_does_not_feel_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    model = write_trait(tmp_path, "terrain")
+    assert made(model).deployment.body.leave_out == ("geom1",)  # the other one is visual
+    assert "does not feel height fields" in (tmp_path / "new" / "robot.toml").read_text()
 
 
 def test_meshes_of_a_package_are_found_from_where_the_model_lies(tmp_path: Path) -> None:
