@@ -57,7 +57,7 @@ def delete_joint(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> list[str]:
 
 
 def delete_geom(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> list[str]:
-    """Delete a geom, and sensors, contact pairs, tendons and tuples that refer to it; list them, one a line."""
+    """Delete a geom, and sensors, contact pairs, tendons and tuples that refer to it; list them."""
     left_out = _delete_referrers(spec, mujoco.mjtObj.mjOBJ_GEOM, geom.name)
     spec.delete(geom)
     return left_out
@@ -74,9 +74,7 @@ def _delete_referrers(spec: mujoco.MjSpec, kind: mujoco.mjtObj, name: str) -> li
         if _EQUALITY_OBJECTS.get(equality.type) == kind and name in (equality.name1, equality.name2)
     ]
     if kind == mujoco.mjtObj.mjOBJ_GEOM:
-        found += [
-            ("contact pair", pair) for pair in spec.pairs if name in (pair.geomname1, pair.geomname2)
-        ]
+        found += [("contact pair", pair) for pair in spec.pairs if name in (pair.geomname1, pair.geomname2)]
     found += [
         ("tuple", entry)
         for entry in spec.tuples

@@ -188,7 +188,7 @@ def fix_base(spec: mujoco.MjSpec, body: BodySpec) -> list[str]:
 
 
 def leave_out_geoms(spec: mujoco.MjSpec, path: Path, names: Sequence[str]) -> list[str]:
-    """Delete the geoms `names` of `body.leave_out`; list what else goes because it refers to them, one a line.
+    """Delete the geoms `names` of `body.leave_out`; list what goes with them, one a line.
 
     Raises:
         ModelError: the model has no such geom.
