@@ -235,7 +235,7 @@ def _skin_lines(plan: DeploymentPlan) -> list[str]:
     )
     if skin.side_m != SIDE_M:
         lines += toml_comment(
-            f"Cells are smaller than HEX-o-SKIN ({1e3 * SIDE_M:g} mm): those fit on less than half of "
+            f"Cells are smaller than HEX-o-SKIN ({1e3 * SIDE_M:g} mm): those suit less than half of "
             "the links. The foam is as much thinner, of the same material."
         )
         foam = foam_under(skin.side_m)
