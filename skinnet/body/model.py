@@ -18,6 +18,7 @@ from skinnet.body.model_deletions import delete_actuators
 from skinnet.body.model_file import (
     compile_spec,
     fix_base,
+    leave_out_geoms,
     lock_joint,
     model_path,
     read_model,
@@ -200,7 +201,8 @@ def _build(
     path = model_path(body.model, base_dir)
     spec = read_model(path, [base_dir / folder for folder in body.package_paths])
     require_joints(spec, path, body)
-    left_out = delete_actuators(spec)
+    left_out = leave_out_geoms(spec, path, body.leave_out)
+    left_out += delete_actuators(spec)
     if body.fixed_base:
         left_out += fix_base(spec, body)
     for name in body.locked:

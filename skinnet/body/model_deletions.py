@@ -8,16 +8,22 @@ from typing import Any
 
 import mujoco
 
-__all__ = ["delete_actuators", "delete_joint"]
+__all__ = ["delete_actuators", "delete_geom", "delete_joint"]
 
 _OBJECTS = {
     mujoco.mjtObj.mjOBJ_ACTUATOR: "actuator",
+    mujoco.mjtObj.mjOBJ_GEOM: "geom",
     mujoco.mjtObj.mjOBJ_JOINT: "joint",
     mujoco.mjtObj.mjOBJ_TENDON: "tendon",
 }
 _EQUALITY_OBJECTS = {
     mujoco.mjtEq.mjEQ_JOINT: mujoco.mjtObj.mjOBJ_JOINT,
     mujoco.mjtEq.mjEQ_TENDON: mujoco.mjtObj.mjOBJ_TENDON,
+}
+_WRAPS = {
+    mujoco.mjtWrap.mjWRAP_JOINT: mujoco.mjtObj.mjOBJ_JOINT,
+    mujoco.mjtWrap.mjWRAP_SPHERE: mujoco.mjtObj.mjOBJ_GEOM,
+    mujoco.mjtWrap.mjWRAP_CYLINDER: mujoco.mjtObj.mjOBJ_GEOM,
 }
 _MAX_LISTED = 8
 
@@ -50,6 +56,13 @@ def delete_joint(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> list[str]:
     return left_out
 
 
+def delete_geom(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> list[str]:
+    """Delete a geom, and sensors, contact pairs, tendons and tuples that refer to it; list them."""
+    left_out = _delete_referrers(spec, mujoco.mjtObj.mjOBJ_GEOM, geom.name)
+    spec.delete(geom)
+    return left_out
+
+
 def _delete_referrers(spec: mujoco.MjSpec, kind: mujoco.mjtObj, name: str) -> list[str]:
     """Delete what refers to the element `name`, and in turn what refers to that."""
     because = f'refers to {_OBJECTS[kind]} "{name}", which is left out'
@@ -60,6 +73,8 @@ def _delete_referrers(spec: mujoco.MjSpec, kind: mujoco.mjtObj, name: str) -> li
         for equality in spec.equalities
         if _EQUALITY_OBJECTS.get(equality.type) == kind and name in (equality.name1, equality.name2)
     ]
+    if kind == mujoco.mjtObj.mjOBJ_GEOM:
+        found += [("contact pair", pair) for pair in spec.pairs if name in (pair.geomname1, pair.geomname2)]
     found += [
         ("tuple", entry)
         for entry in spec.tuples
@@ -82,9 +97,7 @@ def _sensor_refers(sensor: mujoco.MjsSensor, kind: mujoco.mjtObj, name: str) -> 
 
 
 def _wraps(tendon: mujoco.MjsTendon, kind: mujoco.mjtObj, name: str) -> bool:
-    return kind == mujoco.mjtObj.mjOBJ_JOINT and any(
-        wrap.type == mujoco.mjtWrap.mjWRAP_JOINT and wrap.target.name == name for wrap in tendon.path
-    )
+    return any(_WRAPS.get(wrap.type) == kind and wrap.target.name == name for wrap in tendon.path)
 
 
 def _identity(element: Element) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.added_elements import unused_name
-from skinnet.body.model_deletions import delete_joint
+from skinnet.body.model_deletions import delete_geom, delete_joint
 from skinnet.body.package_files import resolve_meshes
 from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
@@ -18,8 +18,10 @@ from skinnet.suggestions import did_you_mean
 
 __all__ = [
     "ONE_DOF",
+    "UNFELT_GEOMS",
     "compile_spec",
     "fix_base",
+    "leave_out_geoms",
     "lock_joint",
     "model_path",
     "parse_model",
@@ -27,6 +29,11 @@ __all__ = [
     "require_joints",
 ]
 
+UNFELT_GEOMS = {
+    mujoco.mjtGeom.mjGEOM_HFIELD: "height field",
+    mujoco.mjtGeom.mjGEOM_SDF: "signed distance field",
+}
+"""Geoms that skin does not feel, each with its name."""
 ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 Floats = NDArray[np.float64]
 _WORLD = "world"
@@ -53,6 +60,7 @@ def model_path(model: str, base_dir: Path) -> Path:
 def read_model(path: Path, package_paths: Sequence[Path] = ()) -> mujoco.MjSpec:
     """Read an MJCF or URDF file; bodies and joints without a name get one, by their number: body3, joint0.
 
+    So do height fields and signed distance fields, which `body.leave_out` has to name.
     Bodies that are fixed to their parents stay bodies of their own, so that the deployment can name them;
     MuJoCo would otherwise fuse those of a URDF.
 
@@ -66,10 +74,10 @@ def read_model(path: Path, package_paths: Sequence[Path] = ()) -> mujoco.MjSpec:
     spec = parse_model(path)
     resolve_meshes(spec, path, package_paths)
     spec.compiler.fusestatic = False
-    for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
+    for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("geom", spec.geoms)):
         used = {element.name for element in elements}
         for number, element in enumerate(elements):
-            if not element.name:
+            if not element.name and (kind != "geom" or element.type in UNFELT_GEOMS):
                 element.name = unused_name(f"{kind}{number}", used)
                 used.add(element.name)
     return spec
@@ -176,6 +184,24 @@ def fix_base(spec: mujoco.MjSpec, body: BodySpec) -> list[str]:
         for joint in [joint for joint in root.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
             left_out.append(f'free joint "{joint.name}" of "{root.name}": body.fixed_base fixes the base')
             left_out += delete_joint(spec, joint)
+    return left_out
+
+
+def leave_out_geoms(spec: mujoco.MjSpec, path: Path, names: Sequence[str]) -> list[str]:
+    """Delete the geoms `names` of `body.leave_out`; list what goes with them, one a line.
+
+    Raises:
+        ModelError: the model has no such geom.
+    """
+    left_out = []
+    for name in names:
+        geom = spec.geom(name)
+        if geom is None:
+            known = [each.name for each in spec.geoms if each.name]
+            hint = f"{did_you_mean(name, known)}its geoms with a name are {', '.join(known) or 'none'}"
+            raise ModelError(f'body.leave_out: {path} has no geom "{name}"; {hint}')
+        left_out.append(f'geom "{name}": named in body.leave_out')
+        left_out += delete_geom(spec, geom)
     return left_out
 
 

@@ -30,10 +30,12 @@ from skinnet.skin.lattice import pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch
 from skinnet.suggestions import known_names
 
-__all__ = ["Covering", "check_covers", "cover_links"]
+__all__ = ["Covering", "check_covers", "cover_links", "why_no_cell"]
 
 Floats = NDArray[np.float64]
 
+_NOT_FELT = "no geom of it can be felt (contype and conaffinity are 0, or it has none)"
+_ALL_REACHED = "other links reach all of the surface asked for; clearance = false covers it all the same"
 _LARGEST_PITCH_FRACTION = 1.1
 """Greatest pitch as a fraction of the cell's own: beyond, wires do not reach the neighbours."""
 
@@ -224,7 +226,7 @@ def _cover_link(
 ) -> tuple[LinkGround, Floats, Floats] | str:
     """Surface of a link with the positions and rotations of its cells, or why there are none."""
     if not felt_geoms(mj, link.members):
-        return "no geom of it can be felt (contype and conaffinity are 0, or it has none)"
+        return _NOT_FELT
     ground = prepare_ground(mj, link, body, cover, size)
     if layout is not None:
         return ground, *cells_of_layout(layout, size.side_m)
@@ -234,7 +236,7 @@ def _cover_link(
         )
         return f"the region holds none of its surface, which reaches from {low_m} to {high_m} m"
     if not ground.ground.asked.any():
-        return "other links reach all of the surface asked for; clearance = false covers it all the same"
+        return _ALL_REACHED
     made = cover_ground(ground, *fixed, cover.max_cells)
     if len(made.position_m):
         return ground, made.position_m, made.R_body_cell
@@ -245,6 +247,19 @@ def _cover_link(
         else f"one of {1e3 * least_m:.1f} mm does (cells.side_m)"
     )
     return f"no cell of side {1e3 * size.side_m:g} mm fits on the surface asked for; {hint}"
+
+
+def why_no_cell(mj: Model, link: Link, body: str, cover: CoverSpec, side_m: float, foam_m: float) -> str:
+    """Why a link takes no cell of a side [m] on foam of a thickness [m]; empty if it takes one."""
+    if not felt_geoms(mj, link.members):
+        return _NOT_FELT
+    size = CellSize(side_m, cover.pitch_m or pitch_m(side_m), foam_m)
+    ground = prepare_ground(mj, link, body, cover, size)
+    if not ground.ground.asked.any():
+        return _ALL_REACHED
+    if len(cover_ground(ground, np.zeros((0, 3)), np.zeros((0, 3, 3)), 1).position_m):
+        return ""
+    return f"no cell of side {1e3 * side_m:g} mm fits"
 
 
 def _link_metrics(

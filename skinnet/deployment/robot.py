@@ -118,6 +118,9 @@ class BodySpec(Table, frozen=True, kw_only=True):
     key says rad."""
     locked: tuple[str, ...] = ()
     """Joints fixed at the zero position of the model."""
+    leave_out: tuple[str, ...] = ()
+    """Geoms of the model, by name, that are not simulated: deleted with all that refers to them. Skin does
+    not feel height fields and signed distance fields: such geoms have to be named here, or be visual."""
     fixed_base: bool = False
     """Fix the base where the file draws it: the free joint of the robot's root is left out. Keyframes do not
     move it."""

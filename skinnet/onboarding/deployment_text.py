@@ -1,25 +1,25 @@
 """Text of a new deployment: TOML in which every choice stands with its reason."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
 from skinnet.body.joint_motion import close_equalities, felt_inertia, joint_motion
+from skinnet.body.servo_response import MAX_SAG_PUSHED
 from skinnet.migration.deployments import FORMAT
 from skinnet.onboarding.home_pose import HomePose
 from skinnet.onboarding.joint_roles import Role
 from skinnet.onboarding.program import Template, program_lines, program_time_s
 from skinnet.onboarding.robot_survey import WORLD, RobotSurvey
-from skinnet.onboarding.skin_choice import SIDE_M, SkinChoice
+from skinnet.onboarding.servo_choice import DAMPING, FREQUENCY_HZ
+from skinnet.onboarding.skin_choice import SIDE_M, SkinChoice, foam_under
 from skinnet.onboarding.touch_choice import TouchedCell
 from skinnet.toml_values import plain_line, toml_comment, toml_key, toml_value
 
 __all__ = ["DeploymentPlan", "deployment_text"]
 
-_FREQUENCY_HZ, _DAMPING = 12.0, 0.8
-"""Servo that follows the sine of 4 Hz of the map with room to spare (assumed)."""
 _TIME_MARGIN = 1.5
 
 
@@ -39,6 +39,7 @@ class DeploymentPlan:
         cells: Number of cells by body, if it is known.
         touches: Cells that the teacher touches.
         arms: Cells of both arms, for a grasp.
+        frequency_hz: Frequencies of servos that differ from the usual one, by joint.
     """
 
     name: str
@@ -52,6 +53,7 @@ class DeploymentPlan:
     cells: dict[str, int]
     touches: tuple[TouchedCell, ...] = ()
     arms: tuple[tuple[str, ...], ...] = ()
+    frequency_hz: dict[str, float] = field(default_factory=dict)
 
 
 def deployment_text(plan: DeploymentPlan) -> str:
@@ -61,7 +63,7 @@ def deployment_text(plan: DeploymentPlan) -> str:
         *_model_lines(plan.survey),
         *_body_lines(plan),
         *_home_lines(plan),
-        *_servo_lines(plan.survey),
+        *_servo_lines(plan),
         *_skin_lines(plan),
         "",
         *program_lines(plan.template, plan.touches, plan.arms),
@@ -126,6 +128,10 @@ def _body_lines(plan: DeploymentPlan) -> list[str]:
             "The base floats in the model and would fall: it is held where the file draws it."
         )
         lines.append("fixed_base = true")
+    if survey.unfelt:
+        kinds = " and ".join(f"{kind}s" for kind in dict.fromkeys(survey.unfelt.values()))
+        lines += toml_comment(f"Skin does not feel {kinds}: these geoms are not part of the simulation.")
+        lines.append(f"leave_out = {toml_value(list(survey.unfelt))}")
     lines += ["joints = ["]
     inertia = _inertia_at_home(survey, plan.home)
     for joint in survey.joints(Role.CONTROLLED):
@@ -162,7 +168,7 @@ def _inertia_at_home(survey: RobotSurvey, home: HomePose) -> dict[int, float]:
     close_equalities(mj, qpos, dof)
     data.qpos[:] = qpos
     mujoco.mj_fwdPosition(mj, data)
-    inertia = felt_inertia(mj, data, joint_motion(mj, data, dof))
+    inertia = felt_inertia(mj, data, joint_motion(mj, qpos, dof))
     return dict(zip(joints.tolist(), inertia.tolist(), strict=True))
 
 
@@ -201,13 +207,24 @@ def _skin_beyond(plan: DeploymentPlan, joint: int) -> bool:
     return any(joint in plan.survey.joints_above(body) for body in covered)
 
 
-def _servo_lines(survey: RobotSurvey) -> list[str]:
+def _servo_lines(plan: DeploymentPlan) -> list[str]:
     lines = toml_comment(
-        f"Servos of {_FREQUENCY_HZ:g} Hz from the inertia of each joint at home, armature included, with "
+        f"Servos of {FREQUENCY_HZ:g} Hz from the inertia of each joint at home, armature included, with "
         "gravity compensated: three times the sine of 4 Hz that explores the map."
     )
-    lines += ["[body.servo]", f"frequency_hz = {_FREQUENCY_HZ}", f"damping = {_DAMPING}"]
-    return [*lines, ""]
+    lines += ["[body.servo]", f"frequency_hz = {FREQUENCY_HZ}", f"damping = {DAMPING}", ""]
+    if plan.frequency_hz:
+        lines += toml_comment(
+            f"10 N on these light links would turn them by more than {1e3 * MAX_SAG_PUSHED:g} mrad (mm): "
+            "their servos are stiffer, as far as the time step allows."
+        )
+        lines.append("[body.joint_servos]")
+        lines += [
+            f"{toml_key(joint)} = {{ frequency_hz = {frequency_hz} }}"
+            for joint, frequency_hz in plan.frequency_hz.items()
+        ]
+        lines.append("")
+    return lines
 
 
 def _skin_lines(plan: DeploymentPlan) -> list[str]:
@@ -218,10 +235,14 @@ def _skin_lines(plan: DeploymentPlan) -> list[str]:
     )
     if skin.side_m != SIDE_M:
         lines += toml_comment(
-            f"Cells are smaller than HEX-o-SKIN ({1e3 * SIDE_M:g} mm): those fit on less than half of "
-            "the links."
+            f"Cells are smaller than HEX-o-SKIN ({1e3 * SIDE_M:g} mm): those suit less than half of "
+            "the links. The foam is as much thinner, of the same material."
         )
+        foam = foam_under(skin.side_m)
         lines += ["[cells]", f"side_m = {skin.side_m}", ""]
+        lines += ["[body.foam]", f"thickness_m = {foam.thickness_m}"]
+        lines += [f"stiffness_pa_per_m = {foam.stiffness_pa_per_m}"]
+        lines += [f"damping_pa_s_per_m = {foam.damping_pa_s_per_m}", ""]
     lines += ["[[cover]]", 'name = "skin"', "body = ["]
     for body in skin.bodies:
         count = f"  # {plan.cells[body]} cells" if body in plan.cells else ""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from skinnet.body.model import load_model
 from skinnet.covering.covered_deployment import Covering, cover_deployment, with_covering
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
@@ -17,6 +18,7 @@ from skinnet.onboarding.deployment_text import DeploymentPlan, deployment_text
 from skinnet.onboarding.home_pose import find_home
 from skinnet.onboarding.program import Template
 from skinnet.onboarding.robot_survey import RobotSurvey, survey_robot
+from skinnet.onboarding.servo_choice import choose_frequencies
 from skinnet.onboarding.skin_choice import SIDE_M, SkinChoice, choose_skin
 from skinnet.onboarding.touch_choice import choose_touches
 from skinnet.run.prepare import validate
@@ -73,6 +75,8 @@ def onboard(
     )
     skin = choose_skin(survey, base_dir, _deployment(draft, out))
     plan = replace(draft, skin=skin)
+    body = load_model(_deployment(plan, out), base_dir, with_environment=False)
+    plan = replace(plan, frequency_hz=choose_frequencies(body))
     deployment = _deployment(plan, out)
     covering = cover_deployment(deployment, base_dir)
     plan = replace(plan, cells=_cells_by_body(survey, skin, covering))

@@ -69,6 +69,7 @@ class PoseJudge:
         self._survey = survey
         mj = self._mj = copy.copy(survey.mj)
         mj.geom_margin[:] = _CLEARANCE_M
+        mj.pair_margin[:] = _CLEARANCE_M
         self._data = mujoco.MjData(mj)
         self.joint_id = np.array(survey.joints(Role.CONTROLLED), dtype=np.int64)
         self.qpos_address = mj.jnt_qposadr[self.joint_id]

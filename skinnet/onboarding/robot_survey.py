@@ -6,7 +6,7 @@ from pathlib import Path
 
 import mujoco
 
-from skinnet.body.model_file import compile_spec, parse_model, read_model
+from skinnet.body.model_file import UNFELT_GEOMS, compile_spec, leave_out_geoms, parse_model, read_model
 from skinnet.body.package_files import package_folders
 from skinnet.covering.felt_solids import felt_geoms, link_of_body
 from skinnet.errors import ModelError
@@ -47,6 +47,7 @@ class RobotSurvey:
         reference_reason: Why it is the reference.
         has_free_base: True if a free joint carries the robot.
         links: Links of the robot, in the order of the model.
+        unfelt: Kinds of geoms that skin does not feel, by name; the survey is of the model without them.
     """
 
     path: Path
@@ -58,6 +59,7 @@ class RobotSurvey:
     reference_reason: str
     has_free_base: bool
     links: tuple[SkinLink, ...]
+    unfelt: dict[str, str]
 
     def joints(self, *roles: Role) -> list[int]:
         """Ids of the joints with one of `roles`, in the order of the model."""
@@ -97,7 +99,7 @@ def survey_robot(path: Path, package_paths: Sequence[Path]) -> RobotSurvey:
     _require_file(path)
     parsed = parse_model(path)
     folders = package_folders(parsed, path, package_paths)
-    mj = _compile(path, package_paths)
+    mj, unfelt = _compile(path, package_paths)
     roles = tuple(joint_roles(mj))
     controlled = [role.joint_id for role in roles if role.role is Role.CONTROLLED]
     if not controlled:
@@ -119,6 +121,7 @@ def survey_robot(path: Path, package_paths: Sequence[Path]) -> RobotSurvey:
         reference_reason=reason,
         has_free_base=any(role.role is Role.FREE for role in roles),
         links=links,
+        unfelt=unfelt,
     )
 
 
@@ -129,10 +132,17 @@ def _require_file(path: Path) -> None:
         raise ModelError(f"{path}: there is no such file; give an MJCF (.xml) or URDF (.urdf) file")
 
 
-def _compile(path: Path, package_paths: Sequence[Path]) -> mujoco.MjModel:
+def _compile(path: Path, package_paths: Sequence[Path]) -> tuple[mujoco.MjModel, dict[str, str]]:
+    """Compile a model without the geoms that skin does not feel, and list those."""
     spec = read_model(path, package_paths)
+    unfelt = {
+        geom.name: UNFELT_GEOMS[geom.type]
+        for geom in spec.geoms
+        if geom.type in UNFELT_GEOMS and (geom.contype or geom.conaffinity)
+    }
+    leave_out_geoms(spec, path, list(unfelt))
     try:
-        return compile_spec(spec, path)
+        return compile_spec(spec, path), unfelt
     except ModelError as error:
         if "mass and inertia of moving bodies" in str(error):
             raise ModelError(

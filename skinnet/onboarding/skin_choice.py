@@ -1,24 +1,31 @@
-"""Choice of the skin: which links take cells, and of what size."""
+"""Choice of the skin: which links take cells, of what size, on what foam."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
+import mujoco
+import numpy as np
 
-from skinnet.covering.covered_deployment import cover_deployment
+from skinnet.body.model import load_model
+from skinnet.covering.covered_links import why_no_cell
+from skinnet.covering.felt_solids import Link, felt_geoms, link_of_body
 from skinnet.deployment import Deployment
+from skinnet.deployment.robot import FoamSpec
 from skinnet.deployment.skin.covers import CoverSpec
-from skinnet.errors import DeploymentError, ModelError
-from skinnet.onboarding.robot_survey import RobotSurvey, SkinLink
+from skinnet.errors import ModelError
+from skinnet.onboarding.robot_survey import RobotSurvey
+from skinnet.skin.lattice import pitch_m
 
-__all__ = ["SIDE_M", "SkinChoice", "choose_skin"]
+__all__ = ["SIDE_M", "SkinChoice", "choose_skin", "foam_under"]
 
 SIDE_M = 0.014
 """Side of a HEX-o-SKIN cell [m]."""
 _SMALLER = 0.7
 _SMALLEST_M = 0.0045
 _ENOUGH = 0.5
-"""Fraction of the links that cells of the usual size should fit on (assumed)."""
+"""Fraction of the links that cells should fit on and suit (assumed)."""
+_WIDEST = 1.2
+"""Width of a cell that still suits a link, as a fraction of that of the link (assumed)."""
 _MAX_CELLS = 60
 """Greatest number of smaller cells on a link: a palm would take a thousand (assumed)."""
 
@@ -40,8 +47,23 @@ class SkinChoice:
     left_out: dict[str, str]
 
 
+def foam_under(side_m: float) -> FoamSpec:
+    """Foam under cells of a side [m]: the usual material, as much thinner as they are smaller (assumed).
+
+    The pressure of a foundation is that of its strain, so a thinner one is stiffer per indentation.
+    """
+    usual, ratio = FoamSpec(), side_m / SIDE_M
+    return FoamSpec(
+        thickness_m=round(ratio * usual.thickness_m, 5),
+        stiffness_pa_per_m=float(f"{usual.stiffness_pa_per_m / ratio:.3g}"),
+        damping_pa_s_per_m=float(f"{usual.damping_pa_s_per_m / ratio:.3g}"),
+    )
+
+
 def choose_skin(survey: RobotSurvey, base_dir: Path, deployment: Deployment) -> SkinChoice:
-    """Try one cell on each link, and smaller ones if those of the usual size fit on less than half of them.
+    """Try one cell on each link, and smaller ones if those of the usual size suit less than half of them.
+
+    A cell may fit on a link that is much narrower, such as a finger; but there it would be in the way.
 
     Args:
         survey: The robot.
@@ -51,46 +73,35 @@ def choose_skin(survey: RobotSurvey, base_dir: Path, deployment: Deployment) -> 
     Raises:
         ModelError: no link takes a cell.
     """
+    mj = load_model(deployment, base_dir, with_environment=False).mj
     candidates = [link for link in survey.links if not link.left_out]
-    side_m, best, why = SIDE_M, SkinChoice(SIDE_M, None, (), {}), ""
+    links = {link.body: link_of_body(mj, mj.body(link.body).id) for link in candidates}
+    cover = CoverSpec(name="skin", body="*", max_cells=1)
+    width_m = {body: _width_m(mj, link) for body, link in links.items()}
+    side_m, best, why = SIDE_M, SkinChoice(SIDE_M, None, (), {}), dict.fromkeys(links, "")
+    most = (0, 0)
     while side_m >= _SMALLEST_M:
-        try:
-            found = _try_links(survey, candidates, base_dir, _with_one_cell_each(deployment, side_m))
-        except DeploymentError as error:
-            found, why = {link.body: str(error) for link in candidates}, str(error)
-        took = tuple(link.body for link in candidates if link.body not in found)
-        if len(took) > len(best.bodies):
-            best = SkinChoice(side_m, None if side_m == SIDE_M else _MAX_CELLS, took, found)
-        if len(took) >= _ENOUGH * len(candidates):
+        foam_m = foam_under(side_m).thickness_m
+        for body, link in links.items():
+            if body not in best.bodies:  # what takes a cell takes smaller ones
+                why[body] = why_no_cell(mj, link, body, cover, side_m, foam_m)
+        took = tuple(body for body, reason in why.items() if not reason)
+        suits = [body for body in took if pitch_m(side_m) <= _WIDEST * width_m[body]]
+        if (len(suits), len(took)) > most:
+            most = (len(suits), len(took))
+            left_out = {body: reason for body, reason in why.items() if reason}
+            best = SkinChoice(side_m, None if side_m == SIDE_M else _MAX_CELLS, took, left_out)
+        if len(suits) >= _ENOUGH * len(candidates):
             break
         side_m = round(_SMALLER * side_m, 4)
     if not best.bodies:
-        raise ModelError(f"{survey.path}: no link takes a cell: {why}")
+        raise ModelError(f"{survey.path}: no link takes a cell: {next(iter(why.values()))}")
     left_out = best.left_out | {link.body: link.left_out for link in survey.links if link.left_out}
     ordered = {link.body: left_out[link.body] for link in survey.links if link.body in left_out}
     return SkinChoice(best.side_m, best.max_cells, best.bodies, ordered)
 
 
-def _with_one_cell_each(deployment: Deployment, side_m: float) -> Deployment:
-    """Deployment that asks for one cell of a side [m] on every body."""
-    cells = msgspec.structs.replace(deployment.cells, side_m=side_m)
-    cover = CoverSpec(name="skin", body="*", max_cells=1)
-    return msgspec.structs.replace(deployment, cells=cells, cover=(cover,))
-
-
-def _try_links(
-    survey: RobotSurvey, candidates: list[SkinLink], base_dir: Path, deployment: Deployment
-) -> dict[str, str]:
-    """Links without a cell, with the reason."""
-    covering = cover_deployment(deployment, base_dir)
-    took = {survey.mj.body(link["body"]).id for link in covering.links}
-    reasons = {}
-    for line in covering.bare:
-        body, _, reason = line.partition(": ")[2].partition(": ")
-        reasons[body] = reason
-    without = {}
-    for link in candidates:
-        if took.isdisjoint(link.members):
-            names = [survey.mj.body(member).name for member in link.members]
-            without[link.body] = next((reasons[name] for name in names if name in reasons), "no cell fits")
-    return without
+def _width_m(mj: mujoco.MjModel, link: Link) -> float:
+    """Width [m] of a link: that of its widest felt geom, across its length and on its broader side."""
+    sides_m = np.sort(2.0 * mj.geom_aabb[felt_geoms(mj, link.members), 3:], axis=1)
+    return float(sides_m[:, 1].max())

@@ -34,6 +34,20 @@ _FREE_BASE = """
     <geom type="capsule" size=".03" fromto="0 0 -.05 0 0 -.2" mass=".6"/></body>
 </body>
 """
+_FINGER = """
+<body name="palm"><geom type="box" size=".03 .03 .02" mass=".5"/>
+  <body name="finger" pos="0 0 .03"><joint name="bend" axis="0 1 0" range="-1 1" armature=".0004"/>
+    <geom type="capsule" size=".008" fromto="0 0 .02 0 0 .06" mass=".02"/>
+    <body name="tip" pos="0 0 .08"><joint name="curl" axis="0 1 0" range="-1 1" armature=".0004"/>
+      <geom type="capsule" size=".008" fromto="0 0 .02 0 0 .05" mass=".01"/></body>
+  </body>
+</body>
+"""
+_TERRAIN = """
+<geom type="hfield" hfield="hills" pos="0 0 -.3"/>
+<geom name="marker" type="hfield" hfield="hills" pos="0 0 -.3" contype="0" conaffinity="0"/>
+"""
+_HILLS = '<asset><hfield name="hills" nrow="4" ncol="4" size="1 1 .1 .1"/></asset>'
 _CLASSES = """
 <default>
   <joint damping="1" armature=".01" range="-1 1"/>
@@ -98,6 +112,8 @@ TRAITS = {
     .replace('"elbow"', '"&quot;elbow&quot; é # 1"'),
     "slide_joint": _model("rail", _RAIL),
     "wheels": _model("cart", _CART),
+    "light_links": _model("finger", _FINGER),
+    "terrain": _model("walker", _FREE_BASE + _TERRAIN, _HILLS),
     "keyframe": _model(
         "keyed",
         _PLAIN_ARM,

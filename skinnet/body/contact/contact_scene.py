@@ -109,8 +109,8 @@ def build_contact_scene(
     for index in np.flatnonzero(felt.any(axis=0) & ~supported):
         kind = mujoco.mjtGeom(mj.geom_type[index]).name.removeprefix("mjGEOM_").lower()
         raise ModelError(
-            f"{geom_label(mj, int(index))} is of type {kind}, which skin contact does not support; make it "
-            "visual (contype and conaffinity 0) or use primitives or a mesh"
+            f"{geom_label(mj, int(index))} is of type {kind}, which skin contact does not support; name it "
+            "in body.leave_out, make it visual (contype and conaffinity 0) or use primitives or a mesh"
         )
     geom = np.flatnonzero((collidable | felt.any(axis=0)) & supported).astype(np.int64)
     meshes = geom[mj.geom_type[geom] == geometry.MESH]

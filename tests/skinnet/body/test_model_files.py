@@ -198,17 +198,37 @@ REFERRERS = {
          'sensor "l"', 'equality "tie"'],
         {"nsensor": 0, "neq": 1, "ntendon": 1, "njnt": 2},
     ),
+    "geom left out": (
+        '<contact><pair name="grip" geom1="peg" geom2="stone"/></contact>'
+        '<tendon><spatial name="rope"><site site="a"/><geom geom="peg"/><site site="b"/></spatial></tendon>'
+        '<sensor><user name="u" objtype="geom" objname="peg" dim="1" needstage="pos" datatype="real"/>'
+        '<tendonpos name="l" tendon="rope"/></sensor>'
+        '<custom><tuple name="group"><element objtype="geom" objname="peg"/></tuple></custom>',
+        ['geom "peg"', 'contact pair "grip"', 'tendon "rope"', 'sensor "u"', 'sensor "l"', 'tuple "group"'],
+        {"npair": 0, "ntendon": 0, "nsensor": 0, "ntuple": 0, "ngeom": 6},
+    ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFERRERS)
 def test_what_refers_to_a_dropped_element_is_left_out_and_listed(tmp_path, case):
     tail, expected, counts = REFERRERS[case]
-    model = model_of(tmp_path, tail=tail, locked=("third",) if case == "locked joint" else ())
+    locked = ("third",) if case == "locked joint" else ()
+    more, leave_out = "", ()
+    if case == "geom left out":
+        more = '<site name="a" pos="1 0 0"/><site name="b" pos="1 1 0"/><geom name="stone" size="0.1"/>'
+        more += '<geom name="peg" type="cylinder" size="0.1 0.1" pos="1 0.5 0"/>'
+        leave_out = ("peg",)
+    model = model_of(tmp_path, tail=tail, more=more, locked=locked, leave_out=leave_out)
     assert {name: int(getattr(model.mj, name)) for name in counts} == counts
     heads = [line.split(":")[0].split(" (line")[0] for line in model.left_out]
     assert sorted(heads) == sorted(expected)
     assert all("\n" not in line and ": " in line for line in model.left_out)
+
+
+def test_a_geom_to_leave_out_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ModelError, match=r'body.leave_out: .*no geom "hill"; .*its geoms with a name are'):
+        model_of(tmp_path, more='<geom name="hills" size="0.1"/>', leave_out=("hill",))
 
 
 def test_a_model_that_loses_nothing_lists_nothing(tmp_path):

@@ -7,7 +7,10 @@ import pytest
 from onboarding_models import TRAITS, write_package, write_trait, write_two_arms
 from rich.console import Console
 
+from skinnet.body.model import load_model
+from skinnet.body.servo_response import servo_response
 from skinnet.deployment import load
+from skinnet.deployment.robot import FoamSpec
 from skinnet.errors import ModelError, UsageError
 from skinnet.onboarding.onboard import onboard
 from skinnet.onboarding.program import Template
@@ -25,6 +28,8 @@ JOINTS = {
     "names_to_quote": ("shoulder", '"elbow" é # 1'),
     "slide_joint": ("lift", "tilt"),
     "wheels": ("tilt",),
+    "light_links": ("bend", "curl"),
+    "terrain": ("hip",),
     "keyframe": ("shoulder", "elbow"),
 }
 
@@ -64,6 +69,27 @@ def test_a_free_base_is_held_and_a_driving_one_locked(tmp_path: Path) -> None:
     assert not cart.body.fixed_base
     assert cart.body.locked == ("drive_x", "drive_yaw")
     assert {patch.body for patch in cart.patches} == {"cart", "arm"}  # neither the wheel nor the ball
+
+
+def test_light_links_have_stiffer_servos_and_thinner_foam(tmp_path: Path) -> None:
+    run = made(write_trait(tmp_path, "light_links"))
+    body, usual = run.deployment.body, FoamSpec()
+    ratio = run.deployment.cells.side_m / 0.014
+    assert ratio < 1.0
+    assert body.foam.thickness_m == pytest.approx(ratio * usual.thickness_m, rel=0.01)
+    material_pa = usual.thickness_m * usual.stiffness_pa_per_m
+    assert body.foam.thickness_m * body.foam.stiffness_pa_per_m == pytest.approx(material_pa, rel=0.02)
+    assert all(spec.frequency_hz > 12.0 for spec in body.joint_servos.values())
+    model = load_model(run.deployment, tmp_path / "new")
+    deflection_rad = servo_response(model, is_compensated=True).sag_pushed_rad
+    assert (deflection_rad[[joint in body.joint_servos for joint in body.joints]] < 0.02).all()
+    assert body.joint_servos
+
+
+def test_terrain_that_skin_does_not_feel_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    model = write_trait(tmp_path, "terrain")
+    assert made(model).deployment.body.leave_out == ("geom1",)  # the other one is visual
+    assert "does not feel height fields" in (tmp_path / "new" / "robot.toml").read_text()
 
 
 def test_meshes_of_a_package_are_found_from_where_the_model_lies(tmp_path: Path) -> None:
