@@ -187,7 +187,7 @@ def _reached_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> B
     reached = np.zeros(n * len(points), dtype=np.bool_)
     for neighbour, poses in of.neighbours:
         mark_reached(place_m.reshape(-1, 3), normal, neighbour, poses, of.limits.foam_m, reached)
-    return reached.reshape(n, len(points)).any(axis=1)
+    return np.asarray(reached.reshape(n, len(points)).any(axis=1))
 
 
 def largest_side_m(mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize) -> float | None:

@@ -85,6 +85,7 @@ def touch_facts(**changes: Any) -> dict[str, Any]:
         "peak_force_n": 1.1,
         "mean_hold_force_n": 1.0,
         "mean_felt_force_n": 1.0,
+        "mean_gauge_force_n": 1.0,
         "evaded_m": 0.02,
         "depth_controlled": False,
         "onset_gap_m": None,

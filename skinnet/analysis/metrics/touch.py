@@ -148,18 +148,19 @@ def force_metrics(deployment: Deployment, body: ProcessResult) -> dict[str, Any]
     """Peak force of the touches that follow a path, and what the skin feels of a force that is held.
 
     Touches under force control set their own peak. The felt error is that of the sum over all cells against
-    the force on the finger, as a fraction, in the hold phases of touches of cells as a whole.
+    the force of the finger along its line of approach, as a fraction, in the hold phases of touches of cells
+    as a whole.
     """
     touches, specs = body.facts["touches"], deployment.teacher.touches
     pushed = [touch["peak_force_n"] for touch in touches if touch["depth_controlled"]]
     metrics = {"contact.peak_force_n": max(pushed)} if pushed else {}
     errors = [
-        abs(touch["mean_felt_force_n"] / touch["mean_hold_force_n"] - 1.0)
+        abs(touch["mean_felt_force_n"] / touch["mean_gauge_force_n"] - 1.0)
         for touch in touches
         if touch["hold_ns"] is not None
         and not touch["depth_controlled"]
         and specs[touch["touch"]].force_cell is None
-        and touch["mean_hold_force_n"] > 0.0
+        and touch["mean_gauge_force_n"] > 0.0
     ]
     if errors:
         metrics["contact.felt_error.p50"] = float(np.median(errors))

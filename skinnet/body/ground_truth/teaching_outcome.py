@@ -46,6 +46,8 @@ class TouchGroundTruth:
         mean_hold_force_n: Mean force on the target in the hold phase [N]; NaN without one.
         mean_felt_force_n: Mean of the sum of normal forces on all force cells of the skin in the hold phase,
             beyond that before the contact [N]; NaN without one.
+        mean_gauge_force_n: Mean force of the finger along its line of approach, as a force gauge in it would
+            measure, in the hold phase [N]; NaN without one.
         evaded_m: Way of the cell along its inward normal at the contact, from the contact to the end of the
             hold phase [m]; None without contact.
         impulse_n_s: Impulse: time integral of the normal force on the finger [N s].
@@ -65,6 +67,7 @@ class TouchGroundTruth:
     target_peak_force_n: float = 0.0
     mean_hold_force_n: float = math.nan
     mean_felt_force_n: float = math.nan
+    mean_gauge_force_n: float = math.nan
     evaded_m: float | None = None
     impulse_n_s: float = 0.0
     depth_controlled: bool = False
@@ -83,13 +86,14 @@ class TouchGroundTruth:
         self.target_peak_force_n = max(self.target_peak_force_n, target_force_n)
         self.impulse_n_s += finger_n * step_s
 
-    def record_hold(self, target_force_n: float, felt_force_n: float) -> None:
-        """Record one physics step of the hold phase: forces on the target, and on all cells [N]."""
+    def record_hold(self, target_force_n: float, felt_force_n: float, gauge_force_n: float) -> None:
+        """Record a physics step of the hold phase: forces on the target, on all cells, of the finger [N]."""
         if self._held_steps == 0:
-            self.mean_hold_force_n = self.mean_felt_force_n = 0.0
+            self.mean_hold_force_n = self.mean_felt_force_n = self.mean_gauge_force_n = 0.0
         self._held_steps += 1
         self.mean_hold_force_n += (target_force_n - self.mean_hold_force_n) / self._held_steps
         self.mean_felt_force_n += (felt_force_n - self.mean_felt_force_n) / self._held_steps
+        self.mean_gauge_force_n += (gauge_force_n - self.mean_gauge_force_n) / self._held_steps
 
 
 @dataclass

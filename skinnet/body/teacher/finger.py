@@ -126,6 +126,10 @@ class Finger:
         to_tip_m = self._data.mocap_pos[self._mocap] - line.point_m
         return dot(to_tip_m, line.normal) - self.tip_radius_m
 
+    def force_along_n(self, line: ApproachLine) -> float:
+        """Force [N] of foam and friction on the finger along its line of approach, outwards."""
+        return dot(self._data.xfrc_applied[self._body, :3], line.normal)
+
     def force_n(self) -> float:
         """Normal force [N] on the finger: foam, and rigid contact once the foam is fully compressed."""
         data, wrench, shell_n = self._data, np.zeros(6), 0.0

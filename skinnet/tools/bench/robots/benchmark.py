@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +38,11 @@ def run_benchmark(
     for number, robot in enumerate(robots, start=1):
         file = out / robot.name / _REPORT
         if again or not file.exists():
-            said = f"{robot.name} ({number} of {len(robots)})"
-            report = run_trial(
-                robot, models, file.parent, options, lambda step, said=said: progress(f"{said}: {step}")
-            )
-            write_json(file, report)
+            named = partial(_named, progress, f"{robot.name} ({number} of {len(robots)})")
+            write_json(file, run_trial(robot, models, file.parent, options, named))
         reports[robot.name] = json.loads(file.read_text(encoding="utf-8"))
     return reports
+
+
+def _named(progress: Callable[[str], None], robot: str, step: str) -> None:
+    progress(f"{robot}: {step}")

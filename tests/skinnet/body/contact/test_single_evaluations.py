@@ -16,15 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from skinnet.body.contact.compliant_layer import CompliantLayer
 from skinnet.body.contact.contact_scene import build_contact_scene, may_intersect_sphere
-from skinnet.body.contact.foam_response import (
-    PairResponse,
-    add_pairs,
-    add_response,
-    elastic_energy_j,
-    no_pairs,
-)
+from skinnet.body.contact.foam_response import add_pairs, add_response, elastic_energy_j
 from skinnet.body.contact.implicit_step import ImplicitContact
 from skinnet.body.contact.loaded_points import LoadedPoints
+from skinnet.body.contact.pair_response import PairResponse, no_pairs
 from skinnet.body.contact.skin_foundation import Foundation
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment.robot import FoamSpec
@@ -199,7 +194,9 @@ def test_forces_are_those_of_the_law_at_every_point(
                 slid, stuck = slid + bool(length_m > held_m), stuck + bool(length_m <= held_m)
                 taxel_n[p.cell, p.taxel] += normal_n
             assert contact.force_n == pytest.approx(taxel_n, rel=1e-9, abs=1e-12)
-            assert contact.shear_m[:2].reshape(54, 2) == pytest.approx(shear_m, rel=1e-9, abs=1e-15)
+            assert contact.shear_m[:2].transpose(0, 2, 1).reshape(54, 2) == pytest.approx(
+                shear_m, rel=1e-9, abs=1e-15
+            )
             on_tool, on_arm = scene.wrench(points, forces_n)
             assert scene.data.xfrc_applied[tool] == pytest.approx(on_tool, rel=1e-8, abs=1e-9)
             assert scene.data.xfrc_applied[scene.arm] == pytest.approx(on_arm, rel=1e-8, abs=1e-9)
@@ -256,11 +253,11 @@ def test_wrench_and_stiffness_of_a_pair(
         data_velocity[:] = 0.5  # so fast that what is 0.2 mm away is looked for
         scene.foundation.compute_contact(STEP_S)
         data_velocity[:] = 0.0
-        scene.foundation.contact.shear_m[:2] = random.normal(0.0, 1e-4, (2, 27, 2))
+        scene.foundation.contact.shear_m[:2] = random.normal(0.0, 1e-4, (2, 2, 27))
         twist = random.normal(0.0, 0.05, 6) * (1, 1, 1, 10, 10, 10)
         twist[:3] -= scene.data.xmat[scene.arm].reshape(3, 3)[:, 2] * (0.5 if depth_m < 0.0 else 0.0)
         pairs, points = response(scene, twist), scene.points()
-        shear_m = scene.foundation.contact.shear_m[:2].reshape(54, 2)
+        shear_m = scene.foundation.contact.shear_m[:2].transpose(0, 2, 1).reshape(54, 2)
         slope, expected = max(damping, STEP_S * K_PA_PER_M), np.zeros(6)
         for p, strain_m in zip(points, shear_m, strict=True):
             u = p.axes.T @ (twist[:3] + np.cross(twist[3:], p.place_m - pairs.origin_m))

@@ -81,6 +81,7 @@ def test_a_force_touch_holds_its_force_within_two_percent_on_an_arm_that_evades(
     (truth,) = body.teacher.outcome.touches
     assert truth.mean_hold_force_n == pytest.approx(force_n, rel=0.02)
     assert truth.mean_felt_force_n == pytest.approx(force_n, rel=0.02), "the whole tip is on cells"
+    assert truth.mean_gauge_force_n == pytest.approx(force_n, rel=0.02), "which are flat"
 
 
 @pytest.mark.parametrize("speed_rad_s", [0.1, -0.1])
