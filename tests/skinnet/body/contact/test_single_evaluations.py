@@ -202,6 +202,7 @@ def test_forces_are_those_of_the_law_at_every_point(
             assert contact.force_weighted_slip_n_m[tool] == pytest.approx(work_n_m, abs=1e-15)
             assert contact.contact_temperature_c[:2] == pytest.approx([31.0, 31.0])
             assert contact.in_contact.tolist() == [True, True, False]
+            assert scene.foundation.n_in_contact == 2
             assert np.isnan(contact.contact_temperature_c[2])
             energy_j = sum(
                 0.5 * K_PA_PER_M * share * p.area_m2 * (p.depth_m**2 + 0.5 * s @ s)
