@@ -40,6 +40,7 @@ _ONE = "single_evaluations"
 _TIP = "cell_loading::a_tip_reads_the_closed_form_wherever_it_presses[0.008-0.03]"
 _MOMENT = "cell_loading::the_moment_is_that_of_the_centre_of_pressure"
 _RAYS = "parallel_rays"
+_SPHERES = "broad_phase::the_sphere_of_a_patch_holds_its_cells_and_little_more"
 _THICKNESS = tuple(
     f"thin_links::rays_start_{how}"
     for how in ("before_the_far_face_of_a_link", "in_the_middle_of_a_thin_link")
@@ -73,18 +74,17 @@ SUBJECTS: dict[str, tuple[Mapping, ...]] = {
                 "contact_scene::gap_of_a_notch_between_long_triangles",
                 "contact_scene::gap_of_a_jagged_mesh_is_that_of_points_all_over_it",
                 "contact_scene::open_and_inward_meshes_are_known",
-                "contact_notices",
             ),
         ),
         Mapping(
-            _modules(_CONTACT, "collision_filter", "contact_margins", "contact_notices"),
+            _modules(_CONTACT, "collision_filter", "contact_margins"),
             _contact("contact_scene"),
-            _contact("collision_filter", "contact_notices"),
+            _contact("collision_filter"),
         ),
         Mapping(
             _modules(_CONTACT, "cell_loading", "parallel_rays", "sample_grid", "skin_surface"),
             _contact(*_STATICS),
-            _contact(_ONE, _RAYS, _TIP, _MOMENT, _ROUND_SHEET),
+            _contact(_ONE, _RAYS, _SPHERES, _TIP, _MOMENT, _ROUND_SHEET),
         ),
         Mapping(
             _modules(_CONTACT, "broad_phase", "cell_tree", "contact_scene", "link_thickness"),

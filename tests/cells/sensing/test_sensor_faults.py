@@ -295,6 +295,13 @@ def test_how_time_is_cut_changes_nothing_that_is_said(cuts_ns: list[int]) -> Non
     assert all(np.array_equal(a, b) for a, b in zip(whole, pieces, strict=True))
 
 
+def test_what_is_said_at_the_end_of_a_time_belongs_to_the_next() -> None:
+    whole = said(faults(BABBLE), 0, 10**9)
+    assert len(set(whole.t_ns.tolist())) == len(whole.t_ns) > 20
+    before = said(faults(BABBLE), 0, int(whole.t_ns[20]))
+    assert before.t_ns.tolist() == whole.t_ns[:20].tolist()
+
+
 def test_every_babbler_has_its_own_stream() -> None:
     events = said(faults(BABBLE | {"target": "arm"}), 0, 2 * 10**9)
     assert set(events.cell.tolist()) == set(range(6))

@@ -416,6 +416,22 @@ def test_a_moment_without_contact_is_no_loss_and_feedback_closes_the_gap() -> No
     assert arms.until(State.REPORT).stopped_by is None
 
 
+@pytest.mark.parametrize("same_id", [True, False], ids=["same id", "another id"])
+@pytest.mark.parametrize(
+    ("way_m", "is_matched"), [((0.03, 0.03), True), ((0.05, 0.0), False), ((0.0, -0.05), False)]
+)
+def test_a_contact_is_followed_as_far_as_it_may_move(
+    way_m: tuple[float, float], is_matched: bool, same_id: bool
+) -> None:
+    """By at most 43 mm in any direction, wherever it is on its sheet."""
+    start_m = (0.2, -0.3)
+    tracker = ContactTracker([Region("left", 1, start_m, 5.0, 9.0)], 0, 1.0, 0.043)
+    end_m = (start_m[0] + way_m[0], start_m[1] + way_m[1])
+    tracker.update(1, [Region("left", 1 if same_id else 2, end_m, 7.0, 9.0)])
+    assert tracker.force_n.tolist() == [7.0 if is_matched else 0.0]
+    assert tracker.xi_m[0] == pytest.approx(end_m if is_matched else start_m)
+
+
 def test_a_contact_is_followed_under_a_new_number_but_never_by_two() -> None:
     one, two = touch("a", 30.0, number=1), touch("a", 20.0, number=2)._replace(xi_m=(0.03, 0.0))
     following = ContactTracker([one, two], 0, 1.0, 0.043)

@@ -33,6 +33,12 @@ def test_an_object_that_was_not_carried_is_no_success(changes: dict[str, Any]) -
     assert grasped(grasp_body(**changes))["grasp.success"] is False
 
 
+def test_the_greatest_descent_still_counts() -> None:
+    stand = GRASP_DEPLOYMENT.stand
+    assert stand is not None
+    assert grasped(grasp_body(max_descent_m=stand.max_descent_m))["grasp.success"] is True
+
+
 @pytest.mark.parametrize("contacts", [(0, 11, 1), (12, 0, 1), (12, 11, 0)])
 def test_a_pull_needs_contacts_of_both_arms_and_the_chest(contacts: tuple[int, int, int]) -> None:
     metrics = grasped(grasp_body(), contacts=contacts)

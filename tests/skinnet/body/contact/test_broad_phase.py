@@ -123,6 +123,15 @@ def test_every_node_holds_its_cells():
         first += len(position_m)
 
 
+def test_the_sphere_of_a_patch_holds_its_cells_and_little_more(tmp_path):
+    surface = scene(tmp_path).surface
+    for p in range(2):
+        position_m = surface.position_m[slice(*surface.patch_start[p : p + 2])]
+        off_m = np.linalg.norm(position_m - surface.patch_centre_m[p], axis=1)
+        assert off_m.max() == pytest.approx(surface.patch_radius_m[p])
+        assert surface.patch_radius_m[p] <= 0.5 * np.linalg.norm(np.ptp(position_m, axis=0)) + 1e-12
+
+
 def least_s(functions, repeats: int = 30):
     """Least CPU time [s] of each of `functions`, taken in turn."""
     least = [np.inf] * len(functions)

@@ -202,11 +202,11 @@ def surface_points_m(corner_m, count, random):
     return np.einsum("sk,skx->sx", weight, corner_m[triangle])
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_gap_of_a_jagged_mesh_is_that_of_points_all_over_it(seed):
+@pytest.mark.parametrize(("seed", "subdivision"), [(0, 1), (1, 0)])
+def test_gap_of_a_jagged_mesh_is_that_of_points_all_over_it(seed, subdivision):
     """Against a cloud of points on hull and mesh, of an icosphere whose corners were moved in and out."""
     random, spec = np.random.default_rng(seed), mujoco.MjSpec()
-    spec.add_mesh(name="u").make_sphere(subdivision=1)
+    spec.add_mesh(name="u").make_sphere(subdivision=subdivision)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="u")
     ball = spec.compile()
     vertex = ball.mesh_vert * random.uniform(0.01, 0.1, size=(len(ball.mesh_vert), 1))
