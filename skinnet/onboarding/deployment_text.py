@@ -162,7 +162,7 @@ def _inertia_at_home(survey: RobotSurvey, home: HomePose) -> dict[int, float]:
     close_equalities(mj, qpos, dof)
     data.qpos[:] = qpos
     mujoco.mj_fwdPosition(mj, data)
-    inertia = felt_inertia(mj, data, joint_motion(mj, data, dof))
+    inertia = felt_inertia(mj, data, joint_motion(mj, qpos, dof))
     return dict(zip(joints.tolist(), inertia.tolist(), strict=True))
 
 
