@@ -12,11 +12,11 @@ from cells.formation.link_layer import LinkLayer
 from cells.formation.packets import ID_BITS, MAX_ID, FormationPacket, FormationPacketKind, OutgoingPackets
 from cells.formation.routing_forest import ForestNode, RoutingForest
 from skinnet.errors import DeploymentError
+from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS
 from skinnet.skin.lattice import N_PORTS
 
-__all__ = ["MAX_PORTS", "FormationPhase", "GatewayAgent"]
+__all__ = ["FormationPhase", "GatewayAgent"]
 
-MAX_PORTS = 16
 _PORT_PAIRS = range(0, N_PORTS, 2)
 """First port of each pair that one LINKS packet reports."""
 _EPOCH_MODULUS = 2**12
@@ -66,8 +66,8 @@ class GatewayAgent(FormationAgent):
         Raises:
             DeploymentError: `ports` is out of range.
         """
-        if not 1 <= ports <= MAX_PORTS:
-            raise DeploymentError(f"a gateway with {ports} ports: use 1 to {MAX_PORTS}, or split the patch")
+        if not 1 <= ports <= MAX_GATEWAY_PORTS:
+            raise DeploymentError(f"a gateway with {ports} ports: use 1 to {MAX_GATEWAY_PORTS}")
         super().__init__(LinkLayer(ports, retransmission_timeout_ns), epoch=0)
         self.phase = FormationPhase.IDLE
         self.forest = RoutingForest()

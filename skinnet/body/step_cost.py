@@ -33,7 +33,10 @@ class StepCost(NamedTuple):
 
 
 def measure_step_cost(body: BodySimulation, stimulus_period_ns: int) -> StepCost:
-    """Measure the cost of physics and stimulus in the present state; advances `body` by some steps."""
+    """Measure the CPU time of physics and stimulus in the present state; advances `body` by some steps.
+
+    CPU time, as other work on the computer takes time too.
+    """
     dynamics, mj, data = body.dynamics, body.model.mj, body.data
     step_ns = round(dynamics.step_s * NS_PER_S)
     sensing_s = []
@@ -58,6 +61,6 @@ def measure_step_cost(body: BodySimulation, stimulus_period_ns: int) -> StepCost
 
 
 def _duration_s(function: Callable[[], object]) -> float:
-    start_s = time.perf_counter()
+    start_s = time.process_time()
     function()
-    return time.perf_counter() - start_s
+    return time.process_time() - start_s

@@ -2,13 +2,14 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from skinnet.body.model import load_model
 from skinnet.covering.covered_links import Covering, check_covers, cover_links
 from skinnet.covering.covering_cache import covering_key, read_covering, write_covering
-from skinnet.covering.covering_gateways import with_gateways
+from skinnet.covering.covering_gateways import GatewayPlan, with_gateways
 from skinnet.covering.covering_metrics import network_metrics
 from skinnet.covering.felt_solids import model_bytes
 from skinnet.covering.measured_layouts import read_layout
@@ -78,11 +79,26 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
         made = msgspec.structs.replace(made, cpu_s=round(time.process_time() - start_s, 2))
         if cached:
             write_covering(key, made)
-    patches = with_gateways(made.patches, made.bridges, deployment)
-    links = tuple(
-        link | network_metrics(link["patches"], patches, made.bridges, deployment.cells)
-        for link in made.links
+    plan = with_gateways(made.patches, made.bridges, deployment)
+    links = tuple(_networked(link, plan, deployment) for link in made.links)
+    n_wires = sum(link["wires"] for link in links)
+    total = _with_wires(made.total, sum(link["wires"] for link in made.links), n_wires)
+    total |= {"components": len(plan.patches)}
+    total |= network_metrics(
+        [patch.name for patch in plan.patches], plan.patches, plan.bridges, deployment.cells
     )
-    network = network_metrics([patch.name for patch in patches], patches, made.bridges, deployment.cells)
-    total = made.total | {"components": len(patches)} | network
-    return msgspec.structs.replace(made, patches=patches, links=links, total=total)
+    return msgspec.structs.replace(made, patches=plan.patches, bridges=plan.bridges, links=links, total=total)
+
+
+def _networked(link: dict[str, Any], plan: GatewayPlan, deployment: Deployment) -> dict[str, Any]:
+    """Metrics of a link with those of its network, in which groups may be cut."""
+    own = [new for name in link["patches"] for new in plan.names[name]]
+    n_wires = sum(plan.wires[name] for name in own)
+    found = network_metrics(own, plan.patches, plan.bridges, deployment.cells)
+    row = _with_wires(link, link["wires"], n_wires)
+    return row | {"patches": own, "components": len(own), "wires": n_wires} | found
+
+
+def _with_wires(row: dict[str, Any], before: int, now: int) -> dict[str, Any]:
+    """Metrics with the share of wires that is left of `before`."""
+    return row if now == before else row | {"wired": round(row["wired"] * now / before, 4)}

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from skinnet.body.robot_tree import RobotTree, gravity_m_s2
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import Deployment
-from skinnet.diagnosis.finding import Finding, listed
+from skinnet.diagnosis.finding import Finding, Severity, listed
 
 __all__ = ["base_findings"]
 
@@ -94,11 +94,20 @@ def _axes_along_gravity(deployment: Deployment, body: BodySimulation) -> list[Fi
     findings = []
     if unseen:
         alone = f"{text}: the structure cannot see it"
-        findings.append(Finding("warning", "axis_along_gravity", listed(unseen), alone, mend))
+        severity: Severity = "warning"
+        if _is_mapped(deployment):
+            alone, severity = f"{alone}, but the accelerations of the map tell it", "remark"
+        findings.append(Finding(severity, "axis_along_gravity", listed(unseen), alone, mend))
     if tilted:
         later = f"{text}; it is seen only as joints explored before stay offset"
         findings.append(Finding("remark", "axis_along_gravity", listed(tilted), later, mend))
     return findings
+
+
+def _is_mapped(deployment: Deployment) -> bool:
+    """True if a map is explored after the structure, and completes it."""
+    kinds = [deployment.controller.stages[name].kind for name in deployment.controller.program]
+    return "structure" in kinds and "map" in kinds[kinds.index("structure") :]
 
 
 def _is_carried(body: BodySimulation, joint: int, by: int) -> bool:

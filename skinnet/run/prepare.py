@@ -13,7 +13,7 @@ from skinnet.errors import DeploymentError, MemoryFileError
 from skinnet.network.faults.fault_schedule import check_targets
 from skinnet.skin.placement import place_patches, resolve_bridges
 from skinnet.skin.tactile_sheets import place_sheets
-from skinnet.skin.whole_skin import join_patches
+from skinnet.skin.whole_skin import join_patches, require_gateway_ports
 
 __all__ = ["PreparedRun", "RunOptions", "prepare_run", "validate"]
 
@@ -91,10 +91,11 @@ def validate(deployment: Deployment, file: Path) -> tuple[str, ...]:
         placed = place_patches(deployment.patches, deployment.cells, deployment.bridges)
         check_targets(deployment, placed)
         place_sheets(deployment.surfaces, deployment.sheets)
-        if deployment.power is not None:
-            join_patches(placed, resolve_bridges(deployment.bridges, placed)).feed_cells(
-                deployment.power.feeds
-            )
+        if placed:
+            skin = join_patches(placed, resolve_bridges(deployment.bridges, placed))
+            require_gateway_ports(skin)
+            if deployment.power is not None:
+                skin.feed_cells(deployment.power.feeds)
         body = BodySimulation(deployment, file.parent)
         load_memory(deployment, file.parent, body.model.range_rad)
         return body.model.left_out

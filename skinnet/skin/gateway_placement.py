@@ -20,9 +20,18 @@ from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import PlacedPatch, place_patch
 
-__all__ = ["choose_gateway_ports", "free_ports", "place_gateways", "with_placed_gateways"]
+__all__ = [
+    "MAX_GATEWAY_PORTS",
+    "choose_gateway_ports",
+    "free_ports",
+    "place_gateways",
+    "with_placed_gateways",
+]
 
 _Key = tuple[int, int, float, int]
+
+MAX_GATEWAY_PORTS = 16
+"""Greatest number of ports of one gateway, and so of interfaces of a group: packets name them by 4 bits."""
 
 _N_STARTS = 6
 _MULTI_START_LIMIT, _LOCAL_SEARCH_LIMIT = 10**6, 10**9

@@ -11,10 +11,11 @@ from scipy.sparse.csgraph import connected_components
 
 from skinnet.deployment.cell_names import parse_port
 from skinnet.errors import DeploymentError
+from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS
 from skinnet.skin.placement import Bridge, PlacedPatch
 from skinnet.suggestions import known_names
 
-__all__ = ["WholeSkin", "join_patches"]
+__all__ = ["WholeSkin", "join_patches", "require_gateway_ports"]
 
 
 @dataclass(frozen=True)
@@ -89,3 +90,19 @@ def join_patches(patches: tuple[PlacedPatch, ...], bridges: Sequence[Bridge] = (
     across = [(first[b.a_patch] + b.a_cell, b.a_port, first[b.b_patch] + b.b_cell, b.b_port) for b in bridges]
     ends = np.array(across, dtype=np.int64).reshape(-1, 4)
     return WholeSkin(patches, first_cell, np.vstack([*inner, ends]), ends, np.vstack(gateways))
+
+
+def require_gateway_ports(skin: WholeSkin) -> None:
+    """Refuse groups of patches with more interfaces than a gateway has ports.
+
+    Raises:
+        DeploymentError: a group has too many; names its patches.
+    """
+    patch = skin.patch_of_cell[skin.gateways[:, 0]]
+    counts = np.bincount(skin.component_of_patch[patch]) if len(patch) else np.zeros(0, dtype=np.int64)
+    for group in np.flatnonzero(counts > MAX_GATEWAY_PORTS).tolist():
+        names = [skin.patches[k].name for k in np.flatnonzero(skin.component_of_patch == group).tolist()]
+        raise DeploymentError(
+            f"patches.{', '.join(names)}: {counts[group]} interfaces, but a gateway has at most "
+            f"{MAX_GATEWAY_PORTS} ports; give fewer, or make patches without a bridge between them"
+        )

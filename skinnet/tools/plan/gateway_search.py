@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from skinnet.deployment.network import NetworkSpec, PowerSpec
-from skinnet.skin.gateway_placement import choose_gateway_ports, free_ports
+from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS, choose_gateway_ports, free_ports
 from skinnet.tools.plan.link_budget import LinkBudget, compute_budget
 from skinnet.tools.plan.traffic import Traffic
 
@@ -52,7 +52,8 @@ class SearchResult:
     """Result of a gateway search.
 
     Attributes:
-        gateways: (k, 2) rows of (cell, port) of the group; as many as possible if no number suffices.
+        gateways: (k, 2) rows of (cell, port) of the group; if no number suffices, as many as one gateway
+            has ports where more would do, else as many as there are places.
         lower_bound: Lower bound on the number of gateways that can carry the load, at any places.
         breaches: Limits that even these gateways breach, with the value reached; empty if all are kept.
         budget: Link budget with these gateways.
@@ -84,7 +85,8 @@ def search_fewest_gateways(
 ) -> SearchResult:
     """Search for the fewest gateways of `group` that breach none of `limits`, at evenly spread places.
 
-    Tries one number after the other, from the lower bound to all cells at the edge; places are heuristic.
+    Tries one number after the other, from the lower bound to all cells at the edge, or the ports of one
+    gateway; places are heuristic.
     """
     n_cells = len(group.cells)
     ports = free_ports(n_cells, group.wires)
@@ -101,14 +103,14 @@ def search_fewest_gateways(
     best = evaluate(choose_gateway_ports(n_cells, group.wires, ports, most))
     if best.breaches:
         return best
-    for k in range(at_least, most):
+    for k in range(min(at_least, MAX_GATEWAY_PORTS), min(most, MAX_GATEWAY_PORTS + 1)):
         tries = [choose_gateway_ports(n_cells, group.wires, ports, k)]
         if k == len(group.gateways):
             tries.append(group.gateways)  # the deployment's places may be better
         for gateways in tries:
             if not (found := evaluate(gateways)).breaches:
                 return found
-    return best
+    return best if most <= MAX_GATEWAY_PORTS else found
 
 
 def _connected_components(n_cells: int, wires: NDArray[np.int64]) -> int:

@@ -15,6 +15,10 @@ from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.errors import DeploymentError
+from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS
+from skinnet.skin.placement import place_patches, resolve_bridges
+from skinnet.skin.whole_skin import join_patches
+from skinnet.tools.plan.plan import patch_groups
 
 N = 40
 CELLS = CellSpec()
@@ -38,13 +42,27 @@ def planned(folder: Path, *settings: str) -> Deployment:
 
 def test_a_group_gets_the_fewest_gateways_that_keep_the_limits(tmp_path: Path) -> None:
     patches, bridges = two_rows()
-    one = with_gateways(patches, bridges, planned(tmp_path))
+    one = with_gateways(patches, bridges, planned(tmp_path)).patches
     assert sum(len(patch.interfaces) for patch in one) == 1
     load_limit = planned(tmp_path, "plan.max_utilisation=0.05")
-    several = with_gateways(patches, bridges, load_limit)
+    several = with_gateways(patches, bridges, load_limit).patches
     assert sum(len(patch.interfaces) for patch in several) > 1
-    in_time = with_gateways(patches, bridges, planned(tmp_path, "plan.max_latency_ms=5"))
+    in_time = with_gateways(patches, bridges, planned(tmp_path, "plan.max_latency_ms=5")).patches
     assert sum(len(patch.interfaces) for patch in in_time) > 1
+
+
+def test_a_group_too_large_for_the_ports_of_a_gateway_is_cut(tmp_path: Path) -> None:
+    patches, bridges = two_rows()
+    made = with_gateways(patches, bridges, planned(tmp_path, "plan.max_latency_ms=1.2"))
+    placed = place_patches(made.patches, CELLS, made.bridges)
+    groups = patch_groups(join_patches(placed, resolve_bridges(made.bridges, placed)), None)
+    ports = [len(group.gateways) for group in groups]
+    assert len(groups) > 1
+    assert sum(ports) > MAX_GATEWAY_PORTS >= max(ports)
+    assert sorted(name for names in made.names.values() for name in names) == sorted(made.wires)
+    assert sum(made.wires.values()) + len(made.bridges) == 2 * N - len(groups)  # each cut takes one wire
+    before = sorted(cell.position_m for patch in patches for cell in patch.cells)
+    assert sorted(cell.position_m for patch in made.patches for cell in patch.cells) == before
 
 
 def test_a_limit_that_no_number_keeps_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -54,7 +72,7 @@ def test_a_limit_that_no_number_keeps_is_refused_in_one_line(tmp_path: Path) -> 
 
 def test_the_network_metrics_name_what_is_not_joined_and_not_reached(tmp_path: Path) -> None:
     patches, bridges = two_rows()
-    made = with_gateways(patches, bridges, planned(tmp_path))
+    made = with_gateways(patches, bridges, planned(tmp_path)).patches
     names = [patch.name for patch in made]
     found = network_metrics(names, made, bridges, CELLS)
     assert found == {"bridges": 1, "groups": 1, "gateways": 1, "unreached": 0}

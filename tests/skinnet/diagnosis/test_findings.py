@@ -236,6 +236,18 @@ def test_a_finding_is_there_with_its_fault_and_only_then(tmp_path: Path, code: s
     assert code not in {finding.code for finding in findings(tmp_path, sound)}
 
 
+@pytest.mark.parametrize(
+    ("stages", "severity"),
+    [(("structure",), "warning"), (("map", "structure"), "warning"), (("structure", "map"), "remark")],
+)
+def test_a_map_after_the_structure_tells_what_gravity_does_not(
+    tmp_path: Path, stages: tuple[str, ...], severity: str
+) -> None:
+    case = Case(BASE_TURNS, joints=("turn", "lift"), stages=stages)
+    found = [each for each in findings(tmp_path, case) if each.code == "axis_along_gravity"]
+    assert [(each.subject, each.severity) for each in found] == [("turn", severity)]
+
+
 def test_every_code_has_its_models_and_its_row_in_the_docs() -> None:
     codes = set(get_args(Code))
     assert set(CASES) == codes

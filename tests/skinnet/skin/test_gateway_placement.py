@@ -12,10 +12,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 from small_robot import lattice, patch, small
 
+from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import InterfaceSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.gateway_placement import (
+    MAX_GATEWAY_PORTS,
     choose_gateway_ports,
     free_ports,
     place_gateways,
@@ -23,7 +25,7 @@ from skinnet.skin.gateway_placement import (
 )
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import PlacedPatch, place_patch, place_patches, resolve_bridges
-from skinnet.skin.whole_skin import join_patches
+from skinnet.skin.whole_skin import join_patches, require_gateway_ports
 
 CELLS = CellSpec()
 
@@ -149,3 +151,24 @@ def test_feeds_are_gateways_unless_named() -> None:
         DeploymentError, match=r"power.feeds\[1\] = 'foot/0:0': unknown patch; there are arm, hand"
     ):
         skin.feed_cells(("hand/0:0", "foot/0:0"))
+
+
+def test_a_group_has_no_more_interfaces_than_a_gateway_has_ports() -> None:
+    """Bridges make two patches one group, with one gateway."""
+    n = MAX_GATEWAY_PORTS // 2 + 1
+    ends = tuple(InterfaceSpec(cell=cell, port=1) for cell in range(n))
+    lattices = [
+        LatticeSpec(columns=n, rows=1, origin_m=(0.0, y, 0.0), normal=(0.0, 0.0, 1.0), up=(0.0, 1.0, 0.0))
+        for y in (0.0, 0.5)
+    ]
+    rows = [
+        PatchSpec(name=name, body="b", lattice=lattice, interfaces=ends)
+        for name, lattice in zip(("one", "other"), lattices, strict=True)
+    ]
+    placed = place_patches(rows, CELLS)
+    require_gateway_ports(join_patches(placed))
+    bridges = resolve_bridges((BridgeSpec(a="one/0:3", b="other/0:3"),), placed)
+    with pytest.raises(
+        DeploymentError, match=r"patches\.one, other: 18 interfaces, but a gateway has at most 16 ports"
+    ):
+        require_gateway_ports(join_patches(placed, bridges))
