@@ -1,5 +1,6 @@
 """Gateways of a covering: as few as the limits of the plan allow, and what its network metrics find."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -15,6 +16,7 @@ from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.errors import DeploymentError
+from skinnet.skin.placement import place_patch
 
 N = 40
 CELLS = CellSpec()
@@ -45,6 +47,28 @@ def test_a_group_gets_the_fewest_gateways_that_keep_the_limits(tmp_path: Path) -
     assert sum(len(patch.interfaces) for patch in several) > 1
     in_time = with_gateways(patches, bridges, planned(tmp_path, "plan.max_latency_ms=5"))
     assert sum(len(patch.interfaces) for patch in in_time) > 1
+
+
+def test_cells_amid_a_large_patch_are_turned_where_gateways_at_its_edge_do_not_suffice(
+    tmp_path: Path,
+) -> None:
+    column, row = (index.ravel() for index in np.meshgrid(np.arange(11), np.arange(11)))
+    position_m = PITCH_M * np.column_stack([column + 0.5 * row, math.sqrt(0.75) * row, 0.0 * row])
+    field = component_patches("field", "fore", position_m, np.repeat(np.eye(3)[None], 121, axis=0), CELLS, 1)
+    (wide,) = with_gateways(field, [], planned(tmp_path, "plan.max_utilisation=0.02"))
+    assert wide.cells == field[0].cells
+    (made,) = with_gateways(field, [], planned(tmp_path, "plan.max_utilisation=0.012"))
+    turned = {cell for cell in range(121) if made.cells[cell] != field[0].cells[cell]}
+    assert 0 < len(turned) < 15
+    amid = (column > 0) & (column < 10) & (row > 0) & (row < 10)
+    assert amid[list(turned)].all()
+    assert turned & {interface.cell for interface in made.interfaces}
+    assert len(component_patches("field", "fore", *_poses(made), CELLS, 1)) == 1
+
+
+def _poses(patch: PatchSpec) -> tuple[np.ndarray, np.ndarray]:
+    placed = place_patch(patch, CELLS)
+    return placed.position_m, placed.R_body_cell
 
 
 def test_a_limit_that_no_number_keeps_is_refused_in_one_line(tmp_path: Path) -> None:
