@@ -18,6 +18,9 @@ from skinnet.errors import DeploymentError
 
 __all__ = ["cover_deployment", "covered", "load_covered", "with_covering"]
 
+_DIGITS = 6
+"""Digits of the home posture that count [rad, m]."""
+
 
 def load_covered(path: Path, overrides: tuple[str, ...] = (), seed: int | None = None) -> Deployment:
     """Load a deployment as `load` does, and make its covers into patches.
@@ -65,17 +68,18 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
         ModelError: there is no such model, or it cannot be read.
     """
     check_covers(deployment)
-    mj = load_model(deployment, base_dir, with_environment=False).mj
+    model = load_model(deployment, base_dir, with_environment=False)
+    mj, home_qpos = model.mj, model.home_qpos.round(_DIGITS)
     layouts = {
         cover.name: read_layout(base_dir / cover.layout, cover.name)
         for cover in deployment.cover
         if cover.layout is not None
     }
-    key = covering_key(deployment, model_bytes(mj), layouts)
+    key = covering_key(deployment, model_bytes(mj), layouts, home_qpos.tolist())
     made = read_covering(key, Covering) if cached else None
     if made is None:
         start_s = time.process_time()
-        made = cover_links(deployment, mj, layouts)
+        made = cover_links(deployment, mj, layouts, home_qpos)
         made = msgspec.structs.replace(made, cpu_s=round(time.process_time() - start_s, 2))
         if cached:
             write_covering(key, made)

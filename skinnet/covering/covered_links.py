@@ -107,13 +107,16 @@ def check_covers(deployment: Deployment) -> None:
             )
 
 
-def cover_links(deployment: Deployment, mj: Model, layouts: Mapping[str, Layout]) -> Covering:
+def cover_links(
+    deployment: Deployment, mj: Model, layouts: Mapping[str, Layout], home_qpos: Floats
+) -> Covering:
     """Cover the links of `mj` as the deployment's covers ask, still without gateways.
 
     Args:
         deployment: The deployment.
         mj: Model of its robot.
         layouts: Measured layouts, by cover.
+        home_qpos: (nq,) home posture.
 
     Raises:
         DeploymentError: a cover names no body, asks for no surface, or its cells do not fit.
@@ -134,7 +137,7 @@ def cover_links(deployment: Deployment, mj: Model, layouts: Mapping[str, Layout]
         for body, link in links:
             skin = _add(mj, skins, link, None)
             fixed = skin.cells_in(*relative_pose(mj, skin.link.body_id, link.body_id))
-            found = _cover_link(mj, cover, body, link, size, fixed, layouts.get(cover.name))
+            found = _cover_link(mj, cover, body, link, size, fixed, home_qpos, layouts.get(cover.name))
             if isinstance(found, str):
                 if not _is_pattern(cover):
                     raise DeploymentError(f'cover.{cover.name}.body = "{body}": {found}')
@@ -222,12 +225,13 @@ def _cover_link(
     link: Link,
     size: CellSize,
     fixed: tuple[Floats, Floats],
+    home_qpos: Floats,
     layout: Layout | None,
 ) -> tuple[LinkGround, Floats, Floats] | str:
     """Surface of a link with the positions and rotations of its cells, or why there are none."""
     if not felt_geoms(mj, link.members):
         return _NOT_FELT
-    ground = prepare_ground(mj, link, body, cover, size)
+    ground = prepare_ground(mj, link, body, cover, size, home_qpos)
     if layout is not None:
         return ground, *cells_of_layout(layout, size.side_m)
     if not ground.n_in_region:
@@ -240,7 +244,7 @@ def _cover_link(
     made = cover_ground(ground, *fixed, cover.max_cells)
     if len(made.position_m):
         return ground, made.position_m, made.R_body_cell
-    least_m = largest_side_m(mj, link, body, cover, size)
+    least_m = largest_side_m(mj, link, body, cover, size, home_qpos)
     hint = (
         "nor does one much smaller"
         if least_m is None
@@ -249,12 +253,14 @@ def _cover_link(
     return f"no cell of side {1e3 * size.side_m:g} mm fits on the surface asked for; {hint}"
 
 
-def why_no_cell(mj: Model, link: Link, body: str, cover: CoverSpec, side_m: float, foam_m: float) -> str:
+def why_no_cell(
+    mj: Model, link: Link, body: str, cover: CoverSpec, side_m: float, foam_m: float, home_qpos: Floats
+) -> str:
     """Why a link takes no cell of a side [m] on foam of a thickness [m]; empty if it takes one."""
     if not felt_geoms(mj, link.members):
         return _NOT_FELT
     size = CellSize(side_m, cover.pitch_m or pitch_m(side_m), foam_m)
-    ground = prepare_ground(mj, link, body, cover, size)
+    ground = prepare_ground(mj, link, body, cover, size, home_qpos)
     if not ground.ground.asked.any():
         return _ALL_REACHED
     if len(cover_ground(ground, np.zeros((0, 3)), np.zeros((0, 3, 3)), 1).position_m):

@@ -15,8 +15,8 @@ __all__ = ["covering_key", "read_covering", "write_covering"]
 T = TypeVar("T")
 
 
-def covering_key(deployment: Deployment, model: bytes, layouts: object) -> str:
-    """Key of a covering: a hash of covers, cells, patches, foam, layouts, model, and of the code."""
+def covering_key(deployment: Deployment, model: bytes, *more: object) -> str:
+    """Key of a covering: a hash of covers, cells, patches, foam, model, `more`, and of the code."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
@@ -25,7 +25,7 @@ def covering_key(deployment: Deployment, model: bytes, layouts: object) -> str:
         deployment.cells.side_m,
         deployment.body.foam.thickness_m,
         deployment.patches,
-        layouts,
+        more,
     )
     digest.update(msgspec.json.encode(asked, order="deterministic"))
     digest.update(model)

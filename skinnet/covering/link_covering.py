@@ -21,6 +21,7 @@ from skinnet.covering.felt_solids import (
     neighbour_poses,
 )
 from skinnet.covering.hexagons import hexagon_grid
+from skinnet.covering.home_neighbours import home_neighbours
 from skinnet.covering.lattice_growth import grow_lattice, improve_lattice
 from skinnet.covering.port_turns import best_turns, turned
 from skinnet.covering.sample_search import SurfaceSamples
@@ -97,8 +98,10 @@ class LinkCovering:
     R_body_cell: Floats
 
 
-def prepare_ground(mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize) -> LinkGround:
-    """Sample the surface of `link` and find what of it `cover` asks for.
+def prepare_ground(
+    mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize, home_qpos: Floats
+) -> LinkGround:
+    """Sample the surface of `link` and find what of it `cover` asks for; clearance is also that at home.
 
     Raises:
         DeploymentError: the region names a geom that the link does not have.
@@ -111,7 +114,8 @@ def prepare_ground(mj: Model, link: Link, body: str, cover: CoverSpec, size: Cel
         inside = in_region(samples, solids, cover.region, _region_geoms(mj, solids, body, cover))
     reached = np.zeros(len(samples.point_m), dtype=np.bool_)
     found = neighbour_poses(mj, link) if cover.clearance else []
-    neighbours = tuple((felt_solids(mj, neighbour), poses) for neighbour, poses in found)
+    at_home = home_neighbours(mj, link, home_qpos, size.foam_m) if cover.clearance else []
+    neighbours = tuple((felt_solids(mj, neighbour), poses) for neighbour, poses in (*found, *at_home))
     for neighbour, poses in neighbours:
         mark_reached(samples.point_m, samples.normal, neighbour, poses, size.foam_m, reached)
     blocked = reached.copy()
@@ -190,13 +194,15 @@ def _reached_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> B
     return np.asarray(reached.reshape(n, len(points)).any(axis=1))
 
 
-def largest_side_m(mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize) -> float | None:
+def largest_side_m(
+    mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize, home_qpos: Floats
+) -> float | None:
     """Largest side [m] of a smaller cell of which the link takes one, in steps of 15 %; None without one."""
     side_m = size.side_m
     for _ in range(12):
         side_m *= _SMALLER
         smaller = CellSize(side_m, pitch_of_side_m(side_m), size.foam_m)
-        of = prepare_ground(mj, link, body, cover, smaller)
+        of = prepare_ground(mj, link, body, cover, smaller, home_qpos)
         if not of.ground.asked.any():
             continue
         seed, x_axis = _starts(of)[0]

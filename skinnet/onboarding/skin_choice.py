@@ -73,7 +73,8 @@ def choose_skin(survey: RobotSurvey, base_dir: Path, deployment: Deployment) -> 
     Raises:
         ModelError: no link takes a cell.
     """
-    mj = load_model(deployment, base_dir, with_environment=False).mj
+    model = load_model(deployment, base_dir, with_environment=False)
+    mj, home_qpos = model.mj, model.home_qpos
     candidates = [link for link in survey.links if not link.left_out]
     links = {link.body: link_of_body(mj, mj.body(link.body).id) for link in candidates}
     cover = CoverSpec(name="skin", body="*", max_cells=1)
@@ -84,7 +85,7 @@ def choose_skin(survey: RobotSurvey, base_dir: Path, deployment: Deployment) -> 
         foam_m = foam_under(side_m).thickness_m
         for body, link in links.items():
             if body not in best.bodies:  # what takes a cell takes smaller ones
-                why[body] = why_no_cell(mj, link, body, cover, side_m, foam_m)
+                why[body] = why_no_cell(mj, link, body, cover, side_m, foam_m, home_qpos)
         took = tuple(body for body, reason in why.items() if not reason)
         suits = [body for body in took if pitch_m(side_m) <= _WIDEST * width_m[body]]
         if (len(suits), len(took)) > most:

@@ -41,10 +41,13 @@ def model_of(geoms: str, asset: str = "", joint: str = "") -> mujoco.MjModel:
     )
 
 
-def ground_of(mj: mujoco.MjModel, body: str = "link", **cover: object) -> LinkGround:
+def ground_of(
+    mj: mujoco.MjModel, body: str = "link", home_qpos: np.ndarray | None = None, **cover: object
+) -> LinkGround:
     """What a cover of `body` asks for."""
+    home_qpos = mj.qpos0 if home_qpos is None else home_qpos
     spec = CoverSpec(name="c", body=body, **cover)  # type: ignore[arg-type]
-    return prepare_ground(mj, link_of_body(mj, mj.body(body).id), body, spec, SIZE)
+    return prepare_ground(mj, link_of_body(mj, mj.body(body).id), body, spec, SIZE, home_qpos)
 
 
 TWO_LINKS = """

@@ -1,5 +1,6 @@
 """Gateways of a covering: as few as the limits of the plan allow, and what its network metrics find."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -63,6 +64,26 @@ def test_a_group_too_large_for_the_ports_of_a_gateway_is_cut(tmp_path: Path) -> 
     assert sum(made.wires.values()) + len(made.bridges) == 2 * N - len(groups)  # each cut takes one wire
     before = sorted(cell.position_m for patch in patches for cell in patch.cells)
     assert sorted(cell.position_m for patch in made.patches for cell in patch.cells) == before
+
+
+def test_cells_amid_a_large_patch_are_turned_where_gateways_at_its_edge_do_not_suffice(
+    tmp_path: Path,
+) -> None:
+    column, row = (index.ravel() for index in np.meshgrid(np.arange(11), np.arange(11)))
+    position_m = PITCH_M * np.column_stack([column + 0.5 * row, math.sqrt(0.75) * row, 0.0 * row])
+    field = component_patches("field", "fore", position_m, np.repeat(np.eye(3)[None], 121, axis=0), CELLS, 1)
+    before = {cell.position_m: cell for cell in field[0].cells}
+    wide = with_gateways(field, [], planned(tmp_path, "plan.max_utilisation=0.02"))
+    assert {cell.position_m: cell for patch in wide.patches for cell in patch.cells} == before
+    made = with_gateways(field, [], planned(tmp_path, "plan.max_utilisation=0.012"))
+    after = {cell.position_m: cell for patch in made.patches for cell in patch.cells}
+    assert sorted(after) == sorted(before)
+    turned = {place for place, cell in after.items() if cell != before[place]}
+    assert 0 < len(turned) < 15
+    inner = (column > 0) & (column < 10) & (row > 0) & (row < 10)
+    assert turned <= {field[0].cells[i].position_m for i in np.flatnonzero(inner)}
+    fed = {patch.cells[each.cell].position_m for patch in made.patches for each in patch.interfaces}
+    assert turned & fed
 
 
 def test_a_limit_that_no_number_keeps_is_refused_in_one_line(tmp_path: Path) -> None:

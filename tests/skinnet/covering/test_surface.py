@@ -145,3 +145,30 @@ def test_surface_that_a_neighbour_sweeps_is_left_out() -> None:
         nearest_m = np.minimum(nearest_m, np.linalg.norm(np.maximum(box_m, 0.0), axis=1))
     below = samples.point_m[:, 2] < 0.1
     assert reached[below & (nearest_m == 0.0)].all()
+
+
+FINGERS = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body name="palm"><geom type="box" size=".12 .05 .02" mass="1"/>
+    <body name="one" pos="-.045 0 .1"><joint axis="1 0 0" range="-1.5 1.5" limited="true"/>
+      <geom type="capsule" size=".04" fromto="0 0 .06 0 0 .2" mass=".5"/></body>
+    <body name="two" pos=".045 0 .1"><joint axis="1 0 0" range="-1.5 1.5" limited="true"/>
+      <geom type="capsule" size=".04" fromto="0 0 .06 0 0 .2" mass=".5"/></body>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+def test_surface_that_a_link_beside_presses_at_home_is_left_out():
+    mj = mujoco.MjModel.from_xml_string(FINGERS)
+    apart = ground_of(mj, "one", np.array([1.4, -1.4]))
+    beside = ground_of(mj, "one", np.zeros(2))
+    assert apart.ground.asked.sum() > beside.ground.asked.sum()
+    lost = apart.ground.asked & ~beside.ground.asked
+    gap_m = 0.05 - beside.ground.samples.point_m[:, 0]  # from finger one's axis to the nearest line of two
+    assert beside.ground.samples.normal[lost, 0].min() > 0.5
+    assert gap_m[lost].max() < 0.05
+    facing = beside.ground.samples.normal[:, 0] > 0.999
+    assert facing.any()
+    assert not beside.ground.asked[facing].any()
+    assert (ground_of(mj, "one", np.zeros(2), clearance=False).ground.asked).all()
