@@ -3,8 +3,10 @@
 import math
 
 import body_scenes
+import numba
 import numpy as np
 import pytest
+from locations import DEPLOYMENTS
 
 from skinnet.body.contact.skin_surface import (
     N_SAMPLES_PER_CELL,
@@ -12,7 +14,10 @@ from skinnet.body.contact.skin_surface import (
     force_cell_centre_m,
     hexagon_m,
 )
+from skinnet.body.simulation import BodySimulation
+from skinnet.deployment.load import load
 from skinnet.deployment.robot import FoamSpec
+from skinnet.errors import ModelError
 
 PLATE = """
 <mujoco>
@@ -149,3 +154,50 @@ def test_nothing_near_costs_no_force_and_leaves_no_wrench(tmp_path):
     body.advance(100_000_000)
     assert not body.data.xfrc_applied.any()
     assert not body.stimulus()[:, :3].any()
+
+
+@pytest.mark.parametrize("seam_m", [0.0031, -0.0172])
+def test_a_seam_between_two_solids_of_a_body_does_not_shear_foam_twice(tmp_path, seam_m):
+    """Samples under the seam are pressed by both halves of a box, but are sheared once."""
+    whole = '<geom type="box" size="0.06 0.06 0.03" mass="1"/>'
+    halves = "".join(
+        f'<geom type="box" size="{(high - low) / 2} 0.06 0.03" pos="{(low + high) / 2} 0 0" mass="0.5"/>'
+        for low, high in ((-0.06, seam_m), (seam_m, 0.06))
+    )
+    assert whole in PLATE
+    shear_n = []
+    for folder, geoms in (("whole", whole), ("halves", halves)):
+        (tmp_path / folder).mkdir()
+        mjcf = PLATE.replace(whole, geoms).format(tilt=0.0, height=1.0 + 0.012 + 0.03 - 0.003)
+        skin = (body_scenes.lattice_patch("skin", "base", 9, 11),)
+        body = body_scenes.body_of(tmp_path / folder, mjcf, skin, ("turn",))
+        for _ in range(40):  # 0.2 mm, far below the friction cone
+            body.data.qpos[0] += 5e-6
+            body.data.qvel[:] = 0.0
+            body.data.qvel[0] = 5e-3
+            body.dynamics.compute_contact()
+        shear_n.append(float(body.data.xfrc_applied[:, 0].max()))
+    k, c, area_m2 = 1.5e6, 1e4, 0.12 * 0.12
+    assert shear_n[0] == pytest.approx(0.5 * (k * 0.2e-3 + c * 5e-3) * area_m2, rel=0.01)
+    assert shear_n[1] == pytest.approx(shear_n[0], rel=3e-3)
+
+
+def test_more_solids_than_samples_have_space_for_are_refused(tmp_path):
+    bristles = "".join(
+        f'<geom type="box" size="0.00034 0.00034 0.03" pos="{7e-4 * i} {7e-4 * j} 0" mass="0.001"/>'
+        for i in range(-20, 21)
+        for j in range(-20, 21)
+    )
+    mjcf = PLATE.replace('<geom type="box" size="0.06 0.06 0.03" mass="1"/>', bristles)
+    mjcf = mjcf.format(tilt=0.0, height=1.0 + 0.012 + 0.03 - 0.003)
+    skin = (body_scenes.lattice_patch("skin", "base", 1, 1),)
+    with pytest.raises(ModelError, match="loaded points beyond the 1054 that are expected at most"):
+        body_scenes.body_of(tmp_path, mjcf, skin, ("turn",)).advance(1_000_000)
+
+
+@pytest.mark.parametrize("name", ["hrp2_touch", "riba_cylinder", "two_link_arm"])
+def test_cells_and_sheets_share_the_compiled_contact(name):
+    """Numba compiles once for each type of its arguments, and the contact takes half a minute."""
+    body = BodySimulation(load(DEPLOYMENTS / f"{name}.toml"), DEPLOYMENTS)
+    foundations = (body.dynamics.cell_foundation, body.dynamics.sheet_foundation)
+    assert numba.typeof(foundations[0].problem) == numba.typeof(foundations[1].problem)
