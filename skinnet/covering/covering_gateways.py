@@ -54,7 +54,7 @@ def with_gateways(
     """
     whole = msgspec.structs.replace(deployment, patches=(*deployment.patches, *patches))
     traffic, limits = traffic_of(whole), limits_of(deployment)
-    names = {patch.name: (patch.name,) for patch in patches}
+    names: dict[str, tuple[str, ...]] = {patch.name: (patch.name,) for patch in patches}
     known: dict[tuple[str, ...], SearchResult] = {}
     while True:
         placed = tuple(place_patch(patch, deployment.cells) for patch in patches)
