@@ -38,9 +38,12 @@ def run_benchmark(
         file = out / robot.name / _REPORT
         if again or not file.exists():
             said = f"{robot.name} ({number} of {len(robots)})"
-            report = run_trial(
-                robot, models, file.parent, options, lambda step, said=said: progress(f"{said}: {step}")
-            )
+            report = run_trial(robot, models, file.parent, options, _after(said, progress))
             write_json(file, report)
         reports[robot.name] = json.loads(file.read_text(encoding="utf-8"))
     return reports
+
+
+def _after(said: str, progress: Callable[[str], None]) -> Callable[[str], None]:
+    """Report steps after the text `said`."""
+    return lambda step: progress(f"{said}: {step}")

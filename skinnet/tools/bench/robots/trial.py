@@ -68,7 +68,9 @@ def run_trial(
     file, step = folder / "robot.toml", "init"
     try:
         progress(step)
-        said = _skinnet("init", str(robot.path(models)), "--out", str(file), "--force", **_limits(options))
+        said = _skinnet(
+            "init", str(robot.path(models)), "--out", str(file), "--force", timeout_s=options.timeout_s
+        )
         report |= {"init.cpu_s": said.cpu_s, "init.notes": said.lines[1:-1]}
         if robot.more:
             write_bytes(file, file.read_bytes() + b"\n" + robot.more.encode())
@@ -91,10 +93,6 @@ class _Said:
     lines: list[str]
     cpu_s: float
     wall_s: float
-
-
-def _limits(options: TrialOptions) -> dict[str, float]:
-    return {"timeout_s": options.timeout_s}
 
 
 def _skinnet(*arguments: str, timeout_s: float, allowed: tuple[int, ...] = (0,)) -> _Said:
@@ -124,7 +122,7 @@ def _skinnet(*arguments: str, timeout_s: float, allowed: tuple[int, ...] = (0,))
 def _cover(file: Path, folder: Path, options: TrialOptions) -> dict[str, Any]:
     """Metrics of the covering, made anew, of all links and the worst of single ones."""
     target = folder / "cover.json"
-    _skinnet("cover", str(file), "--no-cache", "--json", str(target), **_limits(options))
+    _skinnet("cover", str(file), "--no-cache", "--json", str(target), timeout_s=options.timeout_s)
     report = _read(target)
     return {f"cover.{name}": value for name, value in report["cover"].items()} | {
         "cover.cpu_s": report["cpu_s"],
@@ -144,7 +142,7 @@ def _check(file: Path, folder: Path, options: TrialOptions) -> dict[str, Any]:
         "--json",
         str(target),
         allowed=(0, 2),
-        **_limits(options),
+        timeout_s=options.timeout_s,
     )
     findings = _read(target)["findings"]
     counts = {
@@ -162,10 +160,11 @@ def _run(file: Path, folder: Path, options: TrialOptions) -> dict[str, Any]:
     write_bytes(more, _touched_toml(file.name, touches).encode())
     said = _skinnet(
         "run", str(more), "--in-process", "--no-plots", "--seed", str(options.seed), "--out", str(out),
-        **_limits(options),
+        timeout_s=options.timeout_s,
     )  # fmt: skip
     summary = _read(out / "summary.json")
-    return summary["metrics"] | {
+    metrics: dict[str, Any] = summary["metrics"]
+    return metrics | {
         "run.cpu_s": said.cpu_s,
         "run.rtf": summary["rtf"],
         "touches": len(touches),
