@@ -61,7 +61,7 @@ def with_gateways(
     """
     whole = msgspec.structs.replace(deployment, patches=(*deployment.patches, *patches))
     traffic, limits = traffic_of(whole), limits_of(deployment)
-    names = {patch.name: (patch.name,) for patch in patches}
+    names: dict[str, tuple[str, ...]] = {patch.name: (patch.name,) for patch in patches}
     known: dict[bytes, SearchResult] = {}
     numbers = iter(_OPENED)
     while True:

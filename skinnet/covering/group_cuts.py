@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, shortest_path
 
 from skinnet.covering.covering_patches import patch_name
@@ -78,6 +78,6 @@ def _components(n_cells: int, wires: Indices) -> list[Indices]:
     return sorted(pieces, key=lambda piece: int(piece[0]))
 
 
-def _graph(n_cells: int, wires: Indices) -> coo_array:
+def _graph(n_cells: int, wires: Indices) -> csr_array:
     ones = np.ones(len(wires), dtype=np.int8)
     return coo_array((ones, (wires[:, 0], wires[:, 2])), shape=(n_cells, n_cells)).tocsr()

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +37,13 @@ def run_benchmark(
     for number, robot in enumerate(robots, start=1):
         file = out / robot.name / _REPORT
         if again or not file.exists():
-            named = partial(_named, progress, f"{robot.name} ({number} of {len(robots)})")
-            write_json(file, run_trial(robot, models, file.parent, options, named))
+            said = f"{robot.name} ({number} of {len(robots)})"
+            report = run_trial(robot, models, file.parent, options, _after(said, progress))
+            write_json(file, report)
         reports[robot.name] = json.loads(file.read_text(encoding="utf-8"))
     return reports
 
 
-def _named(progress: Callable[[str], None], robot: str, step: str) -> None:
-    progress(f"{robot}: {step}")
+def _after(said: str, progress: Callable[[str], None]) -> Callable[[str], None]:
+    """Report steps after the text `said`."""
+    return lambda step: progress(f"{said}: {step}")

@@ -1,0 +1,31 @@
+"""Trial of a robot, from its model's file to reactions."""
+
+from pathlib import Path
+
+import pytest
+from onboarding_models import write_trait
+
+from skinnet.tools.bench.robots.robot_models import RobotModel
+from skinnet.tools.bench.robots.trial import TrialOptions, run_trial
+
+
+@pytest.mark.long
+def test_a_robot_explores_feels_and_evades(tmp_path: Path) -> None:
+    write_trait(tmp_path, "no_keyframe")
+    robot = RobotModel("arm", "none", "", "no_keyframe.xml")
+    steps: list[str] = []
+    report = run_trial(robot, tmp_path, tmp_path / "out", TrialOptions(n_touches=2), steps.append)
+    assert "failed" not in report
+    assert steps == ["init", "cover", "check", "run"]
+    assert report["check.errors"] == report["structure.wrong_entries"] == report["cover.unreached"] == 0
+    assert report["smm.sign_agreement"] >= 0.97
+    assert report["contact.felt_error.max"] <= 0.03
+    assert report["evasion.inwards"] == report["evasion.touches"] == report["touches"] == 2
+    assert report["contact.peak_force_n"] < 20.0  # the finger leaves before the robot goes home
+
+
+def test_a_step_that_fails_is_named_with_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "empty.xml").write_text("<mujoco><worldbody/></mujoco>")
+    robot = RobotModel("none", "none", "", "empty.xml")
+    report = run_trial(robot, tmp_path, tmp_path / "out", TrialOptions(), lambda step: None)
+    assert report["failed"].startswith("init: ")
