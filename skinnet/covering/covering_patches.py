@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skinnet import pinned_math
+from skinnet import pinned_linalg, pinned_math
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
@@ -92,12 +92,12 @@ def bridges_between(
     bridges: list[BridgeSpec] = []
     taken: set[tuple[int, int, int]] = set()
     tree, reach_m = cKDTree(ports_m), 2.0 * pitch_m(side_m)
-    extent_m = float(np.sqrt((np.ptp(ports_m, axis=0) ** 2).sum()))
+    extent_m = pinned_linalg.norm(np.ptp(ports_m, axis=0))
     while len(bridges) < len(patches) - 1 and reach_m < 2.0 * extent_m + 4.0 * pitch_m(side_m):
         pairs = tree.query_pairs(reach_m, output_type="ndarray")
         between = np.array(group)[np.array([end[0] for end in ends])]
         a, b = pairs[between[pairs[:, 0]] != between[pairs[:, 1]]].T
-        length_m = np.sqrt(((ports_m[a] - ports_m[b]) ** 2).sum(axis=1))
+        length_m = np.linalg.norm(ports_m[a] - ports_m[b], axis=1)
         opposite = (normals[a] * normals[b]).sum(axis=1) <= _SAME_SIDE_COSINE
         cost = np.round(length_m + pitch_m(side_m) * opposite, _DIGITS_LENGTH)
         order = np.lexsort((b, a, cost))
