@@ -32,7 +32,7 @@ def load_covered(path: Path, overrides: tuple[str, ...] = (), seed: int | None =
 
 
 def covered(deployment: Deployment, base_dir: Path) -> Deployment:
-    """Return the deployment with patches and bridges in place of its covers; errors as `cover_deployment`."""
+    """Return the deployment with patches, bridges and sheets for its covers; errors as `cover_deployment`."""
     if not deployment.cover:
         return deployment
     covering = cover_deployment(deployment, base_dir)
@@ -41,6 +41,8 @@ def covered(deployment: Deployment, base_dir: Path) -> Deployment:
         cover=(),
         patches=(*deployment.patches, *covering.patches),
         bridges=(*deployment.bridges, *covering.bridges),
+        surfaces=(*deployment.surfaces, *covering.surfaces),
+        sheets=(*deployment.sheets, *covering.sheets),
     )
 
 
@@ -74,7 +76,7 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
         made = msgspec.structs.replace(made, cpu_s=round(time.process_time() - start_s, 2))
         if cached:
             write_covering(key, made)
-    patches = with_gateways(made.patches, made.bridges, deployment)
+    patches = with_gateways(made.patches, made.bridges, deployment) if made.patches else ()
     links = tuple(
         link | network_metrics(link["patches"], patches, made.bridges, deployment.cells)
         for link in made.links
