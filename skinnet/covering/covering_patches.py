@@ -18,7 +18,7 @@ from skinnet.skin.gateway_placement import free_ports
 from skinnet.skin.lattice import PORT_ANGLES_RAD, pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch
 
-__all__ = ["bridges_between", "component_patches", "patch_name"]
+__all__ = ["bridges_between", "component_patches", "patch_name", "rounded_vector"]
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,9 @@ def component_patches(
     """
     poses = [
         CellPoseSpec(
-            position_m=_rounded(p, _DIGITS_M), normal=_rounded(z, 6), x_axis=_rounded(x, _DIGITS_AXIS)
+            position_m=rounded_vector(p, _DIGITS_M),
+            normal=rounded_vector(z, 6),
+            x_axis=rounded_vector(x, _DIGITS_AXIS),
         )
         for p, x, z in zip(position_m, R_body_cell[:, :, 0], R_body_cell[:, :, 2], strict=True)
     ]
@@ -147,7 +149,8 @@ def _components(n_cells: int, wires: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(rank[label.reshape(-1)], dtype=np.int64)
 
 
-def _rounded(vector: Floats, digits: int) -> tuple[float, float, float]:
+def rounded_vector(vector: Floats, digits: int) -> tuple[float, float, float]:
+    """Vector (3,) as a deployment gives it, rounded to so many digits, without a negative zero."""
     x, y, z = (round(float(value), digits) + 0.0 for value in vector)
     if not math.isfinite(x + y + z):
         raise AssertionError("a cell's pose is not finite")

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,11 @@ class LinkGround:
     limits: CellLimits
     axis: Floats
     n_in_region: int
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Tree of the samples, for searches."""
+        return cKDTree(self.ground.samples.point_m)
 
     @property
     def asked_m2(self) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from skinnet.covering.covering_patches import patch_name
 from skinnet.covering.felt_solids import Link, Model
@@ -13,6 +14,7 @@ from skinnet.covering.link_covering import CellSize, LinkGround, prepare_ground
 from skinnet.covering.sheet_fit import SheetPose, fit_sheet, sheet_poses
 from skinnet.deployment.skin.covers import CoverSpec
 from skinnet.deployment.skin.sheets import MAX_SIDE
+from skinnet.pinned_linalg import norm
 from skinnet.skin.lattice import pitch_m as pitch_of_side_m
 from skinnet.skin.tactile_sheets import build_surface
 
@@ -57,17 +59,18 @@ def lay_sheets(
     beside: list[SheetPose] = []
     while beside or free:
         ahead = beside or free
-        best = min(ahead, key=lambda pose: (_off_m(pose, laid), round(pose.gap_m, 6)))
+        best = ahead[_first(ahead, laid)]
         laid.append(best)
         new = [
             pose
             for pose in _edge_to_edge(of, pitch_m, best)
             if not _meets(pose, cell_position_m, cell_normal, reach_m)
+            and not any(_overlap(pose, other, pitch_m) for other in laid)
         ]
         beside, free = (
             [pose for pose in poses if not _overlap(pose, best, pitch_m)] for poses in (beside, free)
         )
-        beside += [pose for pose in new if not any(_overlap(pose, other, pitch_m) for other in laid)]
+        beside += new
     return [
         replace(pose, surface=structs.replace(pose.surface, name=_numbered(name, number, len(laid))))
         for number, pose in enumerate(laid)
@@ -89,11 +92,14 @@ def largest_sheet_pitch_m(mj: Model, link: Link, body: str, cover: CoverSpec, si
     return None
 
 
-def _off_m(pose: SheetPose, laid: list[SheetPose]) -> float:
-    """Distance [m] of a sheet from the nearest of those `laid`, to 0.1 mm; zero if there is none."""
-    middle_m = pose.position_m.mean(axis=0)
-    off_m = [np.linalg.norm(middle_m - other.position_m, axis=1).min() for other in laid]
-    return round(float(min(off_m, default=0.0)), 4)
+def _first(ahead: list[SheetPose], laid: list[SheetPose]) -> int:
+    """Pose nearest to those `laid`, to 0.1 mm; of equals that with the least gap."""
+    off_m = np.zeros(len(ahead))
+    if laid:
+        middles_m = np.array([pose.middle_m for pose in laid])
+        off_m = cKDTree(middles_m).query(np.array([pose.middle_m for pose in ahead]))[0]
+    gap_m = np.array([pose.gap_m for pose in ahead])
+    return int(np.lexsort((np.round(gap_m, 6), np.round(off_m, 4)))[0])
 
 
 def _edge_to_edge(of: LinkGround, pitch_m: float, pose: SheetPose) -> Iterator[SheetPose]:
@@ -107,8 +113,7 @@ def _edge_to_edge(of: LinkGround, pitch_m: float, pose: SheetPose) -> Iterator[S
 
 
 def _overlap(one: SheetPose, other: SheetPose, pitch_m: float) -> bool:
-    off_m = one.position_m.mean(axis=0) - other.position_m.mean(axis=0)
-    if np.linalg.norm(off_m[None], axis=1)[0] > 1.5 * MAX_SIDE * pitch_m:  # more than the diagonal of a sheet
+    if norm(one.middle_m - other.middle_m) > 1.5 * MAX_SIDE * pitch_m:  # more than the diagonal of a sheet
         return False
     normal = other.R_body_element[:, :, 2]
     return _meets(one, other.position_m, normal, _APART_FRACTION * pitch_m)

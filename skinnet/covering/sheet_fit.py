@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from skinnet.covering.cell_heights import heights_under_cell
+from skinnet.covering.covering_patches import rounded_vector
 from skinnet.covering.link_covering import LinkGround, row_axis
 from skinnet.deployment.skin.sheets import MAX_SIDE, SheetSpec, SurfaceSpec
 from skinnet.skin.tactile_sheets import Surface, build_surface
@@ -54,6 +55,12 @@ class SheetPose:
     R_body_element: Floats
     pitch_m: float
     gap_m: float
+
+    @cached_property
+    def middle_m(self) -> Floats:
+        """Mean (3,) of the centres of the elements [m]."""
+        middle_m: Floats = self.position_m.mean(axis=0)
+        return middle_m
 
     @property
     def sheet(self) -> SheetSpec:
@@ -104,11 +111,14 @@ def fit_sheet(
 
 
 def _surface(body: str, origin_m: Floats, normal: Floats, up: Floats, radius_m: float | None) -> SurfaceSpec:
-    x, y, z = (
-        tuple(round(float(value), _DIGITS) + 0.0 for value in vector) for vector in (origin_m, normal, up)
+    return SurfaceSpec(
+        name="sheet",
+        body=body,
+        origin_m=rounded_vector(origin_m, _DIGITS),
+        normal=rounded_vector(normal, _DIGITS),
+        up=rounded_vector(up, _DIGITS),
+        radius_m=None if radius_m is None else round(radius_m, _DIGITS),
     )
-    radius_m = None if radius_m is None else round(radius_m, _DIGITS)
-    return SurfaceSpec(name="sheet", body=body, origin_m=x, normal=y, up=z, radius_m=radius_m)
 
 
 def _heights_m(of: LinkGround, pitch_m: float, surface: Surface) -> Floats | None:
@@ -136,7 +146,7 @@ def _heights_m(of: LinkGround, pitch_m: float, surface: Surface) -> Floats | Non
 def _lies_on_asked(of: LinkGround, position_m: Floats, normal: Floats) -> bool:
     """True if surface that is asked for is nearest to every element (n, 3), on its side."""
     samples = of.ground.samples
-    off_m, near = cKDTree(samples.point_m).query(position_m, _NEAREST)
+    off_m, near = of.tree.query(position_m, _NEAREST)
     facing = (samples.normal[near] * normal[:, None]).sum(axis=2) > _FACING_COSINE
     close = off_m <= _GAP_M + 2.0 * samples.spacing_m
     return bool((facing & close & of.ground.asked[near]).any(axis=1).all())
@@ -145,11 +155,12 @@ def _lies_on_asked(of: LinkGround, position_m: Floats, normal: Floats) -> bool:
 def _radius_m(of: LinkGround, pitch_m: float, point_m: Floats, normal: Floats, up: Floats) -> float | None:
     """Radius [m] of the circle fitted to the surface across `up` (least squares); None if it is flat."""
     samples = of.ground.samples
-    off_m = samples.point_m - point_m
+    near = np.array(sorted(of.tree.query_ball_point(point_m, 1.5 * _HALF * pitch_m)), dtype=np.int64)
+    off_m = samples.point_m[near] - point_m
     along_m, height_m = (off_m * up).sum(axis=1), (off_m * normal).sum(axis=1)
     across_m = (off_m * np.cross(up, normal)).sum(axis=1)
     own = (np.abs(along_m) <= 0.5 * pitch_m) & (np.abs(across_m) <= _HALF * pitch_m)
-    own &= (samples.normal * normal).sum(axis=1) > _FACING_COSINE
+    own &= (samples.normal[near] * normal).sum(axis=1) > _FACING_COSINE
     x, z = across_m[own], height_m[own]
     down_m2 = float((z * z).sum())
     if down_m2 <= 1e-12:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.covering.cell_fit import heights_under_cell
+from skinnet.covering.cell_heights import heights_under_cell
 from skinnet.covering.felt_solids import FeltSolids, felt_solids, link_of_body, relative_pose
 from skinnet.covering.hexagons import hexagon_grid, piercing_m
 from skinnet.covering.surface_samples import sample_surface

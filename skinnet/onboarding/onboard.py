@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from skinnet.covering.covered_deployment import Covering, cover_deployment, covered
+from skinnet.covering.covered_deployment import cover_deployment, covered
+from skinnet.covering.covered_links import Covering
 from skinnet.deployment import Deployment
 from skinnet.deployment.load import from_document
 from skinnet.errors import UsageError
