@@ -1,4 +1,4 @@
-"""Command `skinnet cover`: cells laid over the links that a deployment's covers name."""
+"""Command `skinnet cover`: cells or tactile sheets laid over the links that a deployment's covers name."""
 
 import os
 from pathlib import Path
@@ -31,6 +31,7 @@ _EXAMPLES = examples(
 )
 _COLUMNS = (
     "cells",
+    "thickness_mm",
     "within_0_6_pitch",
     "overlaps",
     "piercing",
@@ -67,11 +68,11 @@ def cover(
         bool, typer.Option("--cache/--no-cache", help="Takes coverings from the cache, if they are there.")
     ] = True,
 ) -> None:
-    """Cover links with cells as the deployment's covers ask.
+    """Cover links with cells or tactile sheets as the deployment's covers ask.
 
-    Lists of each link: cells, share of the asked surface within 0.6 pitch of one, faults, gap to it,
-    share of neighbours that are wired, components, bridges, groups that these form, gateways, and cells
-    that no gateway reaches.
+    Lists of each link: cells or elements, its thickness, share of the asked surface within 0.6 pitch of a
+    cell, faults, gap to the felt and to the drawn surface, share of neighbours that are wired, components,
+    bridges, groups that these form, gateways, and cells that no gateway reaches.
     """
     from skinnet.covering.covered_deployment import cover_deployment
     from skinnet.deployment import load
@@ -116,7 +117,7 @@ def _print(terminal: "Console", covering: "Covering") -> None:
 
 
 def _write(path: Path, file: Path, covering: "Covering", deployment: Any) -> None:
-    """Write a deployment that extends `file`, with patches and bridges in place of its covers."""
+    """Write a deployment that extends `file`, with patches, bridges and sheets in place of its covers."""
     from skinnet.analysis.report.toml_listing import toml_tables
     from skinnet.files import write_bytes
 
@@ -129,6 +130,8 @@ def _write(path: Path, file: Path, covering: "Covering", deployment: Any) -> Non
         "cover = []",
         *toml_tables("patches", patches),
         *toml_tables("bridges", bridges),
+        *toml_tables("surfaces", (*deployment.surfaces, *covering.surfaces)),
+        *toml_tables("sheets", (*deployment.sheets, *covering.sheets)),
     ]
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 

@@ -179,7 +179,8 @@ def _fitted_normal(R: Floats, heights_m: Floats, limits: CellLimits) -> tuple[fl
     cxx, cxy, cyy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
     cxh, cyh = sxh - sx * sh / n, syh - sy * sh / n
     area = cxx * cyy - cxy * cxy
-    if area < 1e-6 * limits.side_m**4:
+    side_m2 = limits.side_m * limits.side_m
+    if area < 1e-6 * side_m2 * side_m2:
         return R[0, 2], R[1, 2], R[2, 2]
     b, c = (cyy * cxh - cxy * cyh) / area, (cxx * cyh - cxy * cxh) / area
     return (

@@ -49,7 +49,8 @@ def heights_under_cell(
         along_m = -(px * nx + py * ny + pz * nz)
         if along_m < -radius_m or along_m > reach_m + radius_m:
             continue
-        if px * px + py * py + pz * pz - along_m * along_m > (radius_m + side_m) ** 2:
+        beside_m = radius_m + side_m
+        if px * px + py * py + pz * pz - along_m * along_m > beside_m * beside_m:
             continue
         near = -1  # rays of one cell meet neighbouring triangles
         for i in range(len(points)):

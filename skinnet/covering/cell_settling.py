@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compilation import compiled, compiled_without_nrt
+from skinnet.compilation import compiled_without_nrt
 from skinnet.covering.cell_fit import FIT, N_FINE_POINTS, NO_SURFACE, fit_cell
 from skinnet.covering.cell_limits import CellLimits, sum_of_pushes
 from skinnet.covering.felt_solids import FeltSolids
@@ -59,7 +59,6 @@ class Scratch(NamedTuple):
     x_axis: Floats
 
 
-@compiled
 def new_scratch() -> Scratch:
     """Allocate work space."""
     return Scratch(
@@ -83,32 +82,34 @@ def settle_cell(
     x0, y0, z0 = w.target_m[0], w.target_m[1], w.target_m[2]
     if not _is_asked_near(ground, w, _ASKED_FRACTION * limits.pitch_m):
         return False
-    fitted = _push_off(ground, limits, positions_m, rotations, n_cells, w, _PUSHES)
-    if not fitted:
-        nx, ny, nz = w.normal[0], w.normal[1], w.normal[2]
-        ax, ay, az = w.x_axis[0], w.x_axis[1], w.x_axis[2]
-        along = ax * nx + ay * ny + az * nz
-        ax, ay, az = ax - along * nx, ay - along * ny, az - along * nz
-        length = math.sqrt(ax * ax + ay * ay + az * az)
-        if length > 1e-9:
-            ax, ay, az = ax / length, ay / length, az / length
-            bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
-            for ring in range(1, _RINGS + 1):
-                shift_m = _RING_FRACTION * ring * limits.pitch_m
-                for k in range(6):
-                    c, s = hexagon_direction(k)
-                    if ring % 2 == 0:
-                        c, s = _HALF_SQRT3 * c - 0.5 * s, 0.5 * c + _HALF_SQRT3 * s
-                    w.target_m[0] = x0 + shift_m * (c * ax + s * bx)
-                    w.target_m[1] = y0 + shift_m * (c * ay + s * by)
-                    w.target_m[2] = z0 + shift_m * (c * az + s * bz)
-                    if _is_crowded(positions_m, rotations, n_cells, limits, w):
-                        continue
-                    if _push_off(ground, limits, positions_m, rotations, n_cells, w, _PUSHES_OF_SHIFTED):
-                        fitted = True
-                        break
-                if fitted:
-                    break
+    nx, ny, nz = w.normal[0], w.normal[1], w.normal[2]
+    ax, ay, az = w.x_axis[0], w.x_axis[1], w.x_axis[2]
+    along = ax * nx + ay * ny + az * nz
+    ax, ay, az = ax - along * nx, ay - along * ny, az - along * nz
+    length = math.sqrt(ax * ax + ay * ay + az * az)
+    places = 1
+    if length > 1e-9:
+        places = 1 + 6 * _RINGS
+        ax, ay, az = ax / length, ay / length, az / length
+    bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    fitted = False
+    for place in range(places):
+        pushes = _PUSHES
+        if place > 0:
+            ring, k = 1 + (place - 1) // 6, (place - 1) % 6
+            shift_m = _RING_FRACTION * ring * limits.pitch_m
+            c, s = hexagon_direction(k)
+            if ring % 2 == 0:
+                c, s = _HALF_SQRT3 * c - 0.5 * s, 0.5 * c + _HALF_SQRT3 * s
+            w.target_m[0] = x0 + shift_m * (c * ax + s * bx)
+            w.target_m[1] = y0 + shift_m * (c * ay + s * by)
+            w.target_m[2] = z0 + shift_m * (c * az + s * bz)
+            if _is_crowded(positions_m, rotations, n_cells, limits, w):
+                continue
+            pushes = _PUSHES_OF_SHIFTED
+        if _push_off(ground, limits, positions_m, rotations, n_cells, w, pushes):
+            fitted = True
+            break
     w.target_m[0], w.target_m[1], w.target_m[2] = x0, y0, z0
     return fitted
 

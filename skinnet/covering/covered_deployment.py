@@ -36,7 +36,7 @@ def load_covered(path: Path, overrides: tuple[str, ...] = (), seed: int | None =
 
 
 def covered(deployment: Deployment, base_dir: Path) -> Deployment:
-    """Return the deployment with patches and bridges in place of its covers; errors as `cover_deployment`."""
+    """Return the deployment with patches, bridges and sheets for its covers; errors as `cover_deployment`."""
     if not deployment.cover:
         return deployment
     return with_covering(deployment, cover_deployment(deployment, base_dir))
@@ -49,6 +49,8 @@ def with_covering(deployment: Deployment, covering: Covering) -> Deployment:
         cover=(),
         patches=(*deployment.patches, *covering.patches),
         bridges=(*deployment.bridges, *covering.bridges),
+        surfaces=(*deployment.surfaces, *covering.surfaces),
+        sheets=(*deployment.sheets, *covering.sheets),
     )
 
 
@@ -83,7 +85,8 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
         made = msgspec.structs.replace(made, cpu_s=round(time.process_time() - start_s, 2))
         if cached:
             write_covering(key, made)
-    plan = with_gateways(made.patches, made.bridges, deployment)
+    none = GatewayPlan((), (), {}, {})
+    plan = with_gateways(made.patches, made.bridges, deployment) if made.patches else none
     links = tuple(_networked(link, plan, deployment) for link in made.links)
     n_wires = sum(link["wires"] for link in links)
     total = _with_wires(made.total, sum(link["wires"] for link in made.links), n_wires)

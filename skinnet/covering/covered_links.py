@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.covering.covering_metrics import CellFigures, cell_figures, covering_metrics
+from skinnet.covering.covering_metrics import CellFigures, covered_share_of_thick, covering_metrics
 from skinnet.covering.covering_patches import bridges_between, component_patches, patch_name
 from skinnet.covering.felt_solids import (
     Link,
@@ -20,14 +20,19 @@ from skinnet.covering.felt_solids import (
     relative_pose,
 )
 from skinnet.covering.link_covering import CellSize, LinkGround, cover_ground, largest_side_m, prepare_ground
+from skinnet.covering.link_rows import patch_row, sheet_row
+from skinnet.covering.link_sheets import element_size, largest_sheet_pitch_m, lay_sheets
 from skinnet.covering.measured_layouts import Layout, cells_of_layout
+from skinnet.covering.sheet_fit import SheetPose
 from skinnet.deployment import Deployment
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.covers import CoverSpec
 from skinnet.deployment.skin.patches import PatchSpec
+from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch
+from skinnet.skin.tactile_sheets import place_sheets
 from skinnet.suggestions import known_names
 
 __all__ = ["Covering", "check_covers", "cover_links", "why_no_cell"]
@@ -46,6 +51,8 @@ class Covering(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         patches: Patches of all covers.
         bridges: Bridges between them.
+        surfaces: Surfaces of tactile sheets, one for each.
+        sheets: Tactile sheets of all covers.
         links: Metrics of each link, with the names of cover, body and patches.
         total: Metrics of all links together.
         cpu_s: CPU time that it took to place and measure the cells [s].
@@ -54,6 +61,8 @@ class Covering(msgspec.Struct, frozen=True, kw_only=True):
 
     patches: tuple[PatchSpec, ...] = ()
     bridges: tuple[BridgeSpec, ...] = ()
+    surfaces: tuple[SurfaceSpec, ...] = ()
+    sheets: tuple[SheetSpec, ...] = ()
     links: tuple[dict[str, Any], ...] = ()
     total: dict[str, Any] = {}
     cpu_s: float = 0.0
@@ -62,21 +71,43 @@ class Covering(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass
 class _LinkSkin:
-    """Skin of one link so far: its patches, each with the pose of its body in the frame of the link's."""
+    """Skin of one link so far.
+
+    Attributes:
+        link: The link.
+        patches: Its patches.
+        poses: Pose of the body of each patch in the frame of the link's.
+        n_explicit: Number of patches that no cover made.
+        sheets: Positions and rotations of the elements of each sheet, with the pose of its body.
+    """
 
     link: Link
     patches: list[PlacedPatch] = field(default_factory=list)
     poses: list[tuple[Floats, Floats]] = field(default_factory=list)
     n_explicit: int = 0
+    sheets: list[tuple[Floats, Floats, tuple[Floats, Floats]]] = field(default_factory=list)
 
     def cells_in(self, R: Floats, t: Floats) -> tuple[Floats, Floats]:
-        """Positions and rotations of all cells in a frame with pose R, t in that of the link's body."""
+        """Positions and rotations of cells and elements in a frame with pose R, t in the link body's."""
         positions, rotations = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
-        for patch, (R_patch, t_patch) in zip(self.patches, self.poses, strict=True):
-            at_m = np.einsum("ij,nj->ni", R_patch, patch.position_m) + t_patch
+        of_patches = (
+            (patch.position_m, patch.R_body_cell, pose)
+            for patch, pose in zip(self.patches, self.poses, strict=True)
+        )
+        for position_m, R_own, (R_body, t_body) in (*of_patches, *self.sheets):
+            at_m = np.einsum("ij,nj->ni", R_body, position_m) + t_body
             positions.append(np.einsum("ji,nj->ni", R, at_m - t))
-            rotations.append(np.einsum("ji,jk,nkl->nil", R, R_patch, patch.R_body_cell))
+            rotations.append(np.einsum("ji,jk,nkl->nil", R, R_body, R_own))
         return np.concatenate(positions), np.ascontiguousarray(np.concatenate(rotations))
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Patches or sheets that a cover has made on one link."""
+
+    ground: LinkGround
+    patches: list[PatchSpec]
+    sheets: list[SheetPose]
 
 
 def check_covers(deployment: Deployment) -> None:
@@ -92,7 +123,7 @@ def check_covers(deployment: Deployment) -> None:
             raise DeploymentError(f"cover: duplicate name {cover.name}; names must be unique")
         names.append(cover.name)
         given_m = cover.pitch_m
-        if given_m is None:
+        if given_m is None or cover.kind == "sheet":
             continue
         most_m = _LARGEST_PITCH_FRACTION * own_m
         if given_m < own_m * (1.0 - 1e-6):
@@ -121,46 +152,46 @@ def cover_links(
     Raises:
         DeploymentError: a cover names no body, asks for no surface, or its cells do not fit.
     """
-    cells, side_m = deployment.cells, deployment.cells.side_m
-    skins: dict[tuple[int, ...], _LinkSkin] = {}
-    for explicit in deployment.patches:
-        if explicit.body in body_names(mj):
-            link = link_of_body(mj, body_names(mj)[explicit.body])
-            _add(mj, skins, link, place_patch(explicit, cells)).n_explicit += 1
+    side_m, foam_m = deployment.cells.side_m, deployment.body.foam.thickness_m
+    skins = _explicit_skins(deployment, mj)
     patches: list[PatchSpec] = []
-    taken: list[tuple[CoverSpec, LinkGround, list[PatchSpec]]] = []
+    sheets: list[SheetPose] = []
+    rows: list[dict[str, Any]] = []
+    figures: list[CellFigures] = []
     bare: list[str] = []
     for cover in deployment.cover:
         took = 0
-        size = CellSize(side_m, cover.pitch_m or pitch_m(side_m), deployment.body.foam.thickness_m)
         links = list(_links(mj, cover))
         for body, link in links:
             skin = _add(mj, skins, link, None)
             fixed = skin.cells_in(*relative_pose(mj, skin.link.body_id, link.body_id))
-            found = _cover_link(mj, cover, body, link, size, fixed, home_qpos, layouts.get(cover.name))
+            label = (cover.name, body) if len(links) > 1 else (cover.name,)
+            layout = layouts.get(cover.name)
+            found = _cover_link(mj, cover, body, link, deployment, fixed, layout, label, home_qpos)
             if isinstance(found, str):
                 if not _is_pattern(cover):
                     raise DeploymentError(f'cover.{cover.name}.body = "{body}": {found}')
                 bare.append(f"{cover.name}: {body}: {found}")
                 continue
-            ground, position_m, R = found
-            label = (cover.name, body) if len(links) > 1 else (cover.name,)
-            own = component_patches(patch_name(*label), body, position_m, R, cells, cover.min_component)
-            if not own:
-                reason = f"no component of the wiring has {cover.min_component} cells (min_component)"
-                if not _is_pattern(cover):
-                    raise DeploymentError(f'cover.{cover.name}.body = "{body}": {reason}')
-                bare.append(f"{cover.name}: {body}: {reason}")
-                continue
             took += 1
-            for patch in own:
-                _add(mj, skins, link, place_patch(patch, cells))
-            patches += own
-            taken.append((cover, ground, own))
+            for patch in found.patches:
+                _add(mj, skins, link, place_patch(patch, deployment.cells))
+            patches += found.patches
+            for pose in found.sheets:
+                _add_sheet(mj, skins, link, pose.position_m, pose.R_body_element)
+            sheets += found.sheets
+            row, own = (
+                sheet_row(mj, found.ground, found.sheets, foam_m)
+                if found.sheets
+                else patch_row(mj, found.ground, found.patches, deployment.cells, foam_m)
+            )
+            rows.append({"cover": cover.name, "body": body, **row})
+            figures.append(own)
         if not took:
+            what = "sheet" if cover.kind == "sheet" else "cell"
             first = next((line for line in bare if line.startswith(f"{cover.name}: ")), "")
             raise DeploymentError(
-                f'cover.{cover.name}.body = "{cover.body}": none of the {len(links)} links takes a cell; '
+                f'cover.{cover.name}.body = "{cover.body}": none of the {len(links)} links takes a {what}; '
                 f"{first.removeprefix(f'{cover.name}: ')}"
             )
     bridges = [
@@ -168,18 +199,31 @@ def cover_links(
         for skin in skins.values()
         for bridge in bridges_between(skin.patches[skin.n_explicit :], skin.poses[skin.n_explicit :], side_m)
     ]
-    measured, figures = [], []
-    for cover, ground, own in taken:
-        row, own_figures = _link_metrics(mj, cover, ground, own, deployment)
-        measured.append(row)
-        figures.append(own_figures)
     return Covering(
         patches=tuple(patches),
         bridges=tuple(bridges),
-        links=tuple(measured),
-        total=covering_metrics(figures, sum(row["wires"] for row in measured)),
+        surfaces=tuple(pose.surface for pose in sheets),
+        sheets=tuple(pose.sheet for pose in sheets),
+        links=tuple(rows),
+        total=covering_metrics(figures, sum(row["wires"] for row in rows))
+        | {"within_0_6_pitch_thick": covered_share_of_thick(figures)},
         bare=tuple(bare),
     )
+
+
+def _explicit_skins(deployment: Deployment, mj: Model) -> dict[tuple[int, ...], _LinkSkin]:
+    """Skin of links that the deployment gives cell by cell and sheet by sheet."""
+    skins: dict[tuple[int, ...], _LinkSkin] = {}
+    known = body_names(mj)
+    for patch in deployment.patches:
+        if patch.body in known:
+            link = link_of_body(mj, known[patch.body])
+            _add(mj, skins, link, place_patch(patch, deployment.cells)).n_explicit += 1
+    for sheet in place_sheets(deployment.surfaces, deployment.sheets):
+        if sheet.surface.body in known:
+            link = link_of_body(mj, known[sheet.surface.body])
+            _add_sheet(mj, skins, link, sheet.position_m, sheet.R_body_element)
+    return skins
 
 
 def _add(
@@ -190,6 +234,13 @@ def _add(
         skin.patches.append(patch)
         skin.poses.append(relative_pose(mj, skin.link.body_id, link.body_id))
     return skin
+
+
+def _add_sheet(
+    mj: Model, skins: dict[tuple[int, ...], _LinkSkin], link: Link, position_m: Floats, R: Floats
+) -> None:
+    skin = _add(mj, skins, link, None)
+    skin.sheets.append((position_m, R, relative_pose(mj, skin.link.body_id, link.body_id)))
 
 
 def _is_pattern(cover: CoverSpec) -> bool:
@@ -223,17 +274,25 @@ def _cover_link(
     cover: CoverSpec,
     body: str,
     link: Link,
-    size: CellSize,
+    deployment: Deployment,
     fixed: tuple[Floats, Floats],
-    home_qpos: Floats,
     layout: Layout | None,
-) -> tuple[LinkGround, Floats, Floats] | str:
-    """Surface of a link with the positions and rotations of its cells, or why there are none."""
+    label: Sequence[str],
+    home_qpos: Floats,
+) -> _Made | str:
+    """Patches or sheets of a link, named by `label`, or why there are none."""
     if not felt_geoms(mj, link.members):
         return _NOT_FELT
+    side_m, foam_m = deployment.cells.side_m, deployment.body.foam.thickness_m
+    of_sheets = cover.kind == "sheet"
+    size = (
+        element_size(cover.pitch_m or SheetSpec(name="s", surface="s").pitch_m, foam_m)
+        if of_sheets
+        else CellSize(side_m, cover.pitch_m or pitch_m(side_m), foam_m)
+    )
     ground = prepare_ground(mj, link, body, cover, size, home_qpos)
     if layout is not None:
-        return ground, *cells_of_layout(layout, size.side_m)
+        return _patches(ground, cells_of_layout(layout, side_m), cover, deployment, label)
     if not ground.n_in_region:
         low_m, high_m = (
             getattr(ground.ground.samples.point_m, end)(axis=0).round(3).tolist() for end in ("min", "max")
@@ -241,9 +300,12 @@ def _cover_link(
         return f"the region holds none of its surface, which reaches from {low_m} to {high_m} m"
     if not ground.ground.asked.any():
         return _ALL_REACHED
+    if of_sheets:
+        sheets = lay_sheets(ground, size.pitch_m, fixed[0], fixed[1][:, :, 2], side_m, patch_name(*label))
+        return _Made(ground, [], sheets) if sheets else _no_sheet(mj, link, body, cover, size, home_qpos)
     made = cover_ground(ground, *fixed, cover.max_cells)
     if len(made.position_m):
-        return ground, made.position_m, made.R_body_cell
+        return _patches(ground, (made.position_m, made.R_body_cell), cover, deployment, label)
     least_m = largest_side_m(mj, link, body, cover, size, home_qpos)
     hint = (
         "nor does one much smaller"
@@ -268,25 +330,28 @@ def why_no_cell(
     return f"no cell of side {1e3 * side_m:g} mm fits"
 
 
-def _link_metrics(
-    mj: Model, cover: CoverSpec, of: LinkGround, patches: Sequence[PatchSpec], deployment: Deployment
-) -> tuple[dict[str, Any], CellFigures]:
-    placed = [place_patch(patch, deployment.cells) for patch in patches]
-    n_wires = sum(len(patch.wires) for patch in placed)
-    figures = cell_figures(
-        mj,
-        of,
-        np.concatenate([patch.position_m for patch in placed]),
-        np.ascontiguousarray(np.concatenate([patch.R_body_cell for patch in placed])),
-        deployment.cells.side_m,
-        deployment.body.foam.thickness_m,
+def _patches(
+    ground: LinkGround,
+    cells: tuple[Floats, Floats],
+    cover: CoverSpec,
+    deployment: Deployment,
+    label: Sequence[str],
+) -> _Made | str:
+    """Patches of cells, or why all of them are too small."""
+    own = component_patches(patch_name(*label), ground.body, *cells, deployment.cells, cover.min_component)
+    return (
+        _Made(ground, own, [])
+        if own
+        else f"no component of the wiring has {cover.min_component} cells (min_component)"
     )
-    row = {
-        "cover": cover.name,
-        "body": of.body,
-        **covering_metrics([figures], n_wires),
-        "wires": n_wires,
-        "components": len(patches),
-        "patches": [patch.name for patch in patches],
-    }
-    return row, figures
+
+
+def _no_sheet(mj: Model, link: Link, body: str, cover: CoverSpec, size: CellSize, home_qpos: Floats) -> str:
+    largest_m = largest_sheet_pitch_m(mj, link, body, cover, size, home_qpos)
+    hint = (
+        "nor does one much smaller"
+        if largest_m is None
+        else f"one of {1e3 * largest_m:.1f} mm does (cover.{cover.name}.pitch_m)"
+    )
+    size_mm = 1e3 * size.pitch_m
+    return f"no sheet of 8 × 8 elements at a pitch of {size_mm:g} mm fits on the surface asked for; {hint}"

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def covering_key(deployment: Deployment, model: bytes, *more: object) -> str:
-    """Key of a covering: a hash of covers, cells, patches, foam, model, `more`, and of the code."""
+    """Key of a covering: a hash of covers, cells, patches, sheets, foam, model, `more`, and of the code."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
@@ -25,6 +25,8 @@ def covering_key(deployment: Deployment, model: bytes, *more: object) -> str:
         deployment.cells.side_m,
         deployment.body.foam.thickness_m,
         deployment.patches,
+        deployment.surfaces,
+        deployment.sheets,
         more,
     )
     digest.update(msgspec.json.encode(asked, order="deterministic"))

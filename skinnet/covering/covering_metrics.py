@@ -5,17 +5,19 @@ They share no geometry with the placer of cells (`skinnet.covering.measuring_mod
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from skinnet import pinned_math
 from skinnet.covering.cell_limits import CellLimits
 from skinnet.covering.felt_solids import Model
 from skinnet.covering.hexagons import hexagon_grid
 from skinnet.covering.link_covering import LinkGround
+from skinnet.covering.link_thickness import thickness_m
 from skinnet.covering.measuring_model import MeasuringModel, plate_overlap_m
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
@@ -23,16 +25,24 @@ from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.skin.lattice import pitch_m
 from skinnet.skin.placement import place_patch
 
-__all__ = ["CellFigures", "cell_figures", "covering_metrics", "network_metrics"]
+__all__ = [
+    "CellFigures",
+    "cell_figures",
+    "covered_share_of_thick",
+    "covering_metrics",
+    "element_figures",
+    "network_metrics",
+]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _OVERLAP_FRACTION, _WIRE_FRACTION, _COVERED_FRACTION = 0.9, 1.15, 0.6
-_BACK_TO_BACK_COSINE, _SAME_SIDE_COSINE = math.cos(math.radians(170.0)), -0.5
+_BACK_TO_BACK_COSINE, _SAME_SIDE_COSINE = pinned_math.cos(math.radians(170.0)), -0.5
 _PIERCING_M = _INTRUSION_M = 1e-3
 _PLATE_M = 0.002
 _DEPTH_M = 0.010
+_THICK_M, _ROUNDING_M = 0.050, 1e-6
 _SAMPLES_PER_CELL, _LEAST_ASKED, _MOST_SAMPLES = 12.0, 300, 3000
 """Samples for the area of each cell, the least number in what is asked for, and the greatest."""
 _TRIED_SAMPLES, _TRIED_ABOUT = 60, 6
@@ -46,7 +56,8 @@ class CellFigures:
     """Figures of the cells (n) of one link, and of the surface asked for.
 
     Attributes:
-        side_m: Side of the cells [m].
+        cell_m2: Area of a cell [m²].
+        thickness_m: Thickness of the link [m].
         asked_m2: Area asked for [m²].
         covered_m2: Area of it within 0.6 pitch of the centre of a cell whose normal is within 120°.
         fit_m2: Area of it where a cell would fit.
@@ -58,7 +69,8 @@ class CellFigures:
         visual_gap_m: (n,) the same from the surface as drawn, not signed; one pitch where there is none.
     """
 
-    side_m: float
+    cell_m2: float
+    thickness_m: float
     asked_m2: float
     covered_m2: float
     fit_m2: float
@@ -74,22 +86,46 @@ def cell_figures(
     mj: Model, of: LinkGround, position_m: Floats, R_body_cell: Floats, side_m: float, foam_m: float
 ) -> CellFigures:
     """Figures of cells at positions (n, 3) [m] with axes (n, 3, 3) on a link, frame of its body."""
-    pitch = pitch_m(side_m)
+    cell_m2 = 1.5 * math.sqrt(3.0) * side_m * side_m
+    return _figures(mj, of, position_m, R_body_cell, side_m, foam_m, pitch_m(side_m), cell_m2)
+
+
+def element_figures(
+    mj: Model, of: LinkGround, position_m: Floats, R_body_element: Floats, pitch: float, foam_m: float
+) -> CellFigures:
+    """Figures of elements of tactile sheets, without wires: each a hexagon in its square of `pitch` [m]."""
+    found = _figures(mj, of, position_m, R_body_element, 0.5 * pitch, foam_m, pitch, pitch * pitch)
+    return replace(found, pairs=0)
+
+
+def _figures(
+    mj: Model,
+    of: LinkGround,
+    position_m: Floats,
+    R_body_cell: Floats,
+    side_m: float,
+    foam_m: float,
+    pitch: float,
+    cell_m2: float,
+) -> CellFigures:
     measured = MeasuringModel(mj, of.link, side_m, _INTRUSION_M, foam_m)
     pairs = np.array(
         sorted(cKDTree(position_m).query_pairs(2.0 * side_m + _PLATE_M)), dtype=np.int64
     ).reshape(-1, 2)
     a, b = pairs[:, 0], pairs[:, 1]
-    off_m = np.sqrt(((position_m[a] - position_m[b]) ** 2).sum(axis=1))
+    off_m = np.linalg.norm(position_m[a] - position_m[b], axis=1)
     alike = (R_body_cell[a, :, 2] * R_body_cell[b, :, 2]).sum(axis=1)
     pierced_m = plate_overlap_m(position_m, R_body_cell, pairs, side_m, _PLATE_M)
-    gaps_m = [_gaps_m(measured, p, R, side_m, foam_m) for p, R in zip(position_m, R_body_cell, strict=True)]
+    gaps_m = [
+        _gaps_m(measured, p, R, side_m, foam_m, pitch) for p, R in zip(position_m, R_body_cell, strict=True)
+    ]
     point_m, normal, area_m2 = measured.surface_points(_sample_count(of, pitch))
     asked = _asked(of, point_m, normal)
     each_m2 = area_m2 / len(point_m)
     point_m, normal = point_m[asked], normal[asked]
     return CellFigures(
-        side_m=side_m,
+        cell_m2=cell_m2,
+        thickness_m=thickness_m(of.ground.solids, of.ground.samples),
         asked_m2=each_m2 * len(point_m),
         covered_m2=each_m2 * int(_near_cells(point_m, normal, position_m, R_body_cell, pitch).sum()),
         fit_m2=each_m2 * len(point_m) * _share_that_fits(measured, of.limits, point_m, normal),
@@ -106,14 +142,15 @@ def covering_metrics(figures: Sequence[CellFigures], n_wires: int) -> dict[str, 
     """Metrics of one or several links with `n_wires` wires: sums, shares of sums, percentiles of all cells.
 
     `within_0_6_pitch` is the covered share of the asked area; `filled` the area of the cells over that of the
-    surface where a cell fits; `wired` the share of neighbours that are wired.
+    surface where a cell fits; `wired` the share of neighbours that are wired; `thickness_mm` the least.
     """
     asked_m2 = sum(link.asked_m2 for link in figures)
-    cells_m2 = sum(1.5 * math.sqrt(3.0) * link.side_m**2 * len(link.gap_m) for link in figures)
+    cells_m2 = sum(link.cell_m2 * len(link.gap_m) for link in figures)
     return {
         "cells": sum(len(link.gap_m) for link in figures),
+        "thickness_mm": round(_MM_PER_M * min(link.thickness_m for link in figures), 2),
         "asked_m2": round(asked_m2, 6),
-        "within_0_6_pitch": round(sum(link.covered_m2 for link in figures) / max(asked_m2, 1e-12), 4),
+        "within_0_6_pitch": _covered_share(figures),
         "filled": round(cells_m2 / max(sum(link.fit_m2 for link in figures), 1e-12), 4),
         "overlaps": sum(link.overlaps for link in figures),
         "piercing": sum(link.piercing for link in figures),
@@ -122,6 +159,17 @@ def covering_metrics(figures: Sequence[CellFigures], n_wires: int) -> dict[str, 
         "visual_gap_mm_p95": _percentile_mm([link.visual_gap_m for link in figures]),
         "wired": round(n_wires / max(sum(link.pairs for link in figures), 1), 4),
     }
+
+
+def covered_share_of_thick(figures: Sequence[CellFigures]) -> float | None:
+    """Share of the asked area of links at least 50 mm thick that is within 0.6 pitch; None without one."""
+    thick = [link for link in figures if link.thickness_m >= _THICK_M - _ROUNDING_M]
+    return _covered_share(thick) if thick else None
+
+
+def _covered_share(figures: Sequence[CellFigures]) -> float:
+    asked_m2 = sum(link.asked_m2 for link in figures)
+    return round(sum(link.covered_m2 for link in figures) / max(asked_m2, 1e-12), 4)
 
 
 def network_metrics(
@@ -175,10 +223,9 @@ def _percentile_mm(gaps_m: Sequence[Floats]) -> float:
 
 
 def _gaps_m(
-    measured: MeasuringModel, position_m: Floats, R: Floats, side_m: float, foam_m: float
+    measured: MeasuringModel, position_m: Floats, R: Floats, side_m: float, foam_m: float, pitch: float
 ) -> tuple[float, float]:
     """Mean gaps [m] between a cell and the felt and the drawn surface, over what the felt one supports."""
-    pitch = pitch_m(side_m)
     points, weights = hexagon_grid(2)
     at_m = position_m + side_m * (points[:, :1] * R[:, 0] + points[:, 1:] * R[:, 1])
     felt_m = -measured.felt_heights_m(at_m, R[:, 2], foam_m, pitch)
@@ -192,7 +239,7 @@ def _gaps_m(
 
 def _sample_count(of: LinkGround, pitch: float) -> int:
     whole_m2 = float(of.ground.samples.area_m2.sum())
-    by_area = _SAMPLES_PER_CELL * whole_m2 / (0.5 * math.sqrt(3.0) * pitch**2)
+    by_area = _SAMPLES_PER_CELL * whole_m2 / (0.5 * math.sqrt(3.0) * pitch * pitch)
     return int(min(max(by_area, _LEAST_ASKED * whole_m2 / of.asked_m2), _MOST_SAMPLES))
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skinnet import pinned_math
+from skinnet import pinned_linalg, pinned_math
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
@@ -18,7 +18,7 @@ from skinnet.skin.gateway_placement import free_ports
 from skinnet.skin.lattice import PORT_ANGLES_RAD, pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch
 
-__all__ = ["bridges_between", "component_patches", "patch_name"]
+__all__ = ["bridges_between", "component_patches", "patch_name", "rounded_vector"]
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,9 @@ def component_patches(
     """
     poses = [
         CellPoseSpec(
-            position_m=_rounded(p, _DIGITS_M), normal=_rounded(z, 6), x_axis=_rounded(x, _DIGITS_AXIS)
+            position_m=rounded_vector(p, _DIGITS_M),
+            normal=rounded_vector(z, 6),
+            x_axis=rounded_vector(x, _DIGITS_AXIS),
         )
         for p, x, z in zip(position_m, R_body_cell[:, :, 0], R_body_cell[:, :, 2], strict=True)
     ]
@@ -92,12 +94,12 @@ def bridges_between(
     bridges: list[BridgeSpec] = []
     taken: set[tuple[int, int, int]] = set()
     tree, reach_m = cKDTree(ports_m), 2.0 * pitch_m(side_m)
-    extent_m = float(np.sqrt((np.ptp(ports_m, axis=0) ** 2).sum()))
+    extent_m = pinned_linalg.norm(np.ptp(ports_m, axis=0))
     while len(bridges) < len(patches) - 1 and reach_m < 2.0 * extent_m + 4.0 * pitch_m(side_m):
         pairs = tree.query_pairs(reach_m, output_type="ndarray")
         between = np.array(group)[np.array([end[0] for end in ends])]
         a, b = pairs[between[pairs[:, 0]] != between[pairs[:, 1]]].T
-        length_m = np.sqrt(((ports_m[a] - ports_m[b]) ** 2).sum(axis=1))
+        length_m = np.linalg.norm(ports_m[a] - ports_m[b], axis=1)
         opposite = (normals[a] * normals[b]).sum(axis=1) <= _SAME_SIDE_COSINE
         cost = np.round(length_m + pitch_m(side_m) * opposite, _DIGITS_LENGTH)
         order = np.lexsort((b, a, cost))
@@ -147,7 +149,8 @@ def _components(n_cells: int, wires: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(rank[label.reshape(-1)], dtype=np.int64)
 
 
-def _rounded(vector: Floats, digits: int) -> tuple[float, float, float]:
+def rounded_vector(vector: Floats, digits: int) -> tuple[float, float, float]:
+    """Vector (3,) as a deployment gives it, rounded to so many digits, without a negative zero."""
     x, y, z = (round(float(value), digits) + 0.0 for value in vector)
     if not math.isfinite(x + y + z):
         raise AssertionError("a cell's pose is not finite")

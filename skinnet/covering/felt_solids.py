@@ -176,7 +176,7 @@ def felt_solids(mj: Model, link: Link) -> FeltSolids:
     for row in np.flatnonzero(hull >= 0).tolist():
         points_m = vertices_m[hull[row]]
         centre_m = 0.5 * (points_m.min(axis=0) + points_m.max(axis=0))
-        sphere_m[row] = (*centre_m, np.sqrt(((points_m - centre_m) ** 2).sum(axis=1).max()))
+        sphere_m[row] = (*centre_m, np.linalg.norm(points_m - centre_m, axis=1).max())
     return FeltSolids(
         geom_id=np.array(geoms, dtype=np.int64),
         kind=mj.geom_type[geoms].astype(np.int64),

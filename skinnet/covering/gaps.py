@@ -78,6 +78,7 @@ def note_kept(
 ) -> None:
     """Set distances of samples from the nearest cell: as before, but anew about `gap`, where cells went."""
     reach_m = radius_m + _REACH_FRACTION * limits.pitch_m
+    far_m = reach_m + _REACH_FRACTION * limits.pitch_m
     for j in range(len(nearest_m)):
         x, y, z = (
             samples.point_m[j, 0] - samples.point_m[gap, 0],
@@ -91,7 +92,7 @@ def note_kept(
             positions_m[i, 1] - samples.point_m[gap, 1],
             positions_m[i, 2] - samples.point_m[gap, 2],
         )
-        if x * x + y * y + z * z < (reach_m + _REACH_FRACTION * limits.pitch_m) ** 2:
+        if x * x + y * y + z * z < far_m * far_m:
             note_cell(samples, limits, positions_m, rotations, i, nearest_m)
 
 
@@ -167,7 +168,7 @@ def aim_at_sample(
 @compiled_without_nrt
 def covered_value_m2(ground: Ground, limits: CellLimits, nearest_m: Floats, n_cells: int) -> float:
     """Value [m²] of a covering: asked surface within 0.6 pitch of a cell, and half the area of the cells."""
-    value_m2 = 0.25 * math.sqrt(3.0) * limits.pitch_m**2 * n_cells
+    value_m2 = 0.25 * math.sqrt(3.0) * limits.pitch_m * limits.pitch_m * n_cells
     for j in range(len(nearest_m)):
         if ground.asked[j] and nearest_m[j] < _COVERED_FRACTION * limits.pitch_m:
             value_m2 += ground.samples.area_m2[j]

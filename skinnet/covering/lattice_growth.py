@@ -85,7 +85,7 @@ def _with_room(
     """Positions and rotations with rows for all cells that may fit after those that are fixed."""
     n_fixed = len(fixed_position_m)
     area_m2 = float(ground.samples.area_m2[ground.asked].sum())
-    room = 64 + int(2.0 * area_m2 / (_HALF_SQRT3 * limits.pitch_m**2))
+    room = 64 + int(2.0 * area_m2 / (_HALF_SQRT3 * limits.pitch_m * limits.pitch_m))
     room = n_fixed + (room if max_cells is None else min(room, max_cells))
     position_m, R = np.zeros((room, 3)), np.zeros((room, 3, 3))
     position_m[:n_fixed], R[:n_fixed] = fixed_position_m, R_fixed
@@ -135,7 +135,7 @@ def _grow(
 
     `nearest_m` (s,) holds distances of samples from the nearest cell, `tried` (s,) samples that are no holes.
     """
-    samples, n_sites = ground.samples, 0
+    samples, n_sites = ground.samples, 0 * n  # a literal 0 would compile what takes it once more
     while n < len(positions_m):
         if settle_cell(ground, limits, positions_m, rotations, n, w):
             for k in range(3):
@@ -175,20 +175,21 @@ def _improve(
         if gap < 0:
             break
         radius_m = (1.0 + 0.4 * (step % 3)) * limits.pitch_m
-        stays = _square_m2(positions_m[:n] - samples.point_m[gap]) > radius_m**2
+        stays = _square_m2(positions_m[:n] - samples.point_m[gap]) > radius_m * radius_m
         stays[:n_fixed] = True
         kept = int(stays.sum())
         trial_m, R_trial = np.zeros_like(positions_m), np.zeros_like(rotations)
         trial_m[:kept], R_trial[:kept] = positions_m[:n][stays], rotations[:n][stays]
         trial_nearest_m = np.empty_like(nearest_m)
         note_kept(samples, limits, trial_m, R_trial, kept, gap, radius_m, nearest_m, trial_nearest_m)
-        about = _square_m2(samples.point_m - samples.point_m[gap]) < (radius_m + 1.2 * limits.pitch_m) ** 2
+        about_m = radius_m + 1.2 * limits.pitch_m
+        about = _square_m2(samples.point_m - samples.point_m[gap]) < about_m * about_m
         tried = ~(about & ground.asked)
         first = gap if step % 2 == 0 else next_hole(limits, trial_nearest_m, tried)
         aim_at_sample(samples, trial_m, R_trial, kept, gap if first < 0 else first, w)
         m = int(_grow(ground, limits, trial_m, R_trial, kept, trial_nearest_m, tried, sites, w))
         trial_m2 = covered_value_m2(ground, limits, trial_nearest_m, m)
-        if trial_m2 > value_m2 + 1e-9 * limits.pitch_m**2:
+        if trial_m2 > value_m2 + 1e-9 * limits.pitch_m * limits.pitch_m:
             value_m2, n, nearest_m = trial_m2, m, trial_nearest_m
             positions_m[:n], rotations[:n] = trial_m[:n], R_trial[:n]
     return n

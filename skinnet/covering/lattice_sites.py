@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.compilation import compiled, compiled_without_nrt
+from skinnet import pinned_math
+from skinnet.compilation import compiled_without_nrt
 from skinnet.covering.cell_limits import CellLimits
 from skinnet.covering.cell_settling import Ground, Scratch, hexagon_direction
 from skinnet.covering.surface_walk import walk_one_pitch
@@ -19,7 +20,7 @@ Bools = NDArray[np.bool_]
 
 _SITE_FRACTION = 0.5
 """Distance of predictions of one site, as a fraction of the pitch."""
-_ALIKE_COSINE = math.cos(math.radians(18.0))
+_ALIKE_COSINE = pinned_math.cos(math.radians(18.0))
 """Least cosine between axes that are averaged."""
 _FILLED_FRACTION = 0.55
 _MAX_TRIES = 3
@@ -36,7 +37,6 @@ class Sites(NamedTuple):
     open: Bools
 
 
-@compiled
 def new_sites(capacity: int) -> Sites:
     """Allocate room for so many sites."""
     return Sites(
@@ -146,7 +146,7 @@ def _add_prediction(sites: Sites, n_sites: int, w: Scratch, reach_m: float) -> i
             if alike > best + 1e-9:
                 best, turn = alike, k
         c, s = hexagon_direction(turn)
-        length = math.sqrt(a[site, 0] ** 2 + a[site, 1] ** 2 + a[site, 2] ** 2)
+        length = math.sqrt(a[site, 0] * a[site, 0] + a[site, 1] * a[site, 1] + a[site, 2] * a[site, 2])
         for m in range(3):
             sites.sum_m[site, m] += w.target_m[m]
             n[site, m] = (weight * n[site, m] + w.normal[m]) / (weight + 1.0)
@@ -176,7 +176,7 @@ def take_next_site(sites: Sites, n_sites: int, w: Scratch) -> bool:
     sites.open[best] = False
     sites.tries[best] += 1
     n = sites.normal
-    length = math.sqrt(n[best, 0] ** 2 + n[best, 1] ** 2 + n[best, 2] ** 2)
+    length = math.sqrt(n[best, 0] * n[best, 0] + n[best, 1] * n[best, 1] + n[best, 2] * n[best, 2])
     for k in range(3):
         w.target_m[k] = sites.sum_m[best, k] / sites.weight[best]
         w.normal[k] = n[best, k] / length

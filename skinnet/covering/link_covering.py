@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +32,19 @@ from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import pitch_m as pitch_of_side_m
 from skinnet.suggestions import known_names
 
-__all__ = ["CellSize", "LinkCovering", "LinkGround", "cover_ground", "largest_side_m", "prepare_ground"]
+__all__ = [
+    "CellSize",
+    "LinkCovering",
+    "LinkGround",
+    "cover_ground",
+    "largest_side_m",
+    "prepare_ground",
+    "row_axis",
+]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-_SAMPLES_PER_PITCH = 8.0
 _SEEDS = 2
 _ANGLES_DEG = (0.0, 30.0)
 """Angles of the first rows to the axis of the link."""
@@ -54,11 +62,12 @@ _SMALLER = 0.85
 
 @dataclass(frozen=True)
 class CellSize:
-    """Size of the cells: side of the hexagon, pitch and thickness of the foam [m]."""
+    """Size of the cells: side of the hexagon, pitch and thickness of the foam [m]; density of samples."""
 
     side_m: float
     pitch_m: float
     foam_m: float
+    samples_per_pitch: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,11 @@ class LinkGround:
     axis: Floats
     n_in_region: int
     neighbours: tuple[tuple[FeltSolids, Floats], ...]
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Tree of the samples, for searches."""
+        return cKDTree(self.ground.samples.point_m)
 
     @property
     def asked_m2(self) -> float:
@@ -108,7 +122,7 @@ def prepare_ground(
         ModelError: a mesh of the link is flat.
     """
     solids = felt_solids(mj, link)
-    samples = sample_surface(solids, size.pitch_m / _SAMPLES_PER_PITCH)
+    samples = sample_surface(solids, size.pitch_m / size.samples_per_pitch)
     inside = np.ones(len(samples.point_m), dtype=np.bool_)
     if cover.region is not None:
         inside = in_region(samples, solids, cover.region, _region_geoms(mj, solids, body, cover))
@@ -162,6 +176,7 @@ def _clear_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Boo
     Growth asks for clearance where the surface was sampled; a cell at an edge juts out beyond it.
     """
     points = np.concatenate([hexagon_grid(rings)[0] for rings in _RINGS])
+    points.flags.writeable = False  # as the points of growth, so that nothing is compiled twice
     heights_m, clear = np.zeros(len(points)), np.ones(len(position_m), dtype=np.bool_)
     for i, R in enumerate(R_body_cell):
         heights_under_cell(
@@ -258,17 +273,17 @@ def _starts(of: LinkGround) -> list[tuple[int, Floats]]:
     room_m = np.full(len(asked), 1.0)
     if edge.any():
         room_m = np.minimum(cKDTree(samples.point_m[edge]).query(samples.point_m[asked])[0], 1.0)
-    n_cells = of.asked_m2 / (0.5 * math.sqrt(3.0) * of.limits.pitch_m**2)
+    n_cells = of.asked_m2 / (0.5 * math.sqrt(3.0) * of.limits.pitch_m * of.limits.pitch_m)
     starts = []
     for _ in range(_SEEDS if n_cells > _FEW_CELLS else _SEEDS_OF_FEW):
         seed = int(asked[np.argmax(np.round(room_m, 6))])
-        starts += [(seed, _row_axis(samples.normal[seed], of.axis, angle_deg)) for angle_deg in _ANGLES_DEG]
+        starts += [(seed, row_axis(samples.normal[seed], of.axis, angle_deg)) for angle_deg in _ANGLES_DEG]
         off = samples.point_m[asked] - samples.point_m[seed]
         room_m = np.minimum(room_m, np.sqrt((off * off).sum(axis=1)))
     return starts
 
 
-def _row_axis(normal: Floats, axis: Floats, angle_deg: float) -> Floats:
+def row_axis(normal: Floats, axis: Floats, angle_deg: float) -> Floats:
     """Direction (3,) at an angle to the axis of the link in the plane across `normal`."""
     for along in (axis, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
         across = along - normal * (along * normal).sum()

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from skinnet.covering.port_turns import best_turns, turned
 from skinnet.errors import DeploymentError
+from skinnet.pinned_linalg import norm
 from skinnet.skin.lattice import pitch_m
 
 __all__ = ["LAYOUT_COLUMNS", "Layout", "cells_of_layout", "read_layout"]
@@ -151,7 +152,7 @@ def _require_room(layout: Layout, position_m: Floats, normal: Floats, side_m: fl
     pitch = pitch_m(side_m)
     for a, b in sorted(cKDTree(position_m).query_pairs(_OVERLAP_FRACTION * pitch)):
         if float((normal[a] * normal[b]).sum()) > _BACK_TO_BACK_COSINE:
-            off_m = float(np.sqrt(((position_m[a] - position_m[b]) ** 2).sum()))
+            off_m = norm(position_m[a] - position_m[b])
             raise DeploymentError(
                 f"{layout.name}: lines {layout.line[a]} and {layout.line[b]} are {1e3 * off_m:.1f} mm apart; "
                 f"cells of side {1e3 * side_m:g} mm need {1e3 * _OVERLAP_FRACTION * pitch:.1f} mm "

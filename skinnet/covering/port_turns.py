@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skinnet import pinned_math
-from skinnet.compilation import compiled, compiled_without_nrt
+from skinnet.compilation import compiled_without_nrt
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD
 
 __all__ = ["best_turns", "turned"]
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _WIRE_FRACTION = 1.15
-_FACING_COSINE = math.cos(math.radians(35.0))
+_FACING_COSINE = pinned_math.cos(math.radians(35.0))
 _SAME_SIDE_COSINE = -0.5
 """As in `skinnet.skin.placement`, whose wires count in the end."""
 _N_TURNS = 3
@@ -63,7 +63,8 @@ def best_turns(position_m: Floats, R_body_cell: Floats, pitch_m: float) -> tuple
     """
     neighbours = _neighbours(position_m, R_body_cell, pitch_m)
     turns = np.zeros(len(position_m), dtype=np.int64)
-    components, wires = _search(neighbours, turns)
+    scratch = np.zeros((3, len(turns)), dtype=np.int64)
+    components, wires = _search(neighbours, turns, *scratch)
     return turns, int(components), int(wires)
 
 
@@ -93,11 +94,12 @@ def _neighbours(position_m: Floats, R_body_cell: Floats, pitch_m: float) -> _Nei
     return _Neighbours(np.ascontiguousarray(pairs), faces, first, of_cell)
 
 
-@compiled
-def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
+@compiled_without_nrt
+def _search(
+    neighbours: _Neighbours, turns: Indices, root: Indices, labels: Indices, before: Indices
+) -> tuple[int, int]:
+    """Improve `turns` (n,) in place; the other arrays (n,) are work space."""
     n = len(turns)
-    root = np.zeros(n, dtype=np.int64)
-    before = turns.copy()
     components, wires = _count(neighbours, turns, root)
     for _ in range(_SWEEPS):
         improved = False
@@ -114,12 +116,12 @@ def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
                     kept, own, improved = turns[cell], _wires_of(neighbours, turns, cell), True
             turns[cell] = kept
         _count(neighbours, turns, root)
-        labels = root.copy()
+        _copy(labels, root)
         for label in range(n):
             if labels[label] != label:
                 continue
             for step in range(1, _N_TURNS):
-                before[:] = turns
+                _copy(before, turns)
                 for cell in range(n):
                     if labels[cell] == label:
                         turns[cell] = (turns[cell] + step) % _N_TURNS
@@ -128,7 +130,7 @@ def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
                     components, wires = trial
                     improved = True
                 else:
-                    turns[:] = before
+                    _copy(turns, before)
         _count(neighbours, turns, root)
         for p in range(len(neighbours.pair)):
             a, b = neighbours.pair[p, 0], neighbours.pair[p, 1]
@@ -148,6 +150,12 @@ def _search(neighbours: _Neighbours, turns: Indices) -> tuple[int, int]:
         if not improved:
             break
     return components, wires
+
+
+@compiled_without_nrt
+def _copy(target: Indices, source: Indices) -> None:
+    for i in range(len(source)):
+        target[i] = source[i]
 
 
 @compiled_without_nrt

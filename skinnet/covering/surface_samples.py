@@ -130,8 +130,9 @@ def _on_capsule(radius_m: float, half_m: float, cell_m2: float) -> tuple[Floats,
     height_m = (2.0 * u - 1.0) * (half_m + radius_m)
     cap_m = height_m - np.clip(height_m, -half_m, half_m)
     cosine, sine = _circle(v)
-    across = np.sqrt(np.maximum(1.0 - (cap_m / radius_m) ** 2, 0.0))
-    normal = np.column_stack([across * cosine, across * sine, cap_m / radius_m])
+    sine_up = cap_m / radius_m
+    across = np.sqrt(np.maximum(1.0 - sine_up * sine_up, 0.0))
+    normal = np.column_stack([across * cosine, across * sine, sine_up])
     point_m = radius_m * normal
     point_m[:, 2] = height_m
     return point_m, normal, np.full(n, area_m2 / n)

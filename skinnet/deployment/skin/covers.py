@@ -1,4 +1,4 @@
-"""Cover specs: which surface of which links is covered with HEX-o-SKIN cells."""
+"""Cover specs: which surface of which links is covered with HEX-o-SKIN cells or tactile sheets."""
 
 from typing import Annotated, Literal
 
@@ -83,8 +83,12 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Name of the cover, with which those of its patches begin."""
     body: str | Annotated[tuple[str, ...], Meta(min_length=1)]
     """Body, list of bodies, or a pattern with * and ? of their names; those of a list must all take cells."""
+    kind: Literal["cells", "sheet"] = "cells"
+    """What covers: `cells`, or tactile sheets of 8 × 8 elements, flat or bent round a cylinder, as many as
+    find a place on the felt surface, with all elements within 4 mm of it *(assumed)*."""
     pitch_m: Positive | None = None
-    """Distance of neighbouring cells; that of the cell itself, √3 × `cells.side_m`, unless given."""
+    """Distance of neighbouring cells; that of the cell itself, √3 × `cells.side_m`, unless given. Of sheets,
+    that of their elements; 21.5 mm unless given [R11]."""
     layout: str | None = None
     """Measured layout instead of a covering: a CSV file, relative to the deployment, with a header and a line
     for each cell: its centre `x_m`, `y_m`, `z_m` and outward normal `nx`, `ny`, `nz`, frame of the body, and,
@@ -102,6 +106,10 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Least number of wired cells; smaller components are left out."""
 
     def __post_init__(self) -> None:
+        if self.kind == "sheet":
+            for key in ("layout", "margin_m", "max_cells"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f'{key}: not with kind = "sheet"; leave it out, or give kind = "cells"')
         if self.layout is None:
             return
         if not isinstance(self.body, str) or any(sign in self.body for sign in "*?"):

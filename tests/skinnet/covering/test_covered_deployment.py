@@ -68,6 +68,8 @@ def test_the_metrics_of_all_links_are_without_fault(tmp_path: Path) -> None:
     )
     low, high = sorted(link["within_0_6_pitch"] for link in made.links)
     assert low <= total["within_0_6_pitch"] <= high
+    assert [link["thickness_mm"] for link in made.links] == pytest.approx([90.0, 80.0], abs=0.1)
+    assert total["within_0_6_pitch_thick"] == total["within_0_6_pitch"]
 
 
 def test_a_covering_is_made_once_and_made_anew_when_a_cover_or_the_model_changes(
