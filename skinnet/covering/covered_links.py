@@ -101,7 +101,7 @@ class _LinkSkin:
 
 @dataclass(frozen=True)
 class _Made:
-    """What a cover has made on one link: patches, or sheets."""
+    """Patches or sheets that a cover has made on one link."""
 
     ground: LinkGround
     patches: list[PatchSpec]
