@@ -96,10 +96,10 @@ def largest_sheet_pitch_m(
 
 def _first(ahead: list[SheetPose], laid: list[SheetPose]) -> int:
     """Pose nearest to those `laid`, to 0.1 mm; of equals that with the least gap."""
-    off_m = np.zeros(len(ahead))
+    off_m: Floats = np.zeros(len(ahead))
     if laid:
         middles_m = np.array([pose.middle_m for pose in laid])
-        off_m = cKDTree(middles_m).query(np.array([pose.middle_m for pose in ahead]))[0]
+        off_m = np.asarray(cKDTree(middles_m).query(np.array([pose.middle_m for pose in ahead]))[0])
     gap_m = np.array([pose.gap_m for pose in ahead])
     return int(np.lexsort((np.round(gap_m, 6), np.round(off_m, 4)))[0])
 

@@ -84,7 +84,7 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     body: str | Annotated[tuple[str, ...], Meta(min_length=1)]
     """Body, list of bodies, or a pattern with * and ? of their names; those of a list must all take cells."""
     kind: Literal["cells", "sheet"] = "cells"
-    """What covers: `cells`, or tactile sheets of 8 × 8 elements, flat or bent round a cylinder, as many as
+    """Kind of skin: `cells`, or tactile sheets of 8 × 8 elements, flat or bent round a cylinder, as many as
     find a place on the felt surface, with all elements within 4 mm of it *(assumed)*."""
     pitch_m: Positive | None = None
     """Distance of neighbouring cells; that of the cell itself, √3 × `cells.side_m`, unless given. Of sheets,
