@@ -49,6 +49,21 @@ def test_a_group_gets_the_fewest_gateways_that_keep_the_limits(tmp_path: Path) -
     assert sum(len(patch.interfaces) for patch in in_time) > 1
 
 
+def test_the_search_ends_near_the_fewest_where_it_starts_far_below(tmp_path: Path) -> None:
+    in_time = planned(tmp_path, "plan.max_latency_ms=2")
+    short = len(with_gateways([row_of(80)], [], in_time)[0].interfaces)
+    long = len(with_gateways([row_of(240)], [], in_time)[0].interfaces)
+    assert 3 * short - 3 <= long <= 3 * short + 3
+    assert long > 34  # the load alone would allow one
+
+
+def row_of(n_cells: int) -> PatchSpec:
+    position_m = PITCH_M * np.column_stack([np.arange(n_cells), np.zeros((n_cells, 2))])
+    return component_patches(
+        "row", "fore", position_m, np.repeat(np.eye(3)[None], n_cells, axis=0), CELLS, 1
+    )[0]
+
+
 def test_cells_amid_a_large_patch_are_turned_where_gateways_at_its_edge_do_not_suffice(
     tmp_path: Path,
 ) -> None:
