@@ -166,7 +166,7 @@ def _run(file: Path, folder: Path, options: TrialOptions) -> dict[str, Any]:
     summary = _read(out / "summary.json")
     return summary["metrics"] | {
         "run.cpu_s": said.cpu_s,
-        "run.rtf": summary["run"]["rtf"],
+        "run.rtf": summary["rtf"],
         "touches": len(touches),
     }
 
