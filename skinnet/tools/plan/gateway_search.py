@@ -16,6 +16,9 @@ from skinnet.tools.plan.traffic import Traffic
 
 __all__ = ["Limits", "PatchGroup", "SearchResult", "breaches", "search_fewest_gateways"]
 
+_SINGLE_STEPS = 32
+"""Numbers of gateways that are tried one after the other before the steps double."""
+
 
 class Limits(NamedTuple):
     """Limits that a plan must keep.
@@ -85,8 +88,9 @@ def search_fewest_gateways(
 ) -> SearchResult:
     """Search for the fewest gateways of `group` that breach none of `limits`, at evenly spread places.
 
-    Tries one number after the other, from the lower bound to all cells at the edge, or the ports of one
-    gateway; places are heuristic.
+    Tries one number after the other from the lower bound on. After some it takes steps that double, up to all
+    cells at the edge or the ports of one gateway, and then halves the interval between what suffices and what
+    does not. Places are heuristic.
     """
     n_cells = len(group.cells)
     ports = free_ports(n_cells, group.wires)
@@ -103,14 +107,31 @@ def search_fewest_gateways(
     best = evaluate(choose_gateway_ports(n_cells, group.wires, ports, most))
     if best.breaches:
         return best
-    for k in range(min(at_least, MAX_GATEWAY_PORTS), min(most, MAX_GATEWAY_PORTS + 1)):
+
+    def suffices(k: int) -> SearchResult | None:
         tries = [choose_gateway_ports(n_cells, group.wires, ports, k)]
         if k == len(group.gateways):
             tries.append(group.gateways)  # the deployment's places may be better
-        for gateways in tries:
-            if not (found := evaluate(gateways)).breaches:
-                return found
-    return best if most <= MAX_GATEWAY_PORTS else found
+        return next((found for found in map(evaluate, tries) if not found.breaches), None)
+
+    too_few, enough, step = min(at_least, MAX_GATEWAY_PORTS) - 1, min(most, MAX_GATEWAY_PORTS), 1
+    if enough < most:
+        if (found := suffices(enough)) is None:
+            return evaluate(choose_gateway_ports(n_cells, group.wires, ports, enough))
+        best = found
+    while too_few + step < enough:
+        if (found := suffices(too_few + step)) is not None:
+            best, enough = found, too_few + step
+            break
+        too_few += step
+        step = 1 if too_few - at_least < _SINGLE_STEPS else 2 * step
+    while enough - too_few > 1:
+        middle = (too_few + enough) // 2
+        if (found := suffices(middle)) is not None:
+            best, enough = found, middle
+        else:
+            too_few = middle
+    return best
 
 
 def _connected_components(n_cells: int, wires: NDArray[np.int64]) -> int:

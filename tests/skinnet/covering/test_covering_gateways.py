@@ -66,6 +66,23 @@ def test_a_group_too_large_for_the_ports_of_a_gateway_is_cut(tmp_path: Path) -> 
     assert sorted(cell.position_m for patch in made.patches for cell in patch.cells) == before
 
 
+def test_the_search_ends_near_the_fewest_where_it_starts_far_below(tmp_path: Path) -> None:
+    in_time = planned(tmp_path, "plan.max_latency_ms=2")
+    short, long = (
+        sum(len(patch.interfaces) for patch in with_gateways([row_of(n)], [], in_time).patches)
+        for n in (80, 240)
+    )
+    assert 3 * short - 3 <= long <= 3 * short + 3
+    assert long > 34  # the load alone would allow one
+
+
+def row_of(n_cells: int) -> PatchSpec:
+    position_m = PITCH_M * np.column_stack([np.arange(n_cells), np.zeros((n_cells, 2))])
+    return component_patches(
+        "row", "fore", position_m, np.repeat(np.eye(3)[None], n_cells, axis=0), CELLS, 1
+    )[0]
+
+
 def test_cells_amid_a_large_patch_are_turned_where_gateways_at_its_edge_do_not_suffice(
     tmp_path: Path,
 ) -> None:
