@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 
 from skinnet.body.model import load_model
-from skinnet.covering.covered_links import Covering, check_covers, cover_links
+from skinnet.covering.cover_checks import check_covers
+from skinnet.covering.covered_links import Covering, cover_links
 from skinnet.covering.covering_cache import covering_key, read_covering, write_covering
 from skinnet.covering.covering_gateways import GatewayPlan, with_gateways
 from skinnet.covering.covering_metrics import network_metrics

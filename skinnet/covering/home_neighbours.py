@@ -37,7 +37,8 @@ def home_neighbours(mj: Model, link: Link, home_qpos: Floats, reach_m: float) ->
     felt &= (mj.body_rootid[mj.geom_bodyid] == root) & (mj.body_weldid[mj.geom_bodyid] != 0)
     found: dict[tuple[int, ...], Link] = {}
     for geom in np.flatnonzero(felt).tolist():
-        apart_m = np.sqrt(((data.geom_xpos[own] - data.geom_xpos[geom]) ** 2).sum(axis=1))
+        offset_m = data.geom_xpos[own] - data.geom_xpos[geom]
+        apart_m = np.sqrt((offset_m * offset_m).sum(axis=1))
         if (apart_m <= mj.geom_rbound[own] + mj.geom_rbound[geom] + reach_m).any():
             other = link_of_body(mj, int(mj.geom_bodyid[geom]))
             found.setdefault(other.members, other)

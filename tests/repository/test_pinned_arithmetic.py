@@ -18,6 +18,7 @@ NOT_HASHED = {
     "skinnet/cli": "text on a terminal",
     "skinnet/covering/measuring_model.py": "figures of `skinnet cover`; reach no placement",
     "skinnet/diagnosis": "findings, before a run",
+    "skinnet/onboarding": "writes a deployment, before a run",
     "skinnet/preview": "pictures",
     "skinnet/recording/skin_scene.py": "shapes for viewers",
     "skinnet/ros2": "copies for ROS 2, outside the run",
