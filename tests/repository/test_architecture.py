@@ -70,6 +70,7 @@ def test_the_contracts_of_imports_hold() -> None:
             (
                 "skinnet/body/",
                 "skinnet/covering/felt_solids.py",
+                "skinnet/covering/home_neighbours.py",
                 "skinnet/covering/measuring_model.py",
                 "skinnet/onboarding/",
                 "controller/nursing/kinematics/robot_model.py",
