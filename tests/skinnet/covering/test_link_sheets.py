@@ -30,7 +30,8 @@ def laid_on(
 ) -> list[SheetPose]:
     mj = model_of(geoms)
     spec = CoverSpec(name="c", body="link", kind="sheet", **cover)  # type: ignore[arg-type]
-    of = prepare_ground(mj, ground_of(mj).link, "link", spec, element_size(pitch_m, 0.012))
+    size = element_size(pitch_m, 0.012)
+    of = prepare_ground(mj, ground_of(mj).link, "link", spec, size, mj.qpos0)
     return lay_sheets(of, pitch_m, *cells, name="skin")
 
 
