@@ -77,7 +77,7 @@ class SelfModel:
         if self.structure is not None:
             self.structure = complete_structure(
                 self.structure,
-                deflections.lever_arms_m() > self.min_lever_m,
+                deflections.accelerates(self.min_lever_m),
                 deflections.measured,
                 dof_names=self.dof_names,
                 cell_names=self.cell_names,

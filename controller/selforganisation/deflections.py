@@ -9,6 +9,10 @@ from skinnet.pinned_linalg import solve
 
 __all__ = ["Deflections"]
 
+_CLEAR = 5.0
+"""Lever arm, in standard deviations of its noise along an axis, from which it is none: of three normal axes
+together, one cell in 65 000 exceeds it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Deflections:
@@ -28,8 +32,15 @@ class Deflections:
     """Motion of DoF d, in phase, per motion of the excited DoF e (D, D): one on the diagonal."""
     measured: NDArray[np.bool_]
     """DoFs (D,) that followed their sine."""
+    noise_m: NDArray[np.float64]
+    """Standard deviation (D,) of the deflections along one axis [m], as their parts out of phase tell."""
     problems: tuple[str, ...]
     """Missing measurements, one line each."""
+
+    def accelerates(self, min_lever_m: float) -> NDArray[np.bool_]:
+        """True (S, D) where a DoF moves a cell: its lever arm exceeds `min_lever_m` [m], and its noise."""
+        moves: NDArray[np.bool_] = self.lever_arms_m() > np.maximum(min_lever_m, _CLEAR * self.noise_m)
+        return moves
 
     def lever_arms_m(self) -> NDArray[np.float64]:
         """Lever arm (S, D) [m] of every DoF at every cell, up to gravity tilt; zero where not measured.

@@ -18,6 +18,8 @@ from skinnet import pinned_math
 
 __all__ = ["MapExploration", "MapExplorationConfig"]
 
+_DEVIATIONS_PER_MEDIAN = 1.4826
+"""Standard deviation of normal noise per median of its size."""
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM, 1901)."""
 
@@ -94,6 +96,7 @@ class MapExploration:
         self._home_rad = np.zeros(0)
         n_frequencies = len(self._sines)
         self._in_phase_m = np.zeros((n_frequencies, n_cells, n_dofs, 3))
+        self._noise_m = np.zeros((n_frequencies, n_dofs))
         self._coupling = np.tile(np.eye(n_dofs), (n_frequencies, 1, 1))
         self._measured = np.zeros((n_frequencies, n_dofs), dtype=np.bool_)
         self._problems: list[str] = []
@@ -124,14 +127,17 @@ class MapExploration:
         if not self._done:
             raise RuntimeError("map exploration is not done; wait for `done`")
         measured: NDArray[np.bool_] = np.logical_and.reduce(self._measured, axis=0)
-        deflection_m = self._in_phase_m[0]
+        deflection_m, noise_m = self._in_phase_m[0], self._noise_m[0]
         if len(self._sines) > 1:
             square, tilt_square = (sine.frequency_hz * sine.frequency_hz for sine in self._sines)
             without_tilt_m = (square * deflection_m - tilt_square * self._in_phase_m[1]) / (
                 square - tilt_square
             )
             deflection_m = np.where(measured[:, None], without_tilt_m, 0.0)
-        return Deflections(self._home_rad, deflection_m, self._coupling[0], measured, tuple(self._problems))
+            own, other = square * self._noise_m[0], tilt_square * self._noise_m[1]
+            noise_m = np.sqrt(own * own + other * other) / abs(square - tilt_square)
+        problems = tuple(self._problems)
+        return Deflections(self._home_rad, deflection_m, self._coupling[0], measured, noise_m, problems)
 
     @property
     def _n_sines(self) -> int:
@@ -321,3 +327,8 @@ class MapExploration:
                 f"{format_members('cell', np.flatnonzero(blind), self._cell_names)} with too few samples"
             )
         self._in_phase_m[number, ~blind, dof] = deflection_m[~blind]
+        # a rigid body has no acceleration out of phase with the joint's
+        across = amplitude.imag * motion_rad.real - amplitude.real * motion_rad.imag
+        quadrature_m = np.abs(STANDARD_GRAVITY_M_S2 * (across[~blind] / acceleration))
+        if quadrature_m.size:
+            self._noise_m[number, dof] = _DEVIATIONS_PER_MEDIAN * np.median(quadrature_m)

@@ -118,13 +118,27 @@ def test_a_second_frequency_removes_the_tilt_of_gravity() -> None:
     assert error_m(None) > 10e-3
 
 
+def test_noise_is_known_and_moves_no_cell() -> None:
+    """Parts out of phase tell the noise of a small sine, in which half of the cells at rest seem to move."""
+    arm = SkinnedArms(n_arms=1, cells_per_part=12, torso_cells=40)
+    config = MapExplorationConfig(amplitude_rad_s=0.05, tilt_frequency_hz=2.0)
+    program = MapExploration(config, arm.n_dofs, arm.n_cells, 0)
+    run(program, arm, noise_g=0.003)
+    found, still = program.result, ~arm.activity
+    spread_m = [found.deflection_m[still[:, dof], dof].std() for dof in range(arm.n_dofs)]
+    np.testing.assert_allclose(found.noise_m, spread_m, rtol=0.25)
+    assert (found.lever_arms_m() > 0.005)[still].mean() > 0.3
+    assert not found.accelerates(0.005)[still].any()
+    assert found.accelerates(0.005)[arm.activity].mean() > 0.8
+
+
 def test_motion_by_reaction_belongs_to_the_joint_that_yields() -> None:
     rng = np.random.default_rng(5)
     J = rng.uniform(-0.5, 0.5, (4, 3, 3))
     J[2:, 1] = 0.0  # cells proximal to joint 1
     coupling = np.array([[1.0, -0.2, 0.05], [0.1, 1.0, 0.0], [0.0, 0.3, 1.0]])
     in_phase = np.einsum("sdx,de->sex", J, coupling)
-    found = Deflections(np.zeros(3), in_phase, coupling, np.array([True, True, False]), ())
+    found = Deflections(np.zeros(3), in_phase, coupling, np.array([True, True, False]), np.zeros(3), ())
     assert np.linalg.norm(in_phase[2:, 1], axis=1).min() > 0.005
     lever_m = found.lever_arms_m()
     np.testing.assert_allclose(lever_m[:, :2], np.linalg.norm(J, axis=2)[:, :2], atol=1e-12)
