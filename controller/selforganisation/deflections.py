@@ -9,9 +9,9 @@ from skinnet.pinned_linalg import solve
 
 __all__ = ["Deflections"]
 
-_CLEAR = 5.0
+_CLEAR = 4.25
 """Lever arm, in standard deviations of its noise along an axis, from which it is none: of three normal axes
-together, one cell in 65 000 exceeds it."""
+together, one cell in 2500 exceeds it, and the noise is rather overestimated (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)

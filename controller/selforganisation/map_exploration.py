@@ -18,8 +18,8 @@ from skinnet import pinned_math
 
 __all__ = ["MapExploration", "MapExplorationConfig"]
 
-_DEVIATIONS_PER_MEDIAN = 1.4826
-"""Standard deviation of normal noise per median of its size."""
+_TENTH, _DEVIATIONS_PER_TENTH = 0.1, 7.9580
+"""Quantile of the size of normal noise, and the standard deviation per its value."""
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM, 1901)."""
 
@@ -327,8 +327,8 @@ class MapExploration:
                 f"{format_members('cell', np.flatnonzero(blind), self._cell_names)} with too few samples"
             )
         self._in_phase_m[number, ~blind, dof] = deflection_m[~blind]
-        # a rigid body has no acceleration out of phase with the joint's
+        # what rests has noise alone out of phase with the joint; what moves may have reactions of others, too
         across = amplitude.imag * motion_rad.real - amplitude.real * motion_rad.imag
         quadrature_m = np.abs(STANDARD_GRAVITY_M_S2 * (across[~blind] / acceleration))
         if quadrature_m.size:
-            self._noise_m[number, dof] = _DEVIATIONS_PER_MEDIAN * np.median(quadrature_m)
+            self._noise_m[number, dof] = _DEVIATIONS_PER_TENTH * np.quantile(quadrature_m, _TENTH)
