@@ -204,7 +204,7 @@ def solve(a: ArrayLike, b: ArrayLike) -> Floats:
     Raises:
         numpy.linalg.LinAlgError: a matrix is singular.
     """
-    matrix, x = np.array(a, dtype=np.float64), np.array(b, dtype=np.float64)
+    matrix, x = np.array(a, dtype=np.float64, order="C"), np.array(b, dtype=np.float64, order="C")
     n = matrix.shape[-1]
     matrices, columns = matrix.reshape(-1, n, n), 1 if x.ndim == 1 else x.shape[-1]
     right = x.reshape(len(matrices), n, columns)
@@ -217,7 +217,7 @@ def solve(a: ArrayLike, b: ArrayLike) -> Floats:
 
 def determinant(a: ArrayLike) -> Floats:
     """Return the determinants (…) of matrices (…, n, n)."""
-    matrix = np.array(a, dtype=np.float64)
+    matrix = np.array(a, dtype=np.float64, order="C")
     n, stack = matrix.shape[-1], matrix.shape[:-2]
     determinants = np.empty(math.prod(stack))
     _solve_all(matrix.reshape(-1, n, n), np.empty((len(determinants), n, 0)), determinants)
@@ -229,7 +229,7 @@ def symmetric_eigen(a: ArrayLike) -> tuple[Floats, Floats]:
 
     By Jacobi's method (Golub and van Loan, Matrix Computations, 8.5).
     """
-    matrix = np.array(a, dtype=np.float64)
+    matrix = np.array(a, dtype=np.float64, order="C")
     vectors = np.eye(len(matrix))
     _diagonalise(matrix, vectors)
     values = np.diagonal(matrix)

@@ -68,7 +68,7 @@ def test_one_gain_changed_is_named(touched: Path, tmp_path: Path) -> None:
     assert code == 1
     named = re.fullmatch(
         r"different at (\d+\.\d+) s, stage force_guidance, after (\d+) equal commands: "
-        r"velocity of (\w+) \[rad/s\] was (\S+), is (\S+)",
+        r"velocity of (\w+) \[rad/s; m/s if it slides\] was (\S+), is (\S+)",
         said,
     )
     assert named is not None, said
