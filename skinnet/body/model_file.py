@@ -37,6 +37,33 @@ UNFELT_GEOMS = {
 ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 Floats = NDArray[np.float64]
 _WORLD = "world"
+_NAMED = (
+    "actuators",
+    "bodies",
+    "cameras",
+    "equalities",
+    "excludes",
+    "flexes",
+    "frames",
+    "geoms",
+    "hfields",
+    "joints",
+    "keys",
+    "lights",
+    "materials",
+    "meshes",
+    "numerics",
+    "pairs",
+    "plugins",
+    "sensors",
+    "sites",
+    "skins",
+    "tendons",
+    "texts",
+    "textures",
+    "tuples",
+)
+"""Kinds of elements with names, as attributes of `MjSpec`."""
 _MODELS = Path(__file__).parent / "models"
 
 
@@ -87,15 +114,30 @@ def parse_model(path: Path) -> mujoco.MjSpec:
     """Parse an MJCF or URDF file, with names and meshes as it gives them.
 
     Raises:
-        ModelError: MuJoCo cannot read the file.
+        ModelError: MuJoCo cannot read the file, or a name in it is not UTF-8.
     """
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        _read_names(spec)
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: a name in it is not UTF-8; save the file in that encoding") from error
     except ValueError as error:
         text = _one_line(error)
         if "could not find decoder" in text:
             text = "is no model that MuJoCo reads; give an MJCF (.xml) or URDF (.urdf) file"
         raise ModelError(f"{path}: {text}") from error
+    return spec
+
+
+def _read_names(spec: mujoco.MjSpec) -> None:
+    """Read the names of all elements, and the files of meshes.
+
+    Raises:
+        UnicodeDecodeError: one is not UTF-8. MuJoCo keeps the bytes of the file, whatever its encoding.
+    """
+    _ = spec.modelname, [mesh.file for mesh in spec.meshes]
+    for kind in _NAMED:
+        _ = [element.name for element in getattr(spec, kind)]
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:

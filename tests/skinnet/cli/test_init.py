@@ -36,6 +36,9 @@ NO_MESH = (
     '<mujoco><asset><mesh name="m" file="gone.stl"/></asset><worldbody><body name="b"><joint name="j"/>'
     '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
 )
+NO_UTF_8 = (
+    '<mujoco><worldbody><body name="b"><joint name="Hüfte"/><geom size=".1"/></body></worldbody></mujoco>'
+)
 BAD = {
     "no joints": ("m.xml", NO_JOINTS, ["has no joints", "at least one hinge or slide joint"]),
     "no joint to control": (
@@ -49,6 +52,7 @@ BAD = {
     "no mesh": ("m.xml", NO_MESH, ["gone.stl", "looked in"]),
     "no XML": ("m.xml", "robot, please", ["XML"]),
     "another XML": ("m.xml", "<html/>", ["html"]),
+    "no UTF-8": ("m.xml", NO_UTF_8, ["not UTF-8", "save the file"]),
     "no model": ("m.toml", "x = 1", ["no model that MuJoCo reads", "MJCF (.xml) or URDF (.urdf)"]),
 }
 
@@ -68,7 +72,7 @@ def refused(*arguments: str) -> str:
 @pytest.mark.parametrize(("name", "text", "said"), BAD.values(), ids=BAD)
 def test_bad_models_are_one_line(name: str, text: str, said: list[str], tmp_path: Path) -> None:
     model = tmp_path / name
-    model.write_text(text, "utf-8")
+    model.write_text(text, "latin-1")
     line = refused(str(model), "--out", str(tmp_path / "robot.toml"))
     assert "\n" not in line
     assert line.startswith(str(model))
