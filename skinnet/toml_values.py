@@ -53,7 +53,7 @@ def toml_comment(text: str) -> list[str]:
 
 
 def plain_line(text: str) -> str:
-    """Text without what would end a comment or is not TOML: ? stands for a control character."""
+    """Text on one line, as a comment and a terminal ask for: ? stands for each control character."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 

@@ -14,6 +14,7 @@ from skinnet.cli.console import (
     SettingsOption,
     console,
     examples,
+    line_printer,
     write_report,
 )
 from skinnet.clock import NS_PER_S
@@ -91,9 +92,9 @@ def check(
         return
     terminal = console(stderr=json == "-")
     print_deployment(terminal, deployment, [layer.path for layer in reversed(read_layers(file))])
+    say = line_printer(terminal)
     for line in prepared.left_out:
-        said = f"left out of {deployment.body.model}: {line}"
-        terminal.print(said, highlight=False, markup=False, soft_wrap=True)
+        say(f"left out of {deployment.body.model}: {line}")
     if channels:
         print_channels(terminal, deployment.robot)
     diagnosis = _diagnose(terminal, deployment, prepared.base, settle or 0.0)

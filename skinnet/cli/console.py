@@ -14,6 +14,7 @@ import typer
 
 from skinnet.cli.completion import complete_deployment, complete_setting
 from skinnet.errors import SkinnetError, UsageError
+from skinnet.toml_values import plain_line
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -73,8 +74,8 @@ def console(stderr: bool = False) -> "Console":
 
 
 def line_printer(terminal: "Console") -> Callable[[str], None]:
-    """Return a function that prints a line as it is, without markup."""
-    return lambda line: terminal.print(line, highlight=False, markup=False, soft_wrap=True)
+    """Return a function that prints a text as one line, without markup; names of a model may have breaks."""
+    return lambda line: terminal.print(plain_line(line), highlight=False, markup=False, soft_wrap=True)
 
 
 def examples(*lines: str) -> str:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from skinnet.analysis.report.toml_listing import sections
+from skinnet.cli.console import line_printer
 from skinnet.deployment import Deployment
 from skinnet.deployment.deployment import BOARD_PROCESS
 from skinnet.diagnosis.finding import SEVERITIES, Finding
@@ -27,10 +28,7 @@ def print_deployment(console: Console, deployment: Deployment, files: Sequence[P
         deployment: Deployment to list.
         files: Its file, then that which this one extends, and so on.
     """
-
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
+    say = line_printer(console)
     say(f"{deployment.name}: robot {deployment.robot}, seed {deployment.seed}")
     if len(files) > 1:
         say(" extends ".join(map(str, files)))
@@ -64,12 +62,13 @@ def print_settling(console: Console, duration_s: float, metrics: dict[str, Any])
 
 def print_findings(console: Console, findings: Sequence[Finding]) -> None:
     """Print findings: severity, subject and observation in one line, its mend in the next."""
+    say = line_printer(console)
     for finding in findings:
-        for line in (f"{finding.severity}: {finding.subject}: {finding.text}", f"    → {finding.mend}"):
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(f"{finding.severity}: {finding.subject}: {finding.text}")
+        say(f"    → {finding.mend}")
     counts = Counter(finding.severity for finding in findings)
     said = [f"{counts[severity]} {severity}{'' if counts[severity] == 1 else 's'}" for severity in SEVERITIES]
-    console.print(", ".join(said), highlight=False)
+    say(", ".join(said))
 
 
 def resolved_toml(deployment: Deployment, file: Path) -> str:

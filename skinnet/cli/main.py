@@ -41,6 +41,7 @@ from skinnet.errors import (
     UnreachableError,
     UsageError,
 )
+from skinnet.toml_values import plain_line
 
 __all__ = ["app", "main"]
 
@@ -119,7 +120,7 @@ def main() -> None:
     try:
         app(prog_name="skinnet")
     except _BAD_INPUT_ERRORS as error:
-        sys.stderr.write(f"skinnet: {error}\n")
+        sys.stderr.write(f"skinnet: {plain_line(str(error))}\n")  # names of a model may have line breaks
         code = BAD_INPUT
     except SkinnetError as error:
         sys.stderr.write(f"skinnet: {error}\n")

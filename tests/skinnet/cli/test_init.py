@@ -90,6 +90,16 @@ def test_what_is_written_is_said(tmp_path: Path) -> None:
     assert f"skinnet run {out}" in done.output
 
 
+def test_names_of_a_model_do_not_break_a_line(tmp_path: Path) -> None:
+    text = write_trait(tmp_path, "slide_joint").read_text("utf-8").replace('"lift"', '"li&quot;&#10;ft"')
+    model, out = tmp_path / "odd.xml", tmp_path / "odd.toml"
+    model.write_text(text, "utf-8")
+    done = CliRunner().invoke(app, ["init", str(model), "--out", str(out), "--template", Template.NETWORK])
+    assert done.exit_code == 0, done.output
+    assert 'joint li"?ft: a slide turns no cell against gravity' in done.output
+    assert '"li\\"\\nft"' in out.read_text("utf-8")
+
+
 def test_a_package_path_reaches_the_meshes(tmp_path: Path) -> None:
     model = write_package(tmp_path / "src").rename(tmp_path / "arm.urdf")
     out = tmp_path / "robot.toml"
