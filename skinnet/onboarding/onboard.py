@@ -56,7 +56,8 @@ def onboard(
         overwrite: Replace a file that is there.
 
     Raises:
-        UsageError: the file is there already, or its folder is not; a template that the robot cannot do.
+        UsageError: the file is there already, its folder is not, or they may not be written; a template that
+            the robot cannot do.
         ModelError: the model cannot be read, or it has no joints, no mass, no surface for skin.
         DeploymentError: a run would refuse the deployment.
     """
@@ -100,6 +101,11 @@ def _require_place(model: Path, out: Path, *, overwrite: bool) -> None:
         raise UsageError(f"--out {out}: is the model itself; name another file")
     if out.exists() and not overwrite:
         raise UsageError(f"--out {out}: is there already; --force replaces it, or name another file")
+    for place in (out.parent, out):
+        if place.exists() and not os.access(place, os.W_OK):
+            raise UsageError(
+                f"--out {out}: {place} may not be written; change its mode, or name another file"
+            )
 
 
 def _deployment(plan: DeploymentPlan, out: Path) -> Deployment:

@@ -1,5 +1,6 @@
 """Command `skinnet init`: a deployment from a model, and one line for what is no model of a robot."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -98,6 +99,22 @@ def test_names_of_a_model_do_not_break_a_line(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert 'joint li"?ft: a slide turns no cell against gravity' in done.output
     assert '"li\\"\\nft"' in out.read_text("utf-8")
+
+
+def test_a_file_that_may_not_be_written_is_refused_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "robot.toml"
+    out.write_text("mine")
+    access = os.access  # modes do not bind every user, so that one of the file would not do
+
+    def no_writing(path: Path, mode: int) -> bool:
+        return access(path, mode) and (Path(path), mode) != (out, os.W_OK)
+
+    monkeypatch.setattr(os, "access", no_writing)
+    line = refused(str(tmp_path / "none.xml"), "--out", str(out), "--force")
+    assert line == f"--out {out}: {out} may not be written; change its mode, or name another file"
+    assert out.read_text() == "mine"
 
 
 def test_a_package_path_reaches_the_meshes(tmp_path: Path) -> None:
