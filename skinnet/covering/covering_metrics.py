@@ -26,6 +26,9 @@ from skinnet.skin.lattice import pitch_m
 from skinnet.skin.placement import place_patch
 
 __all__ = [
+    "INTRUSION_M",
+    "PIERCING_M",
+    "PLATE_M",
     "CellFigures",
     "cell_figures",
     "covered_share_of_thick",
@@ -39,8 +42,10 @@ Bools = NDArray[np.bool_]
 
 _OVERLAP_FRACTION, _WIRE_FRACTION, _COVERED_FRACTION = 0.9, 1.15, 0.6
 _BACK_TO_BACK_COSINE, _SAME_SIDE_COSINE = pinned_math.cos(math.radians(170.0)), -0.5
-_PIERCING_M = _INTRUSION_M = 1e-3
-_PLATE_M = 0.002
+INTRUSION_M = PIERCING_M = 1e-3
+"""Overlap [m] of a cell with its link, and of two plates, below which they just touch."""
+PLATE_M = 0.002
+"""Thickness [m] of the rigid plate of a cell, which may not pierce another."""
 _DEPTH_M = 0.010
 _THICK_M, _ROUNDING_M = 0.050, 1e-6
 _SAMPLES_PER_CELL, _LEAST_ASKED, _MOST_SAMPLES = 12.0, 300, 3000
@@ -108,14 +113,14 @@ def _figures(
     pitch: float,
     cell_m2: float,
 ) -> CellFigures:
-    measured = MeasuringModel(mj, of.link, side_m, _INTRUSION_M, foam_m)
-    pairs = np.array(
-        sorted(cKDTree(position_m).query_pairs(2.0 * side_m + _PLATE_M)), dtype=np.int64
-    ).reshape(-1, 2)
+    measured = MeasuringModel(mj, of.link, side_m, INTRUSION_M, foam_m)
+    pairs = np.array(sorted(cKDTree(position_m).query_pairs(2.0 * side_m + PLATE_M)), dtype=np.int64).reshape(
+        -1, 2
+    )
     a, b = pairs[:, 0], pairs[:, 1]
     off_m = np.linalg.norm(position_m[a] - position_m[b], axis=1)
     alike = (R_body_cell[a, :, 2] * R_body_cell[b, :, 2]).sum(axis=1)
-    pierced_m = plate_overlap_m(position_m, R_body_cell, pairs, side_m, _PLATE_M)
+    pierced_m = plate_overlap_m(position_m, R_body_cell, pairs, side_m, PLATE_M)
     gaps_m = [
         _gaps_m(measured, p, R, side_m, foam_m, pitch) for p, R in zip(position_m, R_body_cell, strict=True)
     ]
@@ -131,7 +136,7 @@ def _figures(
         fit_m2=each_m2 * len(point_m) * _share_that_fits(measured, of.limits, point_m, normal),
         pairs=int(((off_m <= _WIRE_FRACTION * pitch) & (alike >= _SAME_SIDE_COSINE)).sum()),
         overlaps=int(((off_m < _OVERLAP_FRACTION * pitch) & (alike > _BACK_TO_BACK_COSINE)).sum()),
-        piercing=int((pierced_m > _PIERCING_M).sum()),
+        piercing=int((pierced_m > PIERCING_M).sum()),
         buried=sum(measured.is_buried(p, R) for p, R in zip(position_m, R_body_cell, strict=True)),
         gap_m=np.array([gap_m for gap_m, _ in gaps_m]),
         visual_gap_m=np.array([gap_m for _, gap_m in gaps_m]),

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from skinnet.body.simulation import BodySimulation
 from skinnet.covering.cell_heights import heights_under_cell
+from skinnet.covering.covering_metrics import INTRUSION_M, PIERCING_M, PLATE_M
 from skinnet.covering.felt_solids import FeltSolids, felt_solids, link_of_body, relative_pose
 from skinnet.covering.hexagons import hexagon_grid, piercing_m
 from skinnet.covering.surface_samples import sample_surface
@@ -23,10 +24,6 @@ Floats = NDArray[np.float64]
 
 _MAX_GAP_M = 0.006
 """Gap [m] up to which flat cells bridge the unevenness of a link: that of `skinnet cover`."""
-_INTRUSION_M, _PIERCING_M = 1e-3, 1e-3
-"""Overlap [m] below which cells and surface just touch: that of `skinnet cover`."""
-_PLATE_M = 0.002
-"""Thickness [m] of the rigid plate of a cell, which may not pierce another: that of `skinnet cover`."""
 _BURIED_SHARE = 0.5
 _INTRUDED_SHARE = 0.1
 _DEPTH_M = 0.05
@@ -98,7 +95,7 @@ def _on_surface(deployment: Deployment, link: str, solids: FeltSolids, group: _G
             group.position_m[lost]
         )[0]
     is_off = np.isinf(heights_m).all(axis=1) | (gap_m > _MAX_GAP_M)
-    share = ((heights_m > _INTRUSION_M) * group.weights).sum(axis=1)
+    share = ((heights_m > INTRUSION_M) * group.weights).sum(axis=1)
     buried = share >= _BURIED_SHARE
     intruded = (share >= _INTRUDED_SHARE) & ~buried
     subject = f"patch {group.name}"
@@ -152,10 +149,10 @@ def _piercing(deployment: Deployment, body: BodySimulation) -> Iterator[Finding]
         frame = int(body.surface.patch_body_id[patches[0]])
         names, position_m, R = _in_one_frame(body, frame, patches)
         pairs = []
-        for a, b in sorted(cKDTree(position_m).query_pairs(2.0 * side_m + _PLATE_M)):
+        for a, b in sorted(cKDTree(position_m).query_pairs(2.0 * side_m + PLATE_M)):
             x, y, z = (position_m[b] - position_m[a]).tolist()
-            depth_m = piercing_m(R[a], R[b], x, y, z, side_m, _PLATE_M)
-            if depth_m > _PIERCING_M:
+            depth_m = piercing_m(R[a], R[b], x, y, z, side_m, PLATE_M)
+            if depth_m > PIERCING_M:
                 pairs.append((depth_m, a, b))
         if pairs:
             depth_m, a, b = max(pairs)
