@@ -50,7 +50,7 @@ def find_arms(survey: RobotSurvey, patches: Sequence[PatchSpec]) -> tuple[tuple[
         )
     return tuple(
         (f"{patch.name}/0-{min(len(patch.cells), _CELLS) - 1}",)
-        for _, _, patch in sorted(skinned[:2], key=str)
+        for _, _, patch in sorted(skinned[:2], key=lambda found: found[1])
     )
 
 
