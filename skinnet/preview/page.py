@@ -11,6 +11,7 @@ import viser
 from skinnet.diagnosis.finding import Finding
 from skinnet.preview.layers import Layer
 from skinnet.preview.picture import bounding_sphere_m, legend_labels
+from skinnet.view.page.lights import add_lights
 
 __all__ = ["render_page"]
 
@@ -39,20 +40,10 @@ def render_page(layers: Sequence[Layer], title: str, findings: Sequence[Finding]
 
 
 def _add_layers(server: viser.ViserServer, layers: Sequence[Layer]) -> None:
-    """Add the layers and lights without shadows and reflections, which cost most without a graphics card."""
-    scene = server.scene
-    scene.configure_default_lights(enabled=False, cast_shadow=False)
-    scene.configure_environment_map(None)
-    scene.add_light_ambient("/light/all", intensity=0.7)
-    scene.add_light_hemisphere(
-        "/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=0.9
-    )
-    for name, position, intensity in (("key", (2.0, 1.5, 4.0), 1.0), ("fill", (-2.0, -3.0, 2.0), 0.4)):
-        scene.add_light_directional(
-            f"/light/{name}", intensity=intensity, cast_shadow=False, position=position
-        )
+    """Add lights and layers, and look at the bodies."""
+    add_lights(server.scene)
     for layer in layers:
-        scene.add_mesh_simple(
+        server.scene.add_mesh_simple(
             f"/{layer.name}",
             layer.mesh.vertices_m.astype(np.float32),
             layer.mesh.faces.astype(np.uint32),

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from skinnet.body.visual_shapes import Pose, VisualModel
 from skinnet.deployment.deployment import Deployment
 from skinnet.view.page.colours import palette
+from skinnet.view.page.lights import add_lights
 from skinnet.view.page.triangle_meshes import (
     TriangleMesh,
     concatenate,
@@ -47,7 +48,9 @@ class BodyView:
         self._palette = palette()
         self._poses: dict[str, Pose] = {}
         self._colour_index = np.zeros(skin_layout.n_taxels, dtype=np.int64)
-        self._set_up_lights()
+        add_lights(server.scene)
+        camera, view = body_model.camera, server.initial_camera
+        view.position, view.look_at = tuple(camera.position_m), tuple(camera.look_at_m)
         self._links = {
             link: server.scene.add_frame(f"/body/{link}", show_axes=False) for link in body_model.links
         }
@@ -91,23 +94,6 @@ class BodyView:
                 handle.batched_colors = self._palette[colour_index[spots]]
         self._colour_index = colour_index
         return int(changed.sum())
-
-    def _set_up_lights(self) -> None:
-        """Set up lights without shadows and reflections, the largest cost where there is no GPU."""
-        scene = self._server.scene
-        scene.configure_default_lights(enabled=False, cast_shadow=False)
-        scene.configure_environment_map(None)
-        scene.add_light_ambient("/light/all", intensity=0.6)
-        scene.add_light_hemisphere(
-            "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 135), intensity=0.8
-        )
-        for name, position, intensity in (("key", (2.0, 1.5, 4.0), 1.1), ("fill", (-2.0, -3.0, 2.0), 0.35)):
-            scene.add_light_directional(
-                f"/light/{name}", intensity=intensity, cast_shadow=False, position=position
-            )
-        camera = self._body_model.camera
-        view = self._server.initial_camera
-        view.position, view.look_at = tuple(camera.position_m), tuple(camera.look_at_m)
 
     def _add_shapes(self) -> None:
         """Add the shapes of each link, merged to one mesh per colour."""
