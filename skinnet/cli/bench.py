@@ -27,7 +27,7 @@ _COLUMNS = {
     "map signs": "smm.sign_agreement",
     "felt error": "contact.felt_error.max",
     "evaded": "evasion.inwards",
-    "of": "evasion.touches",
+    "of": "touches",
     "× real time": "run.rtf",
     "failed": "failed",
 }

@@ -1,6 +1,9 @@
 """Trial of a robot, from its model's file to reactions."""
 
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from onboarding_models import write_trait
@@ -29,3 +32,21 @@ def test_a_step_that_fails_is_named_with_the_reason(tmp_path: Path) -> None:
     robot = RobotModel("none", "none", "", "empty.xml")
     report = run_trial(robot, tmp_path, tmp_path / "out", TrialOptions(), lambda step: None)
     assert report["failed"].startswith("init: ")
+
+
+def test_findings_of_an_earlier_trial_do_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "check.json").write_text('{"findings": []}')
+    (out / "cover.json").write_text('{"cover": {}, "cpu_s": 0.0, "links": [], "bare": []}')
+    run = subprocess.run
+
+    def refuse_check(arguments: list[str], **options: Any) -> Any:
+        code = f"raise SystemExit({2 if arguments[3] == 'check' else 0})"
+        return run([sys.executable, "-c", code], **options)
+
+    monkeypatch.setattr(subprocess, "run", refuse_check)
+    report = run_trial(
+        RobotModel("arm", "none", "", "arm.xml"), tmp_path, out, TrialOptions(), lambda _: None
+    )
+    assert report["failed"] == "check: exit 2"
