@@ -1,4 +1,7 @@
-"""Kinematic tree of the robot in its model: its bodies and joints, apart from objects and furniture."""
+"""Kinematic tree of the robot in its model: its bodies and joints, apart from objects and furniture.
+
+And what is asked of a pose of it: axes along gravity, bodies in contact.
+"""
 
 from dataclasses import dataclass
 
@@ -8,9 +11,19 @@ from numpy.typing import NDArray
 
 from skinnet.body.simulation import BodySimulation
 
-__all__ = ["RobotTree", "gravity_m_s2", "robot_tree"]
+__all__ = [
+    "RobotTree",
+    "ancestors",
+    "contact_distances_m",
+    "gravity_m_s2",
+    "joints_of",
+    "robot_tree",
+    "sine_to_gravity",
+]
 
+Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+_NO_GRAVITY_M_S2 = 1e-9
 
 
 @dataclass(frozen=True)
@@ -47,9 +60,44 @@ def robot_tree(body: BodySimulation) -> RobotTree:
     )
 
 
-def gravity_m_s2(mj: mujoco.MjModel) -> NDArray[np.float64]:
+def ancestors(mj: mujoco.MjModel, body: int) -> list[int]:
+    """Body `body` and all above it, without the world."""
+    found = []
+    while body > 0:
+        found.append(body)
+        body = int(mj.body_parentid[body])
+    return found
+
+
+def joints_of(mj: mujoco.MjModel, body: int) -> range:
+    """Ids of the joints between a body and its parent."""
+    first = int(mj.body_jntadr[body])
+    return range(first, first + int(mj.body_jntnum[body]))
+
+
+def contact_distances_m(mj: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], float]:
+    """Distances [m] of pairs of bodies, of ascending ids, at their deepest contact; flexes are left out."""
+    found: dict[tuple[int, int], float] = {}
+    for pair, distance_m in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+        if min(pair) >= 0:  # a flex has -1 for its geom
+            one, other = sorted(int(mj.geom_bodyid[geom]) for geom in pair)
+            found[one, other] = min(found.get((one, other), distance_m), distance_m)
+    return found
+
+
+def sine_to_gravity(mj: mujoco.MjModel, axes: Floats) -> Floats | None:
+    """Sines (n,) of the angles of unit vectors (n, 3), world, to gravity's line; None without gravity."""
+    acts_m_s2 = gravity_m_s2(mj)
+    size_m_s2 = float(np.sqrt((acts_m_s2**2).sum()))
+    if size_m_s2 < _NO_GRAVITY_M_S2:
+        return None
+    sine: Floats = np.sqrt((np.cross(axes, acts_m_s2 / size_m_s2) ** 2).sum(axis=1))
+    return sine
+
+
+def gravity_m_s2(mj: mujoco.MjModel) -> Floats:
     """Gravity (3,) [m/s²] that acts in a model, world; zero if a flag of the model switches it off."""
     if mj.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         return np.zeros(3)
-    acts: NDArray[np.float64] = mj.opt.gravity.copy()
+    acts: Floats = mj.opt.gravity.copy()
     return acts

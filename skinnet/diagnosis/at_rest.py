@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.robot_tree import RobotTree
+from skinnet.body.robot_tree import RobotTree, contact_distances_m
 from skinnet.body.settling import Settled
 from skinnet.body.simulation import BodySimulation
 from skinnet.body.step_cost import StepCost
@@ -31,23 +31,17 @@ _MM_PER_M = 1e3
 
 def collision_findings(body: BodySimulation, tree: RobotTree) -> list[Finding]:
     """Pairs of links of the robot that are in each other at home, in rigid contact."""
-    mj, contact = body.model.mj, body.data.contact
-    depth_m: dict[tuple[int, int], float] = {}
-    for pair, distance_m in zip(contact.geom.tolist(), contact.dist.tolist(), strict=True):
-        if min(pair) < 0 or distance_m > -_PENETRATION_M:  # a flex has -1 for its geom
-            continue
-        a, b = sorted(int(mj.geom_bodyid[geom]) for geom in pair)
-        if np.isin([a, b], tree.body_id).all():
-            depth_m[a, b] = max(depth_m.get((a, b), 0.0), -distance_m)
+    mj = body.model.mj
     return [
         Finding(
             "warning",
             "links_collide",
             f'bodies "{mj.body(a).name}" and "{mj.body(b).name}"',
-            f"are {_MM_PER_M * depth:.1f} mm inside each other at home, and push against their servos",
+            f"are {-_MM_PER_M * distance_m:.1f} mm inside each other at home, and push against their servos",
             "choose a body.home_rad in which links keep apart, or an <exclude> in the model",
         )
-        for (a, b), depth in depth_m.items()
+        for (a, b), distance_m in contact_distances_m(mj, body.data).items()
+        if distance_m <= -_PENETRATION_M and np.isin([a, b], tree.body_id).all()
     ]
 
 

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skinnet.body.robot_tree import RobotTree, gravity_m_s2
+from skinnet.body.robot_tree import RobotTree, ancestors, gravity_m_s2, sine_to_gravity
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import Deployment
 from skinnet.diagnosis.finding import Finding, Severity, listed
@@ -17,10 +16,6 @@ _MAX_TILT_RAD = math.radians(1.0)
 _MAX_RELATIVE_ERROR = 0.05
 """Relative difference from the gravity of the earth, which varies by 0.5 %: beyond it units are wrong."""
 _LEVEL = '<option gravity="0 0 -9.81"/>'
-_HINGE = 3
-"""MuJoCo's number of a hinge joint."""
-
-Floats = NDArray[np.float64]
 
 
 def base_findings(deployment: Deployment, body: BodySimulation, tree: RobotTree) -> list[Finding]:
@@ -69,16 +64,12 @@ def _axes_along_gravity(deployment: Deployment, body: BodySimulation) -> list[Fi
     Joints that were explored before stay at their offset. If one of them carries the axis, and is not along
     gravity itself, the axis has left gravity by then; if none does, the structure cannot see the joint.
     """
-    mj, data, spec = body.model.mj, body.data, deployment.controller.structure
-    acts_m_s2 = gravity_m_s2(mj)
-    size_m_s2 = float(np.sqrt((acts_m_s2**2).sum()))
-    if size_m_s2 < 1e-9:
+    spec, joints = deployment.controller.structure, body.model.joint_id
+    sine = sine_to_gravity(body.model.mj, body.data.xaxis[joints])
+    if sine is None:
         return []
-    joints = body.model.joint_id
-    axes = data.xaxis[joints]
-    sine = np.sqrt((np.cross(axes, acts_m_s2 / size_m_s2) ** 2).sum(axis=1))
     least_sine = min(spec.threshold_g / (2.0 * math.sin(0.5 * min(spec.step_rad, math.pi))), 1.0)
-    aligned = (sine < least_sine) & (mj.jnt_type[joints] == _HINGE)
+    aligned = (sine < least_sine) & (np.array(body.model.joint_units) == "rad")
     unseen: list[str] = []
     tilted: list[str] = []
     for row in np.flatnonzero(aligned).tolist():
@@ -116,11 +107,7 @@ def _is_carried(body: BodySimulation, joint: int, by: int) -> bool:
     carrier, at = int(mj.jnt_bodyid[by]), int(mj.jnt_bodyid[joint])
     if at == carrier:
         return by < joint
-    while at:
-        at = int(mj.body_parentid[at])
-        if at == carrier:
-            return True
-    return False
+    return carrier in ancestors(mj, at)
 
 
 def _limits_near_home(deployment: Deployment, body: BodySimulation) -> list[Finding]:

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from skinnet.body.joint_motion import close_equalities, felt_inertia, joint_motion
+from skinnet.body.robot_tree import ancestors
 from skinnet.body.servo_response import MAX_SAG_PUSHED
 from skinnet.migration.deployments import FORMAT
 from skinnet.onboarding.home_pose import HomePose
@@ -97,12 +98,10 @@ def _model_lines(survey: RobotSurvey) -> list[str]:
     """Bodies and keyframes of the model, as comments."""
     mj = survey.mj
     lines = ["# Bodies of the robot, each below its parent:"]
-    depth = {0: 0}
     robot = {member for link in survey.links for member in link.members}
     for body in range(1, mj.nbody):
-        depth[body] = depth[int(mj.body_parentid[body])] + 1
         if body in robot:
-            indent = "  " * depth[body]
+            indent = "  " * len(ancestors(mj, body))
             lines.append(f"# {indent}{toml_value(mj.body(body).name)}: {mj.body_mass[body]:.4g} kg")
     if mj.nkey:
         names = [toml_value(mj.key(key).name or str(key)) for key in range(mj.nkey)]
@@ -123,7 +122,7 @@ def _body_lines(plan: DeploymentPlan) -> list[str]:
             "It carries no skin: the exploration of the structure will find no stationary part, and say so."
         )
     lines.append(f"reference_body = {toml_value(survey.reference_body)}")
-    if survey.has_free_base:
+    if survey.joints(Role.FREE):
         lines += toml_comment(
             "The base floats in the model and would fall: it is held where the file draws it."
         )

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.robot_tree import ancestors, joints_of
 from skinnet.covering.felt_solids import felt_geoms
 from skinnet.onboarding.geom_points import world_points_m
 
@@ -130,8 +131,8 @@ def _loop_joints(mj: Model) -> set[int]:
             ends = [int(mj.site_bodyid[site]) for site in ends]
         if any(mj.body_mocapid[body] >= 0 for body in ends):
             continue
-        one, other = (set(_ancestors(mj, body)) for body in ends)
-        found |= {joint for body in sorted(one ^ other) for joint in _joints_of(mj, body)}
+        one, other = (set(ancestors(mj, body)) for body in ends)
+        found |= {joint for body in sorted(one ^ other) for joint in joints_of(mj, body)}
     return found
 
 
@@ -140,7 +141,7 @@ def _planar_base(mj: Model, root: int) -> list[int]:
     found: list[int] = []
     body: int | None = root
     while body is not None:
-        for joint in _joints_of(mj, body):
+        for joint in joints_of(mj, body):
             if int(mj.jnt_type[joint]) not in _ONE_DOF or mj.jnt_limited[joint]:
                 return found
             if not found and mj.jnt_type[joint] != _SLIDE:
@@ -177,7 +178,7 @@ def _wheels(mj: Model, roots: Sequence[int], excluded: set[int]) -> dict[int, st
     for joint in reversed(candidates):
         body = int(mj.jnt_bodyid[joint])
         below = _subtree(mj, body)
-        inner = [j for b in below for j in _joints_of(mj, b) if j != joint]
+        inner = [j for b in below for j in joints_of(mj, b) if j != joint]
         if inner:
             if all(j in wheels for j in inner):
                 wheels[joint] = "a caster: carries only wheels"
@@ -208,23 +209,9 @@ def _is_round(mj: Model, data: mujoco.MjData, joint: int, points_m: Floats) -> b
     return bool(reach_m.max() - reach_m.min() <= _ROUND * reach_m.max())
 
 
-def _joints_of(mj: Model, body: int) -> range:
-    first = int(mj.body_jntadr[body])
-    return range(first, first + int(mj.body_jntnum[body]))
-
-
 def _children(mj: Model, body: int) -> list[int]:
-    return [b for b in range(1, mj.nbody) if int(mj.body_parentid[b]) == body and b != body]
-
-
-def _ancestors(mj: Model, body: int) -> list[int]:
-    """A body and all above it, without the world."""
-    found = []
-    while body > 0:
-        found.append(body)
-        body = int(mj.body_parentid[body])
-    return found
+    return [b for b in range(1, mj.nbody) if int(mj.body_parentid[b]) == body]
 
 
 def _subtree(mj: Model, body: int) -> list[int]:
-    return [b for b in range(body, mj.nbody) if body in _ancestors(mj, b)]
+    return [b for b in range(body, mj.nbody) if body in ancestors(mj, b)]

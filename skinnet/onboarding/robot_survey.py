@@ -8,6 +8,7 @@ import mujoco
 
 from skinnet.body.model_file import UNFELT_GEOMS, compile_spec, leave_out_geoms, parse_model, read_model
 from skinnet.body.package_files import package_folders
+from skinnet.body.robot_tree import ancestors, joints_of
 from skinnet.covering.felt_solids import felt_geoms, link_of_body
 from skinnet.errors import ModelError
 from skinnet.onboarding.joint_roles import JointRole, Role, joint_roles, robot_roots
@@ -45,7 +46,6 @@ class RobotSurvey:
         roles: Role of each joint, in the order of the model.
         reference_body: Body that stays where it is, or the world.
         reference_reason: Why it is the reference.
-        has_free_base: True if a free joint carries the robot.
         links: Links of the robot, in the order of the model.
         unfelt: Kinds of geoms that skin does not feel, by name; the survey is of the model without them.
     """
@@ -57,7 +57,6 @@ class RobotSurvey:
     roles: tuple[JointRole, ...]
     reference_body: str
     reference_reason: str
-    has_free_base: bool
     links: tuple[SkinLink, ...]
     unfelt: dict[str, str]
 
@@ -76,13 +75,8 @@ class RobotSurvey:
     def joints_above(self, body: int) -> list[int]:
         """Controlled joints that move a body, from the world on."""
         controlled = set(self.joints(Role.CONTROLLED))
-        above: list[int] = []
-        while body > 0:
-            first = int(self.mj.body_jntadr[body])
-            own = range(first, first + int(self.mj.body_jntnum[body]))
-            above = [joint for joint in own if joint in controlled] + above
-            body = int(self.mj.body_parentid[body])
-        return above
+        chain = reversed(ancestors(self.mj, body))
+        return [joint for each in chain for joint in joints_of(self.mj, each) if joint in controlled]
 
 
 def survey_robot(path: Path, package_paths: Sequence[Path]) -> RobotSurvey:
@@ -119,7 +113,6 @@ def survey_robot(path: Path, package_paths: Sequence[Path]) -> RobotSurvey:
         roles=roles,
         reference_body=reference,
         reference_reason=reason,
-        has_free_base=any(role.role is Role.FREE for role in roles),
         links=links,
         unfelt=unfelt,
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.body.model import BodyModel, load_model
+from skinnet.body.robot_tree import ancestors
 from skinnet.deployment import Deployment
 from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.pinned_linalg import matmul
@@ -139,8 +140,4 @@ def _is_free(model: BodyModel, data: mujoco.MjData, face_m: Floats, normal: Floa
 def _depth(model: BodyModel, body: str) -> int:
     """Number of controlled joints that move a body."""
     mj, moving = model.mj, {int(b) for b in model.mj.jnt_bodyid[model.joint_id]}
-    above, current = 0, int(mj.body(body).id)
-    while current > 0:
-        above += current in moving
-        current = int(mj.body_parentid[current])
-    return above
+    return sum(above in moving for above in ancestors(mj, int(mj.body(body).id)))
