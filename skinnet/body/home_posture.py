@@ -12,12 +12,12 @@ from skinnet.body.model_file import ONE_DOF
 from skinnet.deployment.robot import BodySpec
 from skinnet.errors import DeploymentError, ModelError
 
-__all__ = ["home_posture"]
+__all__ = ["MAX_GAP", "home_posture"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-_MAX_GAP = 1e-4
-"""Largest residual of equality constraints in the home posture [m, rad]."""
+MAX_GAP = 1e-4
+"""Largest residual of equality constraints, joints that follow or close loops, at home [m, rad]."""
 
 
 def home_posture(mj: mujoco.MjModel, body: BodySpec, path: Path, held: Indices) -> Floats:
@@ -50,7 +50,7 @@ def home_posture(mj: mujoco.MjModel, body: BodySpec, path: Path, held: Indices) 
             )
         home[mj.jnt_qposadr[index]] = position
     gap = close_equalities(mj, home, held)
-    if gap > _MAX_GAP:
+    if gap > MAX_GAP:
         raise ModelError(
             f"body.home_rad: no posture of the joints without a servo meets the equality constraints of "
             f"{path}: {gap:.2g} m or rad remain; give controlled joints another home"

@@ -8,20 +8,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.home_posture import MAX_GAP
 from skinnet.body.joint_motion import close_equalities
+from skinnet.body.robot_tree import contact_distances_m, sine_to_gravity
 from skinnet.onboarding.joint_roles import Role, robot_roots
 from skinnet.onboarding.robot_survey import RobotSurvey
 from skinnet.random_streams import StreamName, generator
 
-__all__ = ["BLIND_RAD", "ROOM", "PoseFaults", "PoseJudge"]
+__all__ = ["PoseFaults", "PoseJudge"]
 
 Floats = NDArray[np.float64]
 
-BLIND_RAD = math.asin(0.1)
+_BLIND_RAD = math.asin(0.1)
 """Angle of an axis to gravity, 5.7°, below which a turn of 0.1 rad changes gravity by less than 0.01 g."""
 _WANTED_RAD = math.radians(20.0)
 """Angle of an axis to gravity beyond which nothing is gained (assumed)."""
-ROOM = 0.15
+_ROOM = 0.15
 """Room for a step on both sides of a position [rad or m]: a step of 0.1 and some way to stop (assumed)."""
 _CLEARANCE_M = 0.025
 """Clearance of links that is wanted: a foam of 12 mm on both (assumed)."""
@@ -29,8 +31,6 @@ _BLIND_COST, _TOUCH_COST, _NEAR_COST, _FAR_COST = 2.0, 4.0, 1.5, 0.05
 """Costs in units of an axis along gravity: blind, links that touch, links that are near, away from the start
 by all of its range (assumed)."""
 _OPEN_COST = 10.0
-_MAX_GAP = 1e-4
-"""Largest residual of equality constraints, joints that follow or close loops [m, rad]."""
 _SAMPLES = 12
 """Poses in all of which two links must touch to count as inseparable."""
 
@@ -80,7 +80,7 @@ class PoseJudge:
         self._span = np.where(limited, self._range[:, 1] - self._range[:, 0], 2.0 * math.pi)
         low = np.where(limited, self._range[:, 0], self.reference - math.pi)
         high = np.where(limited, self._range[:, 1], self.reference + math.pi)
-        room = np.minimum(ROOM, 0.5 * self._span)
+        room = np.minimum(_ROOM, 0.5 * self._span)
         self.low: Floats = low + np.where(limited, room, 0.0)
         self.high: Floats = high - np.where(limited, room, 0.0)
         following = np.isin(mj.dof_jntid, survey.joints(Role.FOLLOWER, Role.LOOP, Role.BALL, Role.WHEEL))
@@ -88,9 +88,6 @@ class PoseJudge:
         self._gap = 0.0
         self._is_robot = np.isin(mj.body_rootid, robot_roots(mj))
         self._is_moved = np.array([bool(survey.joints_above(body)) for body in range(mj.nbody)])
-        gravity = mj.opt.gravity
-        length = math.sqrt(float((gravity * gravity).sum()))
-        self._down = gravity / length if length > 0.0 else None
         self._free_axis = self._axes_that_turn()
         self._inseparable = self._always_touching()
 
@@ -107,11 +104,11 @@ class PoseJudge:
         """Cost of a pose: what is wrong with it, and a little for its distance from `start`."""
         self._set(position)
         total = float((((position - start) / self._span) ** 2).sum()) * _FAR_COST
-        total += _OPEN_COST * (self._gap > _MAX_GAP)
+        total += _OPEN_COST * (self._gap > MAX_GAP)
         angles = self._angles_rad()
         if angles is not None:
             total += float(np.maximum(0.0, 1.0 - angles / _WANTED_RAD).sum())
-            total += _BLIND_COST * float((angles < 1.2 * BLIND_RAD).sum())
+            total += _BLIND_COST * float((angles < 1.2 * _BLIND_RAD).sum())
         for pair, distance_m in self._near_pairs().items():
             if pair in self._inseparable:
                 continue
@@ -125,7 +122,7 @@ class PoseJudge:
         blind, avoidable = self._blind()
         pairs = [pair for pair, distance_m in self._near_pairs().items() if distance_m <= 0.0]
         touching = [self._pair_text(pair) for pair in pairs]
-        if self._gap > _MAX_GAP:
+        if self._gap > MAX_GAP:
             avoidable.append("equality constraints of the model are not met")
         avoidable += [f"{self._pair_text(pair)} touch" for pair in pairs if pair not in self._inseparable]
         cramped, outside = {}, False
@@ -134,10 +131,10 @@ class PoseJudge:
             if not low - 1e-9 <= position[row] <= high + 1e-9:
                 outside = True
                 avoidable.append(f'"{name(joint)}" is outside its limits')
-            elif high - low < 2.0 * ROOM:
+            elif high - low < 2.0 * _ROOM:
                 cramped[joint] = f"its range of {high - low:.3g} leaves no room for a step of 0.1"
-            elif not low + ROOM - 1e-3 <= position[row] <= high - ROOM + 1e-3:
-                avoidable.append(f'"{name(joint)}" is within {ROOM:g} of a limit')
+            elif not low + _ROOM - 1e-3 <= position[row] <= high - _ROOM + 1e-3:
+                avoidable.append(f'"{name(joint)}" is within {_ROOM:g} of a limit')
         return PoseFaults(blind, tuple(touching), cramped, outside, tuple(avoidable))
 
     def _blind(self) -> tuple[dict[int, str], list[str]]:
@@ -150,7 +147,7 @@ class PoseJudge:
                 continue
             if angles_rad is None:
                 blind[joint] = "the model has no gravity"
-            elif angles_rad[hinge] < BLIND_RAD:
+            elif angles_rad[hinge] < _BLIND_RAD:
                 turns = self._free_axis[row]
                 angle = f"{math.degrees(angles_rad[hinge]):.1f}°"
                 blind[joint] = (
@@ -174,28 +171,21 @@ class PoseJudge:
 
     def _angles_rad(self) -> Floats | None:
         """Angles (h,) of the axes of controlled hinges to the line of gravity [rad]; None without gravity."""
-        if self._down is None:
-            return None
-        axes = self._data.xaxis[self.joint_id[self._is_hinge]]
-        across = np.cross(axes, self._down)
-        return np.asarray(np.arcsin(np.minimum(np.sqrt((across * across).sum(axis=1)), 1.0)))
+        sine = sine_to_gravity(self._mj, self._data.xaxis[self.joint_id[self._is_hinge]])
+        return None if sine is None else np.asarray(np.arcsin(np.minimum(sine, 1.0)))
 
-    def _axes_that_turn(self) -> list[bool]:
-        """Controlled hinges (D,) that have an axis whose angle to gravity depends on the pose."""
-        if self._down is None:
-            return [False] * len(self.joint_id)
-        random = np.array([0.37, 0.61, 0.83])
-        turns = np.zeros(int(self._is_hinge.sum()), dtype=np.bool_)
+    def _axes_that_turn(self) -> NDArray[np.bool_]:
+        """Controlled joints (D,) that are hinges whose angle to gravity depends on the pose."""
+        offsets = np.array([0.37, 0.61, 0.83])
+        turns = np.zeros(len(self.joint_id), dtype=np.bool_)
         self._set(self.reference)
         first = self._angles_rad()
-        for k in range(3):
-            self._set(self.reference + random[(np.arange(len(self.joint_id)) + k) % 3])
+        for k in range(len(offsets)):
+            self._set(self.reference + offsets[(np.arange(len(self.joint_id)) + k) % len(offsets)])
             angles = self._angles_rad()
-            assert first is not None
-            assert angles is not None
-            turns |= np.abs(angles - first) > 1e-6
-        rows = iter(turns.tolist())
-        return [bool(next(rows)) if hinge else False for hinge in self._is_hinge]
+            if first is not None and angles is not None:
+                turns[self._is_hinge] |= np.abs(angles - first) > 1e-6
+        return turns
 
     def _always_touching(self) -> set[tuple[int, int]]:
         """Pairs of bodies that touch in all of several poses: the file draws them one into the other."""
@@ -214,12 +204,8 @@ class PoseJudge:
         """Pairs of bodies, one of them moved, that are nearer than the clearance, with their distance [m]."""
         mj, data = self._mj, self._data
         mujoco.mj_collision(mj, data)
-        found: dict[tuple[int, int], float] = {}
-        for geoms, distance_m in zip(data.contact.geom, data.contact.dist, strict=True):
-            if min(geoms) < 0:  # a flex
-                continue
-            one, other = sorted(int(mj.geom_bodyid[geom]) for geom in geoms)
-            of_robot = self._is_robot[one] or self._is_robot[other]
-            if of_robot and distance_m < _CLEARANCE_M and (self._is_moved[one] or self._is_moved[other]):
-                found[one, other] = min(found.get((one, other), math.inf), float(distance_m))
-        return dict(sorted(found.items()))
+        return {
+            pair: distance_m
+            for pair, distance_m in sorted(contact_distances_m(mj, data).items())
+            if distance_m < _CLEARANCE_M and self._is_robot[[*pair]].any() and self._is_moved[[*pair]].any()
+        }
