@@ -52,7 +52,7 @@ def robot_tree(body: BodySimulation) -> RobotTree:
     kind = mj.jnt_type[joints]
     one_dof = (kind == mujoco.mjtJoint.mjJNT_HINGE) | (kind == mujoco.mjtJoint.mjJNT_SLIDE)
     moved = mj.actuator_trnid[mj.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT, 0]
-    coupled = mj.eq_obj1id[mj.eq_type == mujoco.mjtEq.mjEQ_JOINT]
+    coupled = mj.eq_obj1id[(mj.eq_type == mujoco.mjtEq.mjEQ_JOINT) & mj.eq_active0]
     return RobotTree(
         body_id=bodies,
         free_joint_id=joints[kind == mujoco.mjtJoint.mjJNT_FREE],

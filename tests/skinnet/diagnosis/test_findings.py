@@ -248,6 +248,14 @@ def test_a_map_after_the_structure_tells_what_gravity_does_not(
     assert [(each.subject, each.severity) for each in found] == [("turn", severity)]
 
 
+@pytest.mark.parametrize("active", [True, False])
+def test_only_an_active_equality_holds_a_joint_without_a_servo(tmp_path: Path, active: bool) -> None:
+    equality = f'<equality><joint joint1="turn" active="{str(active).lower()}"/></equality>'
+    case = Case(BASE_TURNS | {"quat": "1 1 0 0", "head": equality}, settle_ms=150)
+    codes = {finding.code for finding in findings(tmp_path, case)}
+    assert ("passive_joint_drift" in codes) is not active
+
+
 def test_every_code_has_its_models_and_its_row_in_the_docs() -> None:
     codes = set(get_args(Code))
     assert set(CASES) == codes

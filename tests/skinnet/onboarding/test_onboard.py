@@ -120,6 +120,16 @@ def test_comments_are_the_reasons(tmp_path: Path) -> None:
     assert '#     "carriage": 1 kg' in text
 
 
+@pytest.mark.parametrize("option", ['gravity="0 0 0"/>', '><flag gravity="disable"/></option>'])
+def test_without_gravity_no_axis_is_turned_away_from_it(option: str, tmp_path: Path) -> None:
+    model, out = write_trait(tmp_path, "gravity_aligned_wrist"), tmp_path / "robot.toml"
+    text = model.read_text("utf-8")
+    model.write_text(text.replace("<worldbody>", f"<option {option}<worldbody>"), "utf-8")
+    made_of = onboard(model, out, Template.NETWORK, ()).plan
+    assert set(made_of.home.faults.blind.values()) == {"the model has no gravity"}
+    assert set(made_of.home.position.values()) == {0.0}
+
+
 def test_equal_models_give_equal_files(tmp_path: Path) -> None:
     model = write_trait(tmp_path, "gravity_aligned_wrist")
     files = [tmp_path / "robot.toml", tmp_path / "again" / "robot.toml"]
