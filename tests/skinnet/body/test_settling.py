@@ -16,7 +16,7 @@ from skinnet.body.simulation import BodySimulation
 MS = 1_000_000
 MODEL = """
 <mujoco>
-  <option gravity="0 0 -9.81"/>
+  <option gravity="{gravity}">{flag}</option>
   <worldbody>
     <body name="base" pos="0 0 0.5">
       <geom name="plate" type="box" size="0.15 0.15 0.02"/>
@@ -34,9 +34,12 @@ MODEL = """
 """
 
 
-def settled(folder: Path, mass_kg: float, height_m: float = 0.575) -> dict[str, Any]:
+def settled(
+    folder: Path, mass_kg: float, height_m: float = 0.575, *, gravity: str = "0 0 -9.81", flag: str = ""
+) -> dict[str, Any]:
     """Metrics of a box that settles on a plate with 10 × 10 cells for 1 s."""
-    (folder / "scene.xml").write_text(MODEL.format(mass_kg=mass_kg, height_m=height_m))
+    text = MODEL.format(mass_kg=mass_kg, height_m=height_m, gravity=gravity, flag=flag)
+    (folder / "scene.xml").write_text(text)
     skin = lattice_patch("top", "base", 10, 10, origin_m=(0.0, 0.0, 0.02))
     deployment = deployment_of((skin,), ("elbow",))
     return settle(BodySimulation(deployment, folder), deployment, 1000 * MS).metrics
@@ -70,6 +73,12 @@ def test_foam_that_is_compressed_at_the_start_has_its_energy_then(tmp_path: Path
     metrics = settled(tmp_path, 0.05, height_m=0.565)
     assert metrics["settle.rise_mm.box"] > 10.0
     assert 0.99 < metrics["settle.energy_ratio"] <= 1.01
+
+
+def test_gravity_that_is_switched_off_is_no_gravity(tmp_path: Path) -> None:
+    none = settled(tmp_path, 0.05, height_m=0.565, gravity="0 0 0")
+    assert 0.99 < none["settle.energy_ratio"] <= 1.01
+    assert settled(tmp_path, 0.05, height_m=0.565, flag='<flag gravity="disable"/>') == none
 
 
 def test_the_command_prints_and_writes_it() -> None:
