@@ -11,9 +11,12 @@ from skinnet.body.model import load_model
 from skinnet.body.servo_response import servo_response
 from skinnet.deployment import load
 from skinnet.deployment.robot import FoamSpec
+from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
 from skinnet.errors import ModelError, UsageError
+from skinnet.onboarding.arms import find_arms
 from skinnet.onboarding.onboard import onboard
 from skinnet.onboarding.program import Template
+from skinnet.onboarding.robot_survey import survey_robot
 from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import PreparedRun, RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
@@ -191,6 +194,16 @@ def test_one_arm_cannot_grasp(tmp_path: Path) -> None:
     ):
         onboard(model, out, Template.GRASP, ())
     assert not out.exists()
+
+
+@pytest.mark.parametrize("higher", ["left", "right"])
+def test_arms_come_in_the_order_of_the_model(higher: str, tmp_path: Path) -> None:
+    path = write_two_arms(tmp_path)
+    text, y = path.read_text("utf-8"), {"left": "0.15", "right": "-0.15"}[higher]
+    path.write_text(text.replace(f"0 {y} .06", f"0 {y} .5"), "utf-8")
+    cells = (CellPoseSpec(position_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), x_axis=(1.0, 0.0, 0.0)),)
+    skin = [PatchSpec(name=f"on_{side}", body=f"{side}_3", cells=cells) for side in ("right", "left")]
+    assert find_arms(survey_robot(path, ()), skin) == (("on_left/0-0",), ("on_right/0-0",))
 
 
 def test_two_arms_are_explored_and_stroked(tmp_path: Path) -> None:
