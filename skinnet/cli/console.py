@@ -7,6 +7,7 @@ imported when it runs.
 import importlib.util
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,16 +67,20 @@ PlotsOption = Annotated[bool, typer.Option("--plots/--no-plots", help="Draws plo
 
 
 def console(stderr: bool = False) -> "Console":
-    """Return the console; output that is no terminal has 120 columns."""
+    """Return the console, which prints texts as they are; output that is no terminal has 120 columns.
+
+    Names of a model, paths and errors may look like markup or emoji.
+    """
     from rich.console import Console
 
-    terminal = Console(stderr=stderr)
-    return terminal if terminal.is_terminal else Console(stderr=stderr, width=_PLAIN_WIDTH)
+    plain = partial(Console, stderr=stderr, markup=False, emoji=False)
+    terminal = plain()
+    return terminal if terminal.is_terminal else plain(width=_PLAIN_WIDTH)
 
 
 def line_printer(terminal: "Console") -> Callable[[str], None]:
-    """Return a function that prints a text as one line, without markup; names of a model may have breaks."""
-    return lambda line: terminal.print(plain_line(line), highlight=False, markup=False, soft_wrap=True)
+    """Return a function that prints a text as one line; names of a model may have line breaks."""
+    return lambda line: terminal.print(plain_line(line), highlight=False, soft_wrap=True)
 
 
 def examples(*lines: str) -> str:

@@ -98,7 +98,7 @@ def cover(
     write_report(report, json)
     if write is not None:
         _write(write, file, covering, deployment)
-        terminal.print(f"deployment in {write}", highlight=False, soft_wrap=True)
+        line_printer(terminal)(f"deployment in {write}")
 
 
 def _print(terminal: "Console", covering: "Covering") -> None:
@@ -120,13 +120,14 @@ def _write(path: Path, file: Path, covering: "Covering", deployment: Any) -> Non
     """Write a deployment that extends `file`, with patches, bridges and sheets in place of its covers."""
     from skinnet.analysis.report.toml_listing import toml_tables
     from skinnet.files import write_bytes
+    from skinnet.toml_values import toml_value
 
     base = os.path.relpath(file.resolve(), path.resolve().parent)
     patches = (*deployment.patches, *covering.patches)
     bridges = (*deployment.bridges, *covering.bridges)
     lines = [
         f"# Cells of {file.name}, made by `skinnet cover`.",
-        f"extends = {_quoted(base)}",
+        f"extends = {toml_value(base)}",
         "cover = []",
         *toml_tables("patches", patches),
         *toml_tables("bridges", bridges),
@@ -134,9 +135,3 @@ def _write(path: Path, file: Path, covering: "Covering", deployment: Any) -> Non
         *toml_tables("sheets", (*deployment.sheets, *covering.sheets)),
     ]
     write_bytes(path, ("\n".join(lines) + "\n").encode())
-
-
-def _quoted(text: str) -> str:
-    from skinnet.analysis.report.toml_listing import toml_text
-
-    return toml_text(text)

@@ -4,7 +4,6 @@ from collections import Counter
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from skinnet.memory.contents import MemoryContents
@@ -25,7 +24,7 @@ def _robot_table(memory: MemoryContents) -> Table:
     table = Table(title=f"memory of {robot.name}", show_header=False)
     table.add_column(style="bold")
     table.add_column()
-    table.add_row(f"{len(robot.joints)} joints", escape(", ".join(robot.joints)))
+    table.add_row(f"{len(robot.joints)} joints", ", ".join(robot.joints))
     sizes = ", ".join(f"{patch} {cells}" for patch, cells in robot.patches.items())
     table.add_row(f"{robot.n_cells} cells", sizes)
     if memory.activity is None:
@@ -48,7 +47,7 @@ def _pose_table(memory: MemoryContents) -> Table:
     if memory.poses:
         poses = memory.poses.values()
         for joint, *positions in zip(memory.robot.joints, *(p.position_rad for p in poses), strict=True):
-            table.add_row(escape(joint), *(f"{position:.3f}" for position in positions))
+            table.add_row(joint, *(f"{position:.3f}" for position in positions))
         table.add_section()
         table.add_row("map", *("no" if pose.weights is None else "yes" for pose in poses))
     return table

@@ -14,7 +14,7 @@ from msgspec.structs import FieldInfo, fields
 from skinnet.deployment import Deployment
 from skinnet.toml_values import toml_key, toml_value
 
-__all__ = ["Line", "Section", "sections", "toml_tables", "toml_text"]
+__all__ = ["Line", "Section", "sections", "toml_tables"]
 
 _MAX_COLUMNS = 96
 _REQUIRED = object()
@@ -63,11 +63,6 @@ def sections(deployment: Deployment) -> list[Section]:
 def toml_tables(name: str, entries: Sequence[Struct]) -> list[str]:
     """Lines of a list of tables `name` with the keys that differ from the defaults of their kind."""
     return [line.text for line in _key_lines(name, tuple(entries), _REQUIRED)]
-
-
-def toml_text(text: str) -> str:
-    """Write a text as a TOML string."""
-    return toml_value(text)
 
 
 def _section(title: str, lines: Iterable[Line]) -> Section:

@@ -55,3 +55,13 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
     done = cover(str(file), "--write", str(file), home=tmp_path)
     assert done.returncode == 2
     assert "would overwrite the deployment that it extends" in done.stderr
+
+
+def test_names_of_bodies_are_no_markup(tmp_path: Path) -> None:
+    name = "[/a]"
+    file = write_two_links(tmp_path, FEW.replace("upper", name))
+    model = tmp_path / "two.xml"
+    model.write_text(model.read_text("utf-8").replace('"upper"', f'"{name}"'), "utf-8")
+    done = cover(str(file), home=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert name in done.stdout
