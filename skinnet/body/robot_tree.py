@@ -88,10 +88,11 @@ def contact_distances_m(mj: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[i
 def sine_to_gravity(mj: mujoco.MjModel, axes: Floats) -> Floats | None:
     """Sines (n,) of the angles of unit vectors (n, 3), world, to gravity's line; None without gravity."""
     acts_m_s2 = gravity_m_s2(mj)
-    size_m_s2 = float(np.sqrt((acts_m_s2**2).sum()))
+    size_m_s2 = float(np.sqrt((acts_m_s2 * acts_m_s2).sum()))
     if size_m_s2 < _NO_GRAVITY_M_S2:
         return None
-    sine: Floats = np.sqrt((np.cross(axes, acts_m_s2 / size_m_s2) ** 2).sum(axis=1))
+    across = np.cross(axes, acts_m_s2 / size_m_s2)
+    sine: Floats = np.sqrt((across * across).sum(axis=1))
     return sine
 
 
