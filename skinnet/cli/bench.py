@@ -19,11 +19,14 @@ _ROBOT_EXAMPLES = examples(
 )
 _GROUP_EXAMPLES = examples("skinnet bench network --quick", "skinnet bench robots --fetch --only panda")
 _COLUMNS = {
+    "lines": "lines",
     "cells": "cover.cells",
     "covered": "cover.within_0_6_pitch",
+    "≥ 50 mm": "cover.within_0_6_pitch_thick",
     "wired": "cover.wired",
     "cover CPU-s": "cover.cpu_s",
     "wrong": "structure.wrong_entries",
+    "of named joints": "structure.untold_entries",
     "map signs": "smm.sign_agreement",
     "felt error": "contact.felt_error.max",
     "evaded": "evasion.inwards",

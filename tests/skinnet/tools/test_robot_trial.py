@@ -34,6 +34,16 @@ def test_a_step_that_fails_is_named_with_the_reason(tmp_path: Path) -> None:
     assert report["failed"].startswith("init: ")
 
 
+def test_lines_that_a_robot_needs_are_counted_and_used(tmp_path: Path) -> None:
+    write_trait(tmp_path, "no_keyframe")
+    more = "[plan]\nmax_latency_ms = -1.0\n"
+    robot = RobotModel("arm", "none", "", "no_keyframe.xml", more)
+    report = run_trial(robot, tmp_path, tmp_path / "out", TrialOptions(), lambda step: None)
+    assert report["lines"] == 2
+    assert report["failed"].startswith("cover: ")
+    assert "max_latency_ms" in report["failed"]
+
+
 def test_findings_of_an_earlier_trial_do_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
     out.mkdir()

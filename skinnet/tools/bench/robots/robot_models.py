@@ -28,12 +28,14 @@ class RobotModel(NamedTuple):
         package: Distribution whose wheel has the model.
         folder: Folder of the wheel with all of its files.
         file: The model, relative to that folder.
+        more: Lines of TOML that a user has to add to what `skinnet init` writes; none is wanted.
     """
 
     name: str
     package: str
     folder: str
     file: str
+    more: str = ""
 
     def path(self, models: Path) -> Path:
         """Path of the model in the folder of all models."""

@@ -64,7 +64,7 @@ def run_trial(
         progress: Called with the name of each step.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    report: dict[str, Any] = {"robot": robot.name}
+    report: dict[str, Any] = {"robot": robot.name, "lines": len(robot.more.splitlines())}
     file, step = folder / "robot.toml", "init"
     try:
         progress(step)
@@ -72,6 +72,8 @@ def run_trial(
             "init", str(robot.path(models)), "--out", str(file), "--force", timeout_s=options.timeout_s
         )
         report |= {"init.cpu_s": said.cpu_s, "init.notes": said.lines[1:-1]}
+        if robot.more:
+            write_bytes(file, file.read_bytes() + b"\n" + robot.more.encode())
         step = "cover"
         progress(step)
         report |= _cover(file, folder, options)
