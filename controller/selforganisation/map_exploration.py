@@ -282,7 +282,7 @@ class MapExploration:
             return True
         if elapsed_ns < config.rest_timeout_ns:
             return False
-        following = self._sine_number + 1
+        following = self._sine_number + 1 if self._in_place else self._sine_number
         if following < self._n_sines:
             following_dof = following // len(self._sines)
             before = f"before the sine of {self._dof_text([following_dof])}"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from synthetic_robot import G_M_S2, Floats, SkinnedArms, run
 
 from controller.selforganisation.deflections import Deflections
+from controller.selforganisation.exploration import PositionControl
 from controller.selforganisation.lock_in import LockIn
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.selforganisation.sensory_motor_map import (
@@ -163,6 +164,23 @@ def test_the_command_has_no_jump_and_returns() -> None:
     assert np.abs(velocity[-1]).max() == 0.0
     assert np.abs(position).max() < 1e-9
     assert not (velocity[:, 0] * velocity[:, 1]).any()  # one after the other
+
+
+def test_a_joint_without_rest_is_told_with_the_sine_that_it_disturbs() -> None:
+    """The elbow's sine begins off home: the robot has to rest there, too."""
+    limits_rad = np.array([[-1.0, 0.0], [-1.0, 1.0]])
+    config = MapExplorationConfig(
+        position_control=PositionControl(range_rad=limits_rad), rest_timeout_ns=500_000_000
+    )
+    program = MapExploration(config, 2, 1, 0, dof_names=("elbow", "wrist"))
+    position_rad = np.zeros(2)
+    for t_ns in range(0, 20_000_000_000, 5_000_000):
+        shaken_rad = position_rad + np.array([0.0, 0.01 * np.sin(15.0 * t_ns * 1e-9)])
+        program.add_positions(t_ns, shaken_rad)
+        position_rad = position_rad + 5e-3 * program.step(t_ns, shaken_rad)
+    says = [problem for problem in program.result.problems if "come to rest" in problem]
+    before = ["before the sine of DoF elbow"] * 2 + ["before the sine of DoF wrist"] * 2
+    assert says == [f"DoF wrist did not come to rest {when}" for when in [*before, "after the last sine"]]
 
 
 def test_dead_cells_and_stuck_joints_are_reported_and_weigh_nothing() -> None:
