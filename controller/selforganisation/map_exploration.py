@@ -92,6 +92,7 @@ class MapExploration:
         self._places: list[SinePlace] = []
         """Places of the present sine that have room; the first is the one in use."""
         self._in_place = True
+        """False on the way to the place of the present sine."""
         self._exciting = self._stopped = self._done = False
         self._home_rad = np.zeros(0)
         n_frequencies = len(self._sines)
@@ -229,16 +230,14 @@ class MapExploration:
 
     def _next_sine(self, t_ns: int) -> None:
         """Go to the place of the next sine that has room within the limits; home after the last."""
-        self._stopped = False
         self._sine_number += 1
         while self._sine_number < self._n_sines:
-            dof, range_rad = self._dof, self._config.position_control.range_rad
-            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
-            self._places = self._sine.places(*(limits_rad - self._home_rad[dof]).tolist())
+            room_rad = self._config.position_control.room_rad(self._dof, self._home_rad)
+            self._places = self._sine.places(*room_rad)
             if self._places:
                 break
             self._problems.append(
-                f"{self._dof_text([dof])} was not moved: its limits leave no room for its sine of "
+                f"{self._dof_text([self._dof])} was not moved: its limits leave no room for its sine of "
                 f"{self._sine.frequency_hz} Hz"
             )
             self._sine_number += 1
@@ -266,7 +265,7 @@ class MapExploration:
             self._excite(t_ns)
 
     def _excite(self, t_ns: int) -> None:
-        self._exciting, self._stopped = True, False
+        self._exciting = True
         self._phase_start_ns = t_ns
         begin_ns = t_ns + self._sine.ramp_ns
         self._window_ns = (begin_ns, begin_ns + self._sine.full_ns)
