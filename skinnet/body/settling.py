@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.robot_tree import gravity_m_s2
 from skinnet.body.simulation import BodySimulation
 from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment
@@ -114,7 +115,7 @@ class _SettlingRecord:
         self._direction = np.zeros(n_dofs)
         self._n_reversals = np.zeros(n_dofs, dtype=np.int64)
         is_fixed = mj.body_weldid == 0
-        weight_n = mj.body_mass[is_fixed, None] * mj.opt.gravity
+        weight_n = mj.body_mass[is_fixed, None] * gravity_m_s2(mj)
         self._fixed_j = -float((weight_n * data.xipos[is_fixed]).sum())
         simulation.pressures()  # evaluates the contact at the start: foam may be compressed there
         self._start_j = self._largest_j = self._energy_j()

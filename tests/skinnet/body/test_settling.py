@@ -34,9 +34,9 @@ MODEL = """
 """
 
 
-def settled(folder: Path, mass_kg: float, height_m: float = 0.575) -> dict[str, Any]:
+def settled(folder: Path, mass_kg: float, height_m: float = 0.575, model: str = MODEL) -> dict[str, Any]:
     """Metrics of a box that settles on a plate with 10 × 10 cells for 1 s."""
-    (folder / "scene.xml").write_text(MODEL.format(mass_kg=mass_kg, height_m=height_m))
+    (folder / "scene.xml").write_text(model.format(mass_kg=mass_kg, height_m=height_m))
     skin = lattice_patch("top", "base", 10, 10, origin_m=(0.0, 0.0, 0.02))
     deployment = deployment_of((skin,), ("elbow",))
     return settle(BodySimulation(deployment, folder), deployment, 1000 * MS).metrics
@@ -69,6 +69,13 @@ def test_foam_that_is_compressed_at_the_start_has_its_energy_then(tmp_path: Path
     """A light box that starts 7 mm deep in the foam is thrown up by what the foam had stored."""
     metrics = settled(tmp_path, 0.05, height_m=0.565)
     assert metrics["settle.rise_mm.box"] > 10.0
+    assert 0.99 < metrics["settle.energy_ratio"] <= 1.01
+
+
+def test_what_is_fixed_has_no_energy_in_a_model_without_gravity(tmp_path: Path) -> None:
+    """All energy is that of the foam, and then of the box that it throws off."""
+    weightless = MODEL.replace("<worldbody>", '<option><flag gravity="disable"/></option><worldbody>', 1)
+    metrics = settled(tmp_path, 0.05, height_m=0.565, model=weightless)
     assert 0.99 < metrics["settle.energy_ratio"] <= 1.01
 
 
