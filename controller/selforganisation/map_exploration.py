@@ -134,7 +134,9 @@ class MapExploration:
             without_tilt_m = (square * deflection_m - tilt_square * self._in_phase_m[1]) / (
                 square - tilt_square
             )
-            deflection_m = np.where(measured[:, None], without_tilt_m, 0.0)
+            is_measured = self._in_phase_m.any(axis=3)
+            at_both: NDArray[np.bool_] = np.logical_and.reduce(is_measured, axis=0)
+            deflection_m = np.where(at_both[:, :, None], without_tilt_m, 0.0)
             own, other = square * self._noise_m[0], tilt_square * self._noise_m[1]
             noise_m = np.sqrt(own * own + other * other) / abs(square - tilt_square)
         problems = tuple(self._problems)

@@ -183,6 +183,25 @@ def test_a_joint_without_rest_is_told_with_the_sine_that_it_disturbs() -> None:
     assert says == [f"DoF wrist did not come to rest {when}" for when in [*before, "after the last sine"]]
 
 
+@pytest.mark.parametrize("silent_sine", [0, 1])
+def test_a_cell_without_samples_at_one_of_two_frequencies_is_not_measured(silent_sine: int) -> None:
+    program = MapExploration(MapExplorationConfig(tilt_frequency_hz=2.0, periods=2), 1, 2, 0)
+    position_rad, speed_rad_s, t_ns = np.zeros(1), 0.0, 0
+    while not program.done:
+        program.add_positions(t_ns, position_rad)
+        command_rad_s = program.step(t_ns, position_rad)
+        acceleration = (command_rad_s[0] - speed_rad_s) / 5e-3
+        position_rad, speed_rad_s = position_rad + 5e-3 * command_rad_s, float(command_rad_s[0])
+        t_ns += 5_000_000
+        sine = round(3 * program.progress) - 1
+        cells = np.array([0] if sine == silent_sine else [0, 1])
+        readings_g = np.tile([0.0, 0.3 * acceleration / G_M_S2, 1.0], (len(cells), 1))
+        program.add_samples(cells, np.full(len(cells), t_ns), readings_g)
+    assert program.result.problems == ("DoF 0: cell 1 with too few samples",)
+    assert program.result.deflection_m[0, 0, 1] == pytest.approx(0.3, abs=0.03)
+    assert not program.result.deflection_m[1].any()
+
+
 def test_dead_cells_and_stuck_joints_are_reported_and_weigh_nothing() -> None:
     arm = SkinnedArms(n_arms=1, cells_per_part=2, torso_cells=1)
     config = MapExplorationConfig(periods=2, min_samples=20)
