@@ -164,6 +164,8 @@ class MapExploration:
         if not len(self._home_rad):
             self._home_rad = position_rad.astype(np.float64)
             self._motion.retarget(self._home_rad)
+        if self._motion.state is MotionState.MOVING and not self._exciting:
+            self._guard.rest()  # what touched at the last rest is left behind
         self._advance(t_ns)
         correction = self._motion.velocity(t_ns, position_rad)
         if self._done:

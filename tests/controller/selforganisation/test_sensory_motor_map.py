@@ -183,6 +183,23 @@ def test_a_joint_without_rest_is_told_with_the_sine_that_it_disturbs() -> None:
     assert says == [f"DoF wrist did not come to rest {when}" for when in [*before, "after the last sine"]]
 
 
+def test_a_mirrored_sine_that_presses_as_much_is_stopped_too() -> None:
+    """The contact that stopped the first sine ends on the way back, and is no reading at rest."""
+    program = MapExploration(MapExplorationConfig(), 1, 1, 0)
+    position_rad, widest_rad, t_ns = np.zeros(1), 0.0, 0
+    while not program.done:
+        touches = abs(position_rad[0]) > 0.005
+        program.add_touch(np.zeros(1, dtype=np.int64), np.array([[0.3 * touches, 0.0, 0.0, 0.0]]))
+        program.add_positions(t_ns, position_rad)
+        position_rad = position_rad + 5e-3 * program.step(t_ns, position_rad)
+        widest_rad = max(widest_rad, abs(float(position_rad[0])))
+        t_ns += 5_000_000
+    assert widest_rad < 0.01
+    assert program.result.problems == (
+        "DoF 0 did not complete its sine: something touched or came near cell 0",
+    )
+
+
 @pytest.mark.parametrize("silent_sine", [0, 1])
 def test_a_cell_without_samples_at_one_of_two_frequencies_is_not_measured(silent_sine: int) -> None:
     program = MapExploration(MapExplorationConfig(tilt_frequency_hz=2.0, periods=2), 1, 2, 0)
