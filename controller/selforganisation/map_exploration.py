@@ -285,7 +285,8 @@ class MapExploration:
             return True
         if elapsed_ns < config.rest_timeout_ns:
             return False
-        following = self._sine_number + 1 if self._in_place else self._sine_number
+        is_next = self._in_place and not (self._stopped and len(self._places) > 1)
+        following = self._sine_number + is_next
         if following < self._n_sines:
             following_dof = following // len(self._sines)
             before = f"before the sine of {self._dof_text([following_dof])}"

@@ -183,6 +183,20 @@ def test_a_joint_without_rest_is_told_with_the_sine_that_it_disturbs() -> None:
     assert says == [f"DoF wrist did not come to rest {when}" for when in [*before, "after the last sine"]]
 
 
+def test_a_joint_without_rest_disturbs_the_mirrored_sine_of_the_same_joint() -> None:
+    program = MapExploration(MapExplorationConfig(rest_timeout_ns=500_000_000), 2, 1, 0)
+    position_rad = np.zeros(2)
+    for t_ns in range(0, 20_000_000_000, 5_000_000):
+        shaken_rad = position_rad + np.array([0.0, 0.01 * np.sin(15.0 * t_ns * 1e-9)])
+        touches = position_rad[0] > 0.005
+        program.add_touch(np.zeros(1, dtype=np.int64), np.array([[0.3 * touches, 0.0, 0.0, 0.0]]))
+        program.add_positions(t_ns, shaken_rad)
+        position_rad = position_rad + 5e-3 * program.step(t_ns, shaken_rad)
+    says = [problem for problem in program.result.problems if "come to rest" in problem]
+    before = ["before the sine of DoF 0"] * 2 + ["before the sine of DoF 1"]
+    assert says == [f"DoF 1 did not come to rest {when}" for when in [*before, "after the last sine"]]
+
+
 def test_a_mirrored_sine_that_presses_as_much_is_stopped_too() -> None:
     """The contact that stopped the first sine ends on the way back, and is no reading at rest."""
     program = MapExploration(MapExplorationConfig(), 1, 1, 0)
