@@ -187,7 +187,10 @@ class Page:
         )
         source = self._source
         self._playback_controls = PlaybackControls(
-            gui, source if isinstance(source, RecordingSource) else None, self._pending_actions.put
+            gui,
+            self._server.get_event_loop(),
+            source if isinstance(source, RecordingSource) else None,
+            self._pending_actions.put,
         )
         self._request_buttons = RequestButtons(
             gui, source if control and isinstance(source, LiveSource) else None

@@ -1,5 +1,6 @@
 """Playback controls of a recording: time slider, pause, rate and loop."""
 
+import asyncio
 from collections.abc import Callable
 
 import viser
@@ -17,8 +18,12 @@ _USER_HOLD_S = 0.6
 class PlaybackControls:
     """Playback controls; none without a recording.
 
+    A user's change and the page's own updates of the slider both run in the event loop of the page's server:
+    an update between a change and its callback would pass for the change, which would be lost.
+
     Args:
         gui: Parent of the controls.
+        event_loop: Event loop of the page's server.
         source: Source that plays the recording, or None.
         enqueue_action: Queues an action for the page's update loop, which calls it with the wall time [s].
     """
@@ -26,10 +31,11 @@ class PlaybackControls:
     def __init__(
         self,
         gui: viser.GuiApi,
+        event_loop: asyncio.AbstractEventLoop,
         source: RecordingSource | None,
         enqueue_action: Callable[[Callable[[float], None]], None],
     ) -> None:
-        self._source = source
+        self._source, self._event_loop = source, event_loop
         self._due_s = 0.0
         if source is None:
             return
@@ -55,10 +61,13 @@ class PlaybackControls:
             return
         self._due_s = now_s + _PERIOD_S
         playback = self._source.clock
-        self._slider.value = round(playback.position_ns(now_s) * 1e-9, 2)  # type: ignore[misc]
+        self._event_loop.call_soon_threadsafe(self._show, round(playback.position_ns(now_s) * 1e-9, 2))
         self._button.label = "Pause" if playback.playing else "Play"
 
-    def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+    def _show(self, position_s: float) -> None:
+        self._slider.value = position_s  # type: ignore[misc]
+
+    async def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
         if event.client is None or self._source is None:
             return  # moved by this program
         playback, t_ns = self._source.clock, round(event.target.value * 1e9)
