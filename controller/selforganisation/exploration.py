@@ -18,6 +18,8 @@ from controller.touch.tactile_state import COLUMNS, REACTION_COLUMNS
 from skinnet.protocol.messages import Modality
 
 __all__ = [
+    "CLEARANCE",
+    "MIN_SCALE",
     "Exploration",
     "MotionState",
     "PointToPoint",
@@ -26,10 +28,10 @@ __all__ = [
     "steps_with_room",
 ]
 
-_MIN_SCALE = 0.5
-"""Fraction of a step below which it tells too little, and is not made; an assumption."""
-_CLEARANCE = 0.1
-"""Clearance from the joint limits, for overshoot, as a fraction of the step; an assumption."""
+MIN_SCALE = 0.5
+"""Fraction of a step or sine below which it tells too little, and is not made; an assumption."""
+CLEARANCE = 0.1
+"""Clearance from the joint limits, for overshoot, as a fraction of the reach of the motion; an assumption."""
 
 
 class Exploration(Protocol):
@@ -77,6 +79,13 @@ class PositionControl:
     """Position limits (D, 2), infinite for a DoF without; None if they are not known."""
     touch: TouchLimits = field(default_factory=TouchLimits)
     """Readings that stop a motion."""
+
+    def room_rad(self, dof: int, home_rad: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the lowest and the highest position of DoF `dof` within its limits, from home (D,)."""
+        if self.range_rad is None:
+            return -math.inf, math.inf
+        lowest_rad, highest_rad = (self.range_rad[dof] - home_rad[dof]).tolist()
+        return lowest_rad, highest_rad
 
 
 class MotionState(Enum):
@@ -230,9 +239,9 @@ def steps_with_room(step_rad: float, lowest_rad: float, highest_rad: float) -> l
     Returns:
         The longer one first, upwards if they are alike; shorter near a limit, down to half of `step_rad`.
     """
-    clearance_rad = _CLEARANCE * step_rad
+    clearance_rad = CLEARANCE * step_rad
     up_rad = min(step_rad, highest_rad - clearance_rad)
     down_rad = min(step_rad, -lowest_rad - clearance_rad)
-    least_rad = _MIN_SCALE * step_rad
+    least_rad = MIN_SCALE * step_rad
     steps_rad = [sign * rad for sign, rad in ((1.0, up_rad), (-1.0, down_rad)) if rad >= least_rad]
     return sorted(steps_rad, key=abs, reverse=True)

@@ -92,6 +92,7 @@ class MapExploration:
         self._places: list[SinePlace] = []
         """Places of the present sine that have room; the first is the one in use."""
         self._in_place = True
+        """False on the way to the place of the present sine."""
         self._exciting = self._stopped = self._done = False
         self._home_rad = np.zeros(0)
         n_frequencies = len(self._sines)
@@ -133,7 +134,9 @@ class MapExploration:
             without_tilt_m = (square * deflection_m - tilt_square * self._in_phase_m[1]) / (
                 square - tilt_square
             )
-            deflection_m = np.where(measured[:, None], without_tilt_m, 0.0)
+            is_measured = self._in_phase_m.any(axis=3)
+            at_both: NDArray[np.bool_] = np.logical_and.reduce(is_measured, axis=0)
+            deflection_m = np.where(at_both[:, :, None], without_tilt_m, 0.0)
             own, other = square * self._noise_m[0], tilt_square * self._noise_m[1]
             noise_m = np.sqrt(own * own + other * other) / abs(square - tilt_square)
         problems = tuple(self._problems)
@@ -161,6 +164,8 @@ class MapExploration:
         if not len(self._home_rad):
             self._home_rad = position_rad.astype(np.float64)
             self._motion.retarget(self._home_rad)
+        if self._motion.state is MotionState.MOVING and not self._exciting:
+            self._guard.rest()  # what touched at the last rest is left behind
         self._advance(t_ns)
         correction = self._motion.velocity(t_ns, position_rad)
         if self._done:
@@ -229,16 +234,14 @@ class MapExploration:
 
     def _next_sine(self, t_ns: int) -> None:
         """Go to the place of the next sine that has room within the limits; home after the last."""
-        self._stopped = False
         self._sine_number += 1
         while self._sine_number < self._n_sines:
-            dof, range_rad = self._dof, self._config.position_control.range_rad
-            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
-            self._places = self._sine.places(*(limits_rad - self._home_rad[dof]).tolist())
+            room_rad = self._config.position_control.room_rad(self._dof, self._home_rad)
+            self._places = self._sine.places(*room_rad)
             if self._places:
                 break
             self._problems.append(
-                f"{self._dof_text([dof])} was not moved: its limits leave no room for its sine of "
+                f"{self._dof_text([self._dof])} was not moved: its limits leave no room for its sine of "
                 f"{self._sine.frequency_hz} Hz"
             )
             self._sine_number += 1
@@ -266,7 +269,7 @@ class MapExploration:
             self._excite(t_ns)
 
     def _excite(self, t_ns: int) -> None:
-        self._exciting, self._stopped = True, False
+        self._exciting = True
         self._phase_start_ns = t_ns
         begin_ns = t_ns + self._sine.ramp_ns
         self._window_ns = (begin_ns, begin_ns + self._sine.full_ns)
@@ -282,7 +285,8 @@ class MapExploration:
             return True
         if elapsed_ns < config.rest_timeout_ns:
             return False
-        following = self._sine_number + 1
+        is_next = self._in_place and not (self._stopped and len(self._places) > 1)
+        following = self._sine_number + is_next
         if following < self._n_sines:
             following_dof = following // len(self._sines)
             before = f"before the sine of {self._dof_text([following_dof])}"

@@ -170,10 +170,9 @@ class StructuralExploration:
 
     def _plan_steps(self, home_rad: NDArray[np.float64]) -> None:
         """Find the steps with room; a DoF without is lost. Skip the first steps if there are none."""
-        config, range_rad = self._config, self._config.position_control.range_rad
+        config = self._config
         for dof in range(self._n_dofs):
-            limits_rad = np.array([-np.inf, np.inf]) if range_rad is None else range_rad[dof]
-            room_rad = (limits_rad - home_rad[dof]).tolist()
+            room_rad = config.position_control.room_rad(dof, home_rad)
             self._steps_rad[dof] = steps_with_room(config.step_rad, *room_rad)
             if not self._steps_rad[dof]:
                 self._lost[:, dof] = True

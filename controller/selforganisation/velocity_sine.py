@@ -4,15 +4,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from controller.selforganisation.exploration import CLEARANCE, MIN_SCALE
 from skinnet import pinned_math
 
 __all__ = ["SinePlace", "VelocitySine"]
 
 _SAMPLES_PER_PERIOD = 64
-_MIN_SCALE = 0.5
-"""Fraction of a sine below which it tells too little, and is not made; an assumption."""
-_CLEARANCE = 0.1
-"""Clearance from the joint limits, for overshoot, as a fraction of the reach; an assumption."""
 
 
 class SinePlace(NamedTuple):
@@ -65,10 +62,10 @@ class VelocitySine:
             That of the sine and that of the mirrored one; none without room for half of it.
         """
         below_rad, above_rad = self.extremes_rad()
-        clearance_rad = _CLEARANCE * (above_rad - below_rad)
+        clearance_rad = CLEARANCE * (above_rad - below_rad)
         room_rad = highest_rad - lowest_rad - 2.0 * clearance_rad
         size = min(1.0, room_rad / (above_rad - below_rad))
-        if size < _MIN_SCALE:
+        if size < MIN_SCALE:
             return []
         places = []
         for sign, low_rad, high_rad in ((1.0, below_rad, above_rad), (-1.0, -above_rad, -below_rad)):

@@ -66,7 +66,7 @@ class BodyModel:
     Attributes:
         mj: MuJoCo's model.
         joint_id: (D,) ids of the controlled joints, in the order of commands and feedback.
-        qpos_address: (D,) their addresses in `qpos_address`.
+        qpos_address: (D,) their addresses in `qpos`.
         dof_address: (D,) their addresses in `qvel`.
         range_rad: (D, 2) their limits, infinite where the model has none [rad].
         torque_range_nm: (D, 2) torques that their servos can exert, within the limits of the joints [Nm].
@@ -76,7 +76,7 @@ class BodyModel:
         actuator_id: (D,) ids of their position servos.
         sway_motion: (W, nv) as `joint_motion`, of the sway joints.
         sway_actuator_id: (W,) ids of the servos of the sway joints.
-        sway_qpos_address: (W,) addresses of the sway joints in `qpos_address`.
+        sway_qpos_address: (W,) addresses of the sway joints in `qpos`.
         finger_body_id: Body id of the teacher's finger, a mocap body.
         home_qpos: (nq,) configuration at the start of a run.
         temperature_c: (nbody,) temperature of every body [°C].

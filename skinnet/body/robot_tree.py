@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.model_file import ONE_DOF
 from skinnet.body.simulation import BodySimulation
 
 __all__ = [
@@ -50,13 +51,12 @@ def robot_tree(body: BodySimulation) -> RobotTree:
     bodies = np.flatnonzero(np.isin(mj.body_rootid, roots))
     joints = np.flatnonzero(np.isin(mj.jnt_bodyid, bodies))
     kind = mj.jnt_type[joints]
-    one_dof = (kind == mujoco.mjtJoint.mjJNT_HINGE) | (kind == mujoco.mjtJoint.mjJNT_SLIDE)
     moved = mj.actuator_trnid[mj.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT, 0]
     coupled = mj.eq_obj1id[(mj.eq_type == mujoco.mjtEq.mjEQ_JOINT) & mj.eq_active0]
     return RobotTree(
         body_id=bodies,
         free_joint_id=joints[kind == mujoco.mjtJoint.mjJNT_FREE],
-        passive_joint_id=joints[one_dof & ~np.isin(joints, [*moved, *coupled])],
+        passive_joint_id=joints[np.isin(kind, ONE_DOF) & ~np.isin(joints, [*moved, *coupled])],
     )
 
 

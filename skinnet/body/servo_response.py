@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from skinnet.body.actuation import Actuation
 from skinnet.body.joint_motion import felt_damping, felt_inertia
 from skinnet.body.model import BodyModel
+from skinnet.body.model_file import ONE_DOF
 from skinnet.pinned_linalg import matmul, norm
 
 __all__ = ["MAX_SAG_HOME", "MAX_SAG_PUSHED", "MIN_FREQUENCY_HZ", "ServoResponse", "servo_response"]
@@ -88,7 +89,7 @@ def servo_response(model: BodyModel, *, is_compensated: bool) -> ServoResponse:
 
 def _spring_stiffness(mj: mujoco.MjModel) -> Floats:
     """Linear stiffness (nv,) of the springs of hinge and slide joints [Nm/rad, N/m]."""
-    one_dof = np.isin(mj.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    one_dof = np.isin(mj.jnt_type, ONE_DOF)
     stiffness = np.zeros(mj.nv)
     stiffness[mj.jnt_dofadr[one_dof]] = mj.jnt_stiffness.reshape(mj.njnt, -1)[one_dof, 0]
     return stiffness

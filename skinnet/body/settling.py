@@ -1,7 +1,7 @@
 """Settling of a body: physics and servos at home, without network, and what comes of it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -87,18 +87,12 @@ def settle(
     return record.settled(deployment)
 
 
-@dataclass
 class _SettlingRecord:
     """Extremes and means of one simulation, observed after each physics step."""
 
-    simulation: BodySimulation
-    n_averaged: int = 0
-    unsensed_sum_n: float = 0.0
-    _force_sum_n: Floats = field(init=False)
-    _pressure_sum_kpa: Floats = field(init=False)
-
-    def __post_init__(self) -> None:
-        simulation = self.simulation
+    def __init__(self, simulation: BodySimulation) -> None:
+        self._simulation = simulation
+        self._n_averaged, self._unsensed_sum_n = 0, 0.0
         mj, data = simulation.model.mj, simulation.data
         free = np.flatnonzero(mj.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         bodies = mj.jnt_bodyid[free].tolist()
@@ -122,35 +116,35 @@ class _SettlingRecord:
 
     def observe(self, fraction: float, *, is_averaged: bool) -> None:
         """Observe the present state, after `fraction` of the time; add its forces to the means if asked."""
-        simulation = self.simulation
+        simulation = self._simulation
         pressure_kpa = simulation.pressures()  # evaluates the contact of the present state
         self._rise_m = np.maximum(self._rise_m, simulation.data.xpos[:, 2] - self._start_m)
         self._largest_j = max(self._largest_j, self._energy_j())
         self._observe_speeds(fraction)
         if is_averaged:
-            self.n_averaged += 1
+            self._n_averaged += 1
             contact = simulation.cell_foundation.contact
-            self.unsensed_sum_n += simulation.unsensed_force.now_n
+            self._unsensed_sum_n += simulation.unsensed_force.now_n
             self._force_sum_n += contact.force_n.sum(axis=1)
             self._patch_body_sum_n += contact.patch_body_force_n
             self._pressure_sum_kpa += pressure_kpa
 
     def settled(self, deployment: Deployment) -> Settled:
         """Return the outcome, see `settle`."""
-        n = max(self.n_averaged, 1)
+        n = max(self._n_averaged, 1)
         return Settled(
             metrics=self._metrics(deployment),
             force_n=self._force_sum_n / n,
             patch_body_force_n=self._patch_body_sum_n / n,
             start_qpos=self._start_qpos,
-            end_qpos=self.simulation.data.qpos.copy(),
+            end_qpos=self._simulation.data.qpos.copy(),
             first_speed_rad_s=self._first_speed,
             last_speed_rad_s=self._last_speed,
             n_reversals=self._n_reversals,
         )
 
     def _observe_speeds(self, fraction: float) -> None:
-        velocity_rad_s = self.simulation.data.qvel[self.simulation.model.dof_address]
+        velocity_rad_s = self._simulation.data.qvel[self._simulation.model.dof_address]
         if fraction <= 1.0 / 3.0:
             self._first_speed = np.maximum(self._first_speed, np.abs(velocity_rad_s))
         elif fraction > 2.0 / 3.0:
@@ -160,7 +154,7 @@ class _SettlingRecord:
             self._direction = direction
 
     def _metrics(self, deployment: Deployment) -> dict[str, Any]:
-        simulation, n = self.simulation, max(self.n_averaged, 1)
+        simulation, n = self._simulation, max(self._n_averaged, 1)
         metrics: dict[str, Any] = {}
         for name, rows in simulation.cells.items():
             metrics[f"settle.force_n.{name}"] = float(self._force_sum_n[rows].sum()) / n
@@ -170,7 +164,7 @@ class _SettlingRecord:
             force_n = self._pressure_sum_kpa[start:end].sum() * 1e3 * sheet.area_m2
             metrics[f"settle.force_n.{sheet.name}"] = float(force_n) / n
             start = end
-        metrics["settle.unsensed_n"] = self.unsensed_sum_n / n
+        metrics["settle.unsensed_n"] = self._unsensed_sum_n / n
         metrics["settle.peak_unsensed_n"] = simulation.unsensed_force.peak_n
         for name, body in self._free_bodies.items():
             metrics[f"settle.rise_mm.{name}"] = 1e3 * float(self._rise_m[body])
@@ -184,7 +178,7 @@ class _SettlingRecord:
 
     def _energy_j(self) -> float:
         """Energy of all that can move: kinetic, potential of gravity and springs, and of the foam [J]."""
-        mj, data = self.simulation.model.mj, self.simulation.data
+        mj, data = self._simulation.model.mj, self._simulation.data
         mujoco.mj_energyPos(mj, data)
         mujoco.mj_energyVel(mj, data)
-        return float(data.energy.sum()) - self._fixed_j + self.simulation.dynamics.elastic_energy_j
+        return float(data.energy.sum()) - self._fixed_j + self._simulation.dynamics.elastic_energy_j

@@ -22,6 +22,7 @@ from skinnet.body.contact.point_kinematics import (
     CellTwist,
     cell_frame,
     point_above_cell,
+    to_world,
     twist_in_cell,
 )
 from skinnet.body.contact.point_loops import Resultant, any_slips, sum_forces
@@ -70,16 +71,14 @@ def _add_run_response(
         total = _press_linear(problem, twist, r, step_s)
     else:
         total = _press_points(problem, pairs, twist, r, step_s, with_stiffness)
-    u = total.force_x * f.xx + total.force_y * f.yx + total.force_z * f.nx
-    v = total.force_x * f.xy + total.force_y * f.yy + total.force_z * f.ny
-    w = total.force_x * f.xz + total.force_y * f.yz + total.force_z * f.nz
+    u, v, w = to_world(f, total.force_x, total.force_y, total.force_z)
+    mx, my, mz = to_world(f, total.moment_x, total.moment_y, total.moment_z)
     wrench[p, 0] += u
     wrench[p, 1] += v
     wrench[p, 2] += w
-    mx, my, mz = total.moment_x, total.moment_y, total.moment_z
-    wrench[p, 3] += mx * f.xx + my * f.yx + mz * f.nx + ry * w - rz * v
-    wrench[p, 4] += mx * f.xy + my * f.yy + mz * f.ny + rz * u - rx * w
-    wrench[p, 5] += mx * f.xz + my * f.yz + mz * f.nz + rx * v - ry * u
+    wrench[p, 3] += mx + ry * w - rz * v
+    wrench[p, 4] += my + rz * u - rx * w
+    wrench[p, 5] += mz + rx * v - ry * u
     if with_stiffness:
         add_stiffness(pairs, p, f, _mean_height_m(points, r))
 

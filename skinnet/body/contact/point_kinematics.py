@@ -25,6 +25,7 @@ __all__ = [
     "point_velocity",
     "rotate",
     "rotate_inverse",
+    "to_world",
     "twist_in_cell",
 ]
 
@@ -169,6 +170,16 @@ def cell_frame(surface: SkinSurface, motion: Motion, i: int) -> CellFrame:
     yx, yy, yz = cell_axis(surface, motion, i, 1)
     nx, ny, nz = cell_axis(surface, motion, i, 2)
     return CellFrame(x, y, z, xx, xy, xz, yx, yy, yz, nx, ny, nz)
+
+
+@compiled_without_nrt
+def to_world(f: CellFrame, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Vector (x, y, z) of the frame `f`, world."""
+    return (
+        x * f.xx + y * f.yx + z * f.nx,
+        x * f.xy + y * f.yy + z * f.ny,
+        x * f.xz + y * f.yz + z * f.nz,
+    )
 
 
 @compiled_without_nrt

@@ -30,6 +30,7 @@ from skinnet.body.contact.point_kinematics import (
     cell_frame,
     point_above_cell,
     point_velocity,
+    to_world,
     twist_in_cell,
 )
 from skinnet.body.contact.point_loops import Resultant
@@ -220,12 +221,8 @@ def _relative_twist(motion: Motion, f: CellFrame, own: int, other: int) -> CellT
 @compiled_without_nrt
 def _add_wrenches(problem: ContactProblem, f: CellFrame, total: Resultant, own: int, other: int) -> None:
     """Add a resultant in the frame `f` of a cell to the wrench of body `other`, the opposite to `own`'s."""
-    fx = total.force_x * f.xx + total.force_y * f.yx + total.force_z * f.nx
-    fy = total.force_x * f.xy + total.force_y * f.yy + total.force_z * f.ny
-    fz = total.force_x * f.xz + total.force_y * f.yz + total.force_z * f.nz
-    mx = total.moment_x * f.xx + total.moment_y * f.yx + total.moment_z * f.nx
-    my = total.moment_x * f.xy + total.moment_y * f.yy + total.moment_z * f.ny
-    mz = total.moment_x * f.xz + total.moment_y * f.yz + total.moment_z * f.nz
+    fx, fy, fz = to_world(f, total.force_x, total.force_y, total.force_z)
+    mx, my, mz = to_world(f, total.moment_x, total.moment_y, total.moment_z)
     wrench, xipos = problem.wrench, problem.motion.xipos
     for side in range(2):
         b, sign = (other, 1.0) if side == 0 else (own, -1.0)

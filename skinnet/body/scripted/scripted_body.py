@@ -84,8 +84,8 @@ class ScriptedBody:
 
     @property
     def range_rad(self) -> NDArray[np.float64]:
-        """Position limits (D, 2): infinite, as a script has none."""
-        return np.tile([-np.inf, np.inf], (self.n_dofs, 1))
+        """Position limits (D, 2) of the controlled joints, infinite without a limit."""
+        return self.model.range_rad
 
     @property
     def n_dofs(self) -> int:

@@ -50,8 +50,8 @@ class Touch(FingerTask):
     def step(self, t_ns: int, step_ns: int) -> None:
         """Move the finger to its pose at `t_ns + step_ns`, given poses and forces at `t_ns` [ns]."""
         spec, finger, step_s = self._spec, self._finger, step_ns / NS_PER_S
-        target_n = self._target_force_n()
-        self._record(t_ns, step_s, target_n)
+        target_n, line = self._target_force_n(), finger.approach_line(self._target)
+        self._record(t_ns, step_s, target_n, line)
         if self.phase is FingerPhase.WITHDRAW:
             if self._raise(spec, step_s):
                 self._finish(t_ns)
@@ -59,11 +59,11 @@ class Touch(FingerTask):
         else:
             self._advance(target_n, t_ns, step_s)
         if spec.force_n is not None:  # a touch by force tracks the moving cell
-            self._line = finger.approach_line(self._target)
+            self._line = line
         finger.move(self._line, self._height_m, step_s)
 
-    def _record(self, t_ns: int, step_s: float, target_n: float) -> None:
-        """Record forces at `t_ns` [ns], and the way of the cell since the contact."""
+    def _record(self, t_ns: int, step_s: float, target_n: float, line: ApproachLine) -> None:
+        """Record forces at `t_ns` [ns], and the way of the cell, now at `line`, since the contact."""
         truth, finger = self.ground_truth, self._finger
         truth.record(t_ns, step_s, finger.force_n(), target_n)
         if self.phase is FingerPhase.HOLD:
@@ -71,7 +71,6 @@ class Touch(FingerTask):
             truth.record_hold(target_n, felt_n, finger.force_along_n(self._line))
         if truth.contact_ns is None or self.phase is FingerPhase.WITHDRAW:
             return
-        line = finger.approach_line(self._target)
         if self._contact_line is None:
             self._contact_line = line
         truth.evaded_m = dot(self._contact_line.point_m - line.point_m, self._contact_line.normal)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from synthetic_robot import G_M_S2, Floats, SkinnedArms, run
 
 from controller.selforganisation.deflections import Deflections
+from controller.selforganisation.exploration import PositionControl
 from controller.selforganisation.lock_in import LockIn
 from controller.selforganisation.map_exploration import MapExploration, MapExplorationConfig
 from controller.selforganisation.sensory_motor_map import (
@@ -163,6 +164,73 @@ def test_the_command_has_no_jump_and_returns() -> None:
     assert np.abs(velocity[-1]).max() == 0.0
     assert np.abs(position).max() < 1e-9
     assert not (velocity[:, 0] * velocity[:, 1]).any()  # one after the other
+
+
+def test_a_joint_without_rest_is_told_with_the_sine_that_it_disturbs() -> None:
+    """The elbow's sine begins off home: the robot has to rest there, too."""
+    limits_rad = np.array([[-1.0, 0.0], [-1.0, 1.0]])
+    config = MapExplorationConfig(
+        position_control=PositionControl(range_rad=limits_rad), rest_timeout_ns=500_000_000
+    )
+    program = MapExploration(config, 2, 1, 0, dof_names=("elbow", "wrist"))
+    position_rad = np.zeros(2)
+    for t_ns in range(0, 20_000_000_000, 5_000_000):
+        shaken_rad = position_rad + np.array([0.0, 0.01 * np.sin(15.0 * t_ns * 1e-9)])
+        program.add_positions(t_ns, shaken_rad)
+        position_rad = position_rad + 5e-3 * program.step(t_ns, shaken_rad)
+    says = [problem for problem in program.result.problems if "come to rest" in problem]
+    before = ["before the sine of DoF elbow"] * 2 + ["before the sine of DoF wrist"] * 2
+    assert says == [f"DoF wrist did not come to rest {when}" for when in [*before, "after the last sine"]]
+
+
+def test_a_joint_without_rest_disturbs_the_mirrored_sine_of_the_same_joint() -> None:
+    program = MapExploration(MapExplorationConfig(rest_timeout_ns=500_000_000), 2, 1, 0)
+    position_rad = np.zeros(2)
+    for t_ns in range(0, 20_000_000_000, 5_000_000):
+        shaken_rad = position_rad + np.array([0.0, 0.01 * np.sin(15.0 * t_ns * 1e-9)])
+        touches = position_rad[0] > 0.005
+        program.add_touch(np.zeros(1, dtype=np.int64), np.array([[0.3 * touches, 0.0, 0.0, 0.0]]))
+        program.add_positions(t_ns, shaken_rad)
+        position_rad = position_rad + 5e-3 * program.step(t_ns, shaken_rad)
+    says = [problem for problem in program.result.problems if "come to rest" in problem]
+    before = ["before the sine of DoF 0"] * 2 + ["before the sine of DoF 1"]
+    assert says == [f"DoF 1 did not come to rest {when}" for when in [*before, "after the last sine"]]
+
+
+def test_a_mirrored_sine_that_presses_as_much_is_stopped_too() -> None:
+    """The contact that stopped the first sine ends on the way back, and is no reading at rest."""
+    program = MapExploration(MapExplorationConfig(), 1, 1, 0)
+    position_rad, widest_rad, t_ns = np.zeros(1), 0.0, 0
+    while not program.done:
+        touches = abs(position_rad[0]) > 0.005
+        program.add_touch(np.zeros(1, dtype=np.int64), np.array([[0.3 * touches, 0.0, 0.0, 0.0]]))
+        program.add_positions(t_ns, position_rad)
+        position_rad = position_rad + 5e-3 * program.step(t_ns, position_rad)
+        widest_rad = max(widest_rad, abs(float(position_rad[0])))
+        t_ns += 5_000_000
+    assert widest_rad < 0.01
+    assert program.result.problems == (
+        "DoF 0 did not complete its sine: something touched or came near cell 0",
+    )
+
+
+@pytest.mark.parametrize("silent_sine", [0, 1])
+def test_a_cell_without_samples_at_one_of_two_frequencies_is_not_measured(silent_sine: int) -> None:
+    program = MapExploration(MapExplorationConfig(tilt_frequency_hz=2.0, periods=2), 1, 2, 0)
+    position_rad, speed_rad_s, t_ns = np.zeros(1), 0.0, 0
+    while not program.done:
+        program.add_positions(t_ns, position_rad)
+        command_rad_s = program.step(t_ns, position_rad)
+        acceleration = (command_rad_s[0] - speed_rad_s) / 5e-3
+        position_rad, speed_rad_s = position_rad + 5e-3 * command_rad_s, float(command_rad_s[0])
+        t_ns += 5_000_000
+        sine = round(3 * program.progress) - 1
+        cells = np.array([0] if sine == silent_sine else [0, 1])
+        readings_g = np.tile([0.0, 0.3 * acceleration / G_M_S2, 1.0], (len(cells), 1))
+        program.add_samples(cells, np.full(len(cells), t_ns), readings_g)
+    assert program.result.problems == ("DoF 0: cell 1 with too few samples",)
+    assert program.result.deflection_m[0, 0, 1] == pytest.approx(0.3, abs=0.03)
+    assert not program.result.deflection_m[1].any()
 
 
 def test_dead_cells_and_stuck_joints_are_reported_and_weigh_nothing() -> None:

@@ -130,3 +130,10 @@ def test_the_moment_is_that_of_the_centre_of_pressure(tmp_path: Path) -> None:
         wrench = press.body.data.xfrc_applied[tip]
         assert wrench[2] == pytest.approx(force_n, rel=1e-12)
         assert np.linalg.norm(wrench[3:5]) < 2e-4 * force_n, "off by less than 0.2 mm"
+
+
+def test_a_plate_that_hovers_above_the_foam_presses_nothing(tmp_path: Path) -> None:
+    """Cells that seek it within their reach, and do not meet it, add no points of the step before."""
+    press = Press(tmp_path, '<geom type="box" size="0.3 0.3 0.02"/>')
+    assert press.force_n((0.0, 0.0), 0.02 - 0.003) > 1.0
+    assert press.force_n((0.0, 0.0), 0.02 + 0.003) == 0.0

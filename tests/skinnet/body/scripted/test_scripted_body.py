@@ -59,6 +59,7 @@ def test_joints_follow_their_command_and_stop_at_their_limits():
     np.testing.assert_allclose(body.joints(), start + 0.999 * velocity, atol=1e-12)
     body.advance(2000 * MS)
     assert body.joints()[2] == limit
+    np.testing.assert_array_equal(body.range_rad, body.model.range_rad)
     assert not body.set_command(np.full(6, 1.6))
     assert not body.set_command(np.full(6, np.nan))
     assert not body.set_command(np.zeros(5))
