@@ -137,9 +137,9 @@ def test_the_network_metrics_name_what_is_not_joined_and_not_reached(tmp_path: P
     patches, bridges = two_rows()
     made = with_gateways(patches, bridges, planned(tmp_path)).patches
     names = [patch.name for patch in made]
-    found = network_metrics(names, made, bridges, CELLS)
+    [found] = network_metrics([names], made, bridges, CELLS)
     assert found == {"bridges": 1, "groups": 1, "gateways": 1, "unreached": 0}
-    cut = network_metrics(names, made, [], CELLS)
+    [cut] = network_metrics([names], made, [], CELLS)
     assert (cut["groups"], cut["unreached"]) == (2, N)
     bare = [msgspec.structs.replace(patch, interfaces=()) for patch in made]
-    assert network_metrics(names, bare, bridges, CELLS)["unreached"] == 2 * N
+    assert network_metrics([names], bare, bridges, CELLS)[0]["unreached"] == 2 * N
