@@ -44,7 +44,7 @@ def covered(deployment: Deployment, base_dir: Path) -> Deployment:
 
 
 def with_covering(deployment: Deployment, covering: Covering) -> Deployment:
-    """Return the deployment with the patches and bridges of its covering in place of its covers."""
+    """Return the deployment with patches, bridges and sheets of its covering in place of its covers."""
     return msgspec.structs.replace(
         deployment,
         cover=(),
