@@ -59,10 +59,12 @@ def preview(
     layers = preview_layers(deployment, base, findings, felt=felt)
     out.mkdir(parents=True, exist_ok=True)
     page, picture = (out / f"{deployment.name}_preview{suffix}" for suffix in (".html", ".png"))
-    reason = draw_picture(layers, deployment.name, picture)
-    say(reason or f"picture in {picture}")
-    require_extra("view", "viser")
-    from skinnet.preview.page import render_page
+    try:
+        require_extra("view", "viser")
+        from skinnet.preview.page import render_page
 
-    write_bytes(page, render_page(layers, deployment.name, findings).encode())
-    say(f"page in {page}")
+        write_bytes(page, render_page(layers, deployment.name, findings).encode())
+        say(f"page in {page}")
+    finally:  # the picture needs no extra
+        reason = draw_picture(layers, deployment.name, picture)
+        say(reason or f"picture in {picture}")
