@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from skinnet.covering.covered_links import Covering
+    from skinnet.deployment import Deployment
 
 __all__ = ["register"]
 
@@ -74,7 +75,7 @@ def cover(
     cell, faults, gap to the felt and to the drawn surface, share of neighbours that are wired, components,
     bridges, groups that these form, gateways, and cells that no gateway reaches.
     """
-    from skinnet.covering.covered_deployment import cover_deployment
+    from skinnet.covering.covered_deployment import cover_deployment, with_covering
     from skinnet.deployment import load
 
     if write is not None and write.exists() and write.resolve() == file.resolve():
@@ -97,7 +98,7 @@ def cover(
     }
     write_report(report, json)
     if write is not None:
-        _write(write, file, covering, deployment)
+        _write(write, file, with_covering(deployment, covering))
         line_printer(terminal)(f"deployment in {write}")
 
 
@@ -116,22 +117,20 @@ def _print(terminal: "Console", covering: "Covering") -> None:
         line_printer(terminal)(f"bare: {line}")
 
 
-def _write(path: Path, file: Path, covering: "Covering", deployment: Any) -> None:
+def _write(path: Path, file: Path, covered: "Deployment") -> None:
     """Write a deployment that extends `file`, with patches, bridges and sheets in place of its covers."""
     from skinnet.analysis.report.toml_listing import toml_tables
     from skinnet.files import write_bytes
     from skinnet.toml_values import toml_value
 
     base = os.path.relpath(file.resolve(), path.resolve().parent)
-    patches = (*deployment.patches, *covering.patches)
-    bridges = (*deployment.bridges, *covering.bridges)
     lines = [
         f"# Cells of {file.name}, made by `skinnet cover`.",
         f"extends = {toml_value(base)}",
         "cover = []",
-        *toml_tables("patches", patches),
-        *toml_tables("bridges", bridges),
-        *toml_tables("surfaces", (*deployment.surfaces, *covering.surfaces)),
-        *toml_tables("sheets", (*deployment.sheets, *covering.sheets)),
+        *toml_tables("patches", covered.patches),
+        *toml_tables("bridges", covered.bridges),
+        *toml_tables("surfaces", covered.surfaces),
+        *toml_tables("sheets", covered.sheets),
     ]
     write_bytes(path, ("\n".join(lines) + "\n").encode())

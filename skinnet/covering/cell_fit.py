@@ -10,7 +10,13 @@ from skinnet.covering.cell_heights import heights_under_cell, peak_m
 from skinnet.covering.cell_limits import CellLimits
 from skinnet.covering.felt_solids import FeltSolids, first_entry_m
 from skinnet.covering.hexagons import HEXAGON_POINTS, HEXAGON_WEIGHTS, hexagon_spread, in_hexagon
-from skinnet.covering.sample_search import SurfaceSamples, bins_within, mean_normal, nearest_sample
+from skinnet.covering.sample_search import (
+    SurfaceSamples,
+    bin_rows,
+    entries_of_row,
+    mean_normal,
+    nearest_sample,
+)
 
 __all__ = ["FIT", "NO_SURFACE", "N_FINE_POINTS", "fit_cell"]
 
@@ -246,34 +252,29 @@ def _covers_blocked(
     samples: SurfaceSamples, blocked: Bools, limits: CellLimits, position_m: Floats, R: Floats
 ) -> bool:
     """True if blocked surface lies under the hexagon or within the margin of it."""
-    grid = samples.grid
     side_m = limits.side_m + limits.margin_m / (0.5 * math.sqrt(3.0))
     reach_m = math.sqrt(side_m * side_m + limits.depth_m * limits.depth_m)
-    low_a, high_a = bins_within(grid, 0, position_m[0], reach_m)
-    low_b, high_b = bins_within(grid, 1, position_m[1], reach_m)
-    low_c, high_c = bins_within(grid, 2, position_m[2], reach_m)
     n = samples.normal
-    for a in range(low_a, high_a):
-        for b in range(low_b, high_b):
-            row = (a * grid.shape[1] + b) * grid.shape[2]
-            for entry in range(grid.start[row + low_c], grid.start[row + max(high_c, low_c)]):
-                j = grid.order[entry]
-                if not blocked[j]:
-                    continue
-                dx, dy, dz = (
-                    samples.point_m[j, 0] - position_m[0],
-                    samples.point_m[j, 1] - position_m[1],
-                    samples.point_m[j, 2] - position_m[2],
-                )
-                height_m = dx * R[0, 2] + dy * R[1, 2] + dz * R[2, 2]
-                if abs(height_m) > limits.depth_m:
-                    continue
-                if n[j, 0] * R[0, 2] + n[j, 1] * R[1, 2] + n[j, 2] * R[2, 2] < 0.1:
-                    continue
-                if in_hexagon(
-                    dx * R[0, 0] + dy * R[1, 0] + dz * R[2, 0],
-                    dx * R[0, 1] + dy * R[1, 1] + dz * R[2, 1],
-                    side_m,
-                ):
-                    return True
+    rows = bin_rows(samples.grid, position_m[0], position_m[1], position_m[2], reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(samples.grid, rows, k):
+            j = samples.grid.order[entry]
+            if not blocked[j]:
+                continue
+            dx, dy, dz = (
+                samples.point_m[j, 0] - position_m[0],
+                samples.point_m[j, 1] - position_m[1],
+                samples.point_m[j, 2] - position_m[2],
+            )
+            height_m = dx * R[0, 2] + dy * R[1, 2] + dz * R[2, 2]
+            if abs(height_m) > limits.depth_m:
+                continue
+            if n[j, 0] * R[0, 2] + n[j, 1] * R[1, 2] + n[j, 2] * R[2, 2] < 0.1:
+                continue
+            if in_hexagon(
+                dx * R[0, 0] + dy * R[1, 0] + dz * R[2, 0],
+                dx * R[0, 1] + dy * R[1, 1] + dz * R[2, 1],
+                side_m,
+            ):
+                return True
     return False

@@ -11,7 +11,7 @@ from skinnet.covering.cell_fit import FIT, N_FINE_POINTS, NO_SURFACE, fit_cell
 from skinnet.covering.cell_limits import CellLimits, sum_of_pushes
 from skinnet.covering.felt_solids import FeltSolids
 from skinnet.covering.hexagons import HEXAGON_WEIGHTS
-from skinnet.covering.sample_search import SurfaceSamples, bins_within
+from skinnet.covering.sample_search import SurfaceSamples, bin_rows, entries_of_row
 
 __all__ = ["Ground", "Scratch", "copy_vector", "hexagon_direction", "new_scratch", "settle_cell"]
 
@@ -117,20 +117,14 @@ def settle_cell(
 @compiled_without_nrt
 def _is_asked_near(ground: Ground, w: Scratch, reach_m: float) -> bool:
     """True if a cell may have its centre on the side of the target within `reach_m` [m] of it."""
-    grid, samples = ground.samples.grid, ground.samples
-    low_a, high_a = bins_within(grid, 0, w.target_m[0], reach_m)
-    low_b, high_b = bins_within(grid, 1, w.target_m[1], reach_m)
-    low_c, high_c = bins_within(grid, 2, w.target_m[2], reach_m)
-    for a in range(low_a, high_a):
-        for b in range(low_b, high_b):
-            row = (a * grid.shape[1] + b) * grid.shape[2]
-            for entry in range(grid.start[row + low_c], grid.start[row + max(high_c, low_c)]):
-                j = grid.order[entry]
-                n = samples.normal
-                if ground.asked[j] and (
-                    n[j, 0] * w.normal[0] + n[j, 1] * w.normal[1] + n[j, 2] * w.normal[2] > -0.2
-                ):
-                    return True
+    grid, n = ground.samples.grid, ground.samples.normal
+    rows = bin_rows(grid, w.target_m[0], w.target_m[1], w.target_m[2], reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(grid, rows, k):
+            j = grid.order[entry]
+            alike = n[j, 0] * w.normal[0] + n[j, 1] * w.normal[1] + n[j, 2] * w.normal[2]
+            if ground.asked[j] and alike > -0.2:
+                return True
     return False
 
 

@@ -44,7 +44,7 @@ def covered(deployment: Deployment, base_dir: Path) -> Deployment:
 
 
 def with_covering(deployment: Deployment, covering: Covering) -> Deployment:
-    """Return the deployment with the patches and bridges of its covering in place of its covers."""
+    """Return the deployment with patches, bridges and sheets of its covering in place of its covers."""
     return msgspec.structs.replace(
         deployment,
         cover=(),
@@ -88,23 +88,25 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
             write_covering(key, made)
     none = GatewayPlan((), (), {}, {})
     plan = with_gateways(made.patches, made.bridges, deployment) if made.patches else none
-    links = tuple(_networked(link, plan, deployment) for link in made.links)
-    n_wires = sum(link["wires"] for link in links)
-    total = _with_wires(made.total, sum(link["wires"] for link in made.links), n_wires)
-    total |= {"components": len(plan.patches)}
-    total |= network_metrics(
-        [patch.name for patch in plan.patches], plan.patches, plan.bridges, deployment.cells
+    own = [[new for name in link["patches"] for new in plan.names[name]] for link in made.links]
+    every = [patch.name for patch in plan.patches]
+    *of_links, of_all = network_metrics([*own, every], plan.patches, plan.bridges, deployment.cells)
+    links = tuple(
+        _networked(link, names, plan, found)
+        for link, names, found in zip(made.links, own, of_links, strict=True)
     )
+    before, now = (sum(link["wires"] for link in rows) for rows in (made.links, links))
+    total = _with_wires(made.total, before, now) | {"components": len(plan.patches)} | of_all
     return msgspec.structs.replace(made, patches=plan.patches, bridges=plan.bridges, links=links, total=total)
 
 
-def _networked(link: dict[str, Any], plan: GatewayPlan, deployment: Deployment) -> dict[str, Any]:
-    """Metrics of a link with those of its network, in which groups may be cut."""
-    own = [new for name in link["patches"] for new in plan.names[name]]
-    n_wires = sum(plan.wires[name] for name in own)
-    found = network_metrics(own, plan.patches, plan.bridges, deployment.cells)
+def _networked(
+    link: dict[str, Any], patches: list[str], plan: GatewayPlan, network: dict[str, Any]
+) -> dict[str, Any]:
+    """Metrics of a link with those of its `network`, in which groups may be cut, so that it has `patches`."""
+    n_wires = sum(plan.wires[name] for name in patches)
     row = _with_wires(link, link["wires"], n_wires)
-    return row | {"patches": own, "components": len(own), "wires": n_wires} | found
+    return row | {"patches": patches, "components": len(patches), "wires": n_wires} | network
 
 
 def _with_wires(row: dict[str, Any], before: int, now: int) -> dict[str, Any]:

@@ -130,7 +130,7 @@ def cover_links(
     figures: list[CellFigures] = []
     bare: list[str] = []
     for cover in deployment.cover:
-        took = 0
+        left_out: list[str] = []
         links = list(_links(mj, cover))
         for body, link in links:
             skin = _add(mj, skins, link, None)
@@ -139,13 +139,13 @@ def cover_links(
             layout = layouts.get(cover.name)
             found = _cover_link(mj, cover, body, link, deployment, fixed, layout, label, home_qpos)
             if isinstance(found, str):
-                if not _is_pattern(cover):
+                if not cover.is_pattern:
                     raise DeploymentError(f'cover.{cover.name}.body = "{body}": {found}')
-                bare.append(f"{cover.name}: {body}: {found}")
+                left_out.append(f"{body}: {found}")
                 continue
-            took += 1
-            for patch in found.patches:
-                _add(mj, skins, link, place_patch(patch, deployment.cells))
+            placed = [place_patch(patch, deployment.cells) for patch in found.patches]
+            for patch in placed:
+                _add(mj, skins, link, patch)
             patches += found.patches
             for pose in found.sheets:
                 _add_sheet(mj, skins, link, pose.position_m, pose.R_body_element)
@@ -153,17 +153,17 @@ def cover_links(
             row, own = (
                 sheet_row(mj, found.ground, found.sheets, foam_m)
                 if found.sheets
-                else patch_row(mj, found.ground, found.patches, deployment.cells, foam_m)
+                else patch_row(mj, found.ground, placed, side_m, foam_m)
             )
             rows.append({"cover": cover.name, "body": body, **row})
             figures.append(own)
-        if not took:
+        if len(left_out) == len(links):
             what = "sheet" if cover.kind == "sheet" else "cell"
-            first = next((line for line in bare if line.startswith(f"{cover.name}: ")), "")
             raise DeploymentError(
                 f'cover.{cover.name}.body = "{cover.body}": none of the {len(links)} links takes a {what}; '
-                f"{first.removeprefix(f'{cover.name}: ')}"
+                f"{left_out[0]}"
             )
+        bare += [f"{cover.name}: {line}" for line in left_out]
     bridges = [
         bridge
         for skin in skins.values()
@@ -213,15 +213,11 @@ def _add_sheet(
     skin.sheets.append((position_m, R, relative_pose(mj, skin.link.body_id, link.body_id)))
 
 
-def _is_pattern(cover: CoverSpec) -> bool:
-    return isinstance(cover.body, str) and any(sign in cover.body for sign in "*?")
-
-
 def _links(mj: Model, cover: CoverSpec) -> Iterator[tuple[str, Link]]:
     """Links that a cover names, each once, with the name of its body that comes first."""
     known = body_names(mj)
     names: Sequence[str] = (cover.body,) if isinstance(cover.body, str) else cover.body
-    if _is_pattern(cover):
+    if cover.is_pattern:
         names = [name for name in known if fnmatch.fnmatchcase(name, str(cover.body))]
         if not names:
             raise DeploymentError(

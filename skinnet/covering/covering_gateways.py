@@ -4,21 +4,21 @@ A gateway has 16 ports; what would need more is cut into groups with a gateway e
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from skinnet.covering.group_cuts import cut_group
 from skinnet.covering.opened_ports import open_ports
 from skinnet.deployment import Deployment
 from skinnet.deployment.cell_names import parse_port
 from skinnet.deployment.network import BridgeSpec
-from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import InterfaceSpec, PatchSpec
 from skinnet.errors import DeploymentError
-from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS, free_ports
+from skinnet.skin.gateway_placement import free_ports
 from skinnet.skin.placement import place_patch, resolve_bridges
 from skinnet.skin.whole_skin import WholeSkin, join_patches
 from skinnet.tools.plan.gateway_search import Limits, PatchGroup, SearchResult, search_fewest_gateways
@@ -26,6 +26,8 @@ from skinnet.tools.plan.plan import limits_of, patch_groups
 from skinnet.tools.plan.traffic import traffic_of
 
 __all__ = ["GatewayPlan", "with_gateways"]
+
+Indices = NDArray[np.int64]
 
 
 class GatewayPlan(NamedTuple):
@@ -45,7 +47,8 @@ class GatewayPlan(NamedTuple):
 
 
 _OPENED = (1, 2, 4, 8, 16, 32)
-"""Numbers of ports that are opened, one after the other, while gateways at the free ones do not suffice."""
+"""Numbers of ports that are opened in a patch, one after the other, while gateways at the free ones do not
+suffice."""
 
 
 def with_gateways(
@@ -62,39 +65,44 @@ def with_gateways(
     whole = msgspec.structs.replace(deployment, patches=(*deployment.patches, *patches))
     traffic, limits = traffic_of(whole), limits_of(deployment)
     names: dict[str, tuple[str, ...]] = {patch.name: (patch.name,) for patch in patches}
-    known: dict[bytes, SearchResult] = {}
-    numbers = iter(_OPENED)
+    searched: dict[tuple[int, bytes], SearchResult] = {}
+    opened: dict[str, Iterator[int]] = {}
+
+    def search(group: PatchGroup) -> SearchResult:
+        wiring = len(group.cells), group.wires.tobytes()
+        if wiring not in searched:
+            searched[wiring] = search_fewest_gateways(
+                group, limits, traffic, deployment.network, deployment.power
+            )
+        return searched[wiring]
+
     while True:
         placed = tuple(place_patch(patch, deployment.cells) for patch in patches)
         skin = join_patches(placed, resolve_bridges(bridges, placed))
-        refused = None
-        for group in patch_groups(skin, None):
-            key = _key(group)
-            if key not in known:
-                known[key] = search_fewest_gateways(
-                    group, limits, traffic, deployment.network, deployment.power
-                )
-            if known[key].breaches:
-                refused = group
-                break
+        groups = patch_groups(skin, None)
+        refused = next((group for group in groups if search(group).breaches), None)
         if refused is None:
-            return _plan(patches, bridges, skin, known, names)
-        found, count = known[_key(refused)], 0
-        if len(found.gateways) == len(np.unique(free_ports(len(refused.cells), refused.wires)[:, 0])):
-            # gateways at all free ports do not suffice
-            patches, count = _opened(patches, bridges, skin, refused, next(numbers, 0), deployment.cells)
-        elif len(found.gateways) == MAX_GATEWAY_PORTS:
+            return _plan(patches, bridges, skin, [(group, search(group).gateways) for group in groups], names)
+        found, n_places = search(refused), len(np.unique(free_ports(len(refused.cells), refused.wires)[:, 0]))
+        if len(found.gateways) < n_places:  # more gateways than one has ports would do
             parts, bridges = cut_group(patches, bridges, skin, refused)
             names = _renamed(names, patches, parts)
-            patches, count = [part for own in parts for part in own], 1
+            patches = [part for own in parts for part in own]
+            continue
+        largest = int(np.bincount(skin.patch_of_cell[refused.cells]).argmax())
+        name = patches[largest].name
+        n_opened = next(opened.setdefault(name, iter(_OPENED)), 0)
+        new, count = open_ports(patches[largest], deployment.cells, n_opened, _bridged_ports(name, bridges))
         if not count:
             first = patches[int(skin.patch_of_cell[refused.cells[0]])].name
             raise DeploymentError(_refusal(first, len(refused.cells), limits, found))
+        patches = [*patches[:largest], new, *patches[largest + 1 :]]
 
 
-def _key(group: PatchGroup) -> bytes:
-    """Key of a group: its cells and wires."""
-    return group.cells.tobytes() + group.wires.tobytes()
+def _bridged_ports(patch: str, bridges: Sequence[BridgeSpec]) -> frozenset[tuple[int, int]]:
+    """Ports (cell, port) of a patch that bridges end at."""
+    ends = [parse_port(end) for bridge in bridges for end in (bridge.a, bridge.b)]
+    return frozenset((cell, port) for name, cell, port in ends if name == patch)
 
 
 def _renamed(
@@ -109,13 +117,13 @@ def _plan(
     patches: Sequence[PatchSpec],
     bridges: Sequence[BridgeSpec],
     skin: WholeSkin,
-    found: dict[bytes, SearchResult],
+    found: Sequence[tuple[PatchGroup, Indices]],
     names: dict[str, tuple[str, ...]],
 ) -> GatewayPlan:
-    """Plan with the gateways that were found for the groups of cells."""
+    """Plan with the gateways (g, 2) that were found for each group of cells."""
     interfaces: list[list[InterfaceSpec]] = [[] for _ in patches]
-    for group in patch_groups(skin, None):
-        for cell, port in found[_key(group)].gateways.tolist():
+    for group, gateways in found:
+        for cell, port in gateways.tolist():
             at = int(group.cells[cell])
             patch = int(skin.patch_of_cell[at])
             interfaces[patch].append(InterfaceSpec(cell=at - int(skin.first_cell[patch]), port=port))
@@ -124,22 +132,6 @@ def _plan(
         for patch, mine in zip(patches, interfaces, strict=True)
     )
     return GatewayPlan(fed, tuple(bridges), names, {patch.name: len(patch.wires) for patch in skin.patches})
-
-
-def _opened(
-    patches: Sequence[PatchSpec],
-    bridges: Sequence[BridgeSpec],
-    skin: WholeSkin,
-    group: PatchGroup,
-    n_opened: int,
-    cells: CellSpec,
-) -> tuple[list[PatchSpec], int]:
-    """Patches with `n_opened` free ports more in the largest one of a group, and how many it got."""
-    largest = int(np.bincount(skin.patch_of_cell[group.cells]).argmax())
-    ends = [parse_port(end) for bridge in bridges for end in (bridge.a, bridge.b)]
-    fixed = frozenset(cell for name, cell, _ in ends if name == patches[largest].name)
-    new, count = open_ports(patches[largest], cells, n_opened, fixed)
-    return [*patches[:largest], new, *patches[largest + 1 :]], count
 
 
 def _refusal(patch: str, n_cells: int, limits: Limits, found: SearchResult) -> str:
@@ -152,5 +144,5 @@ def _refusal(patch: str, n_cells: int, limits: Limits, found: SearchResult) -> s
     value = f"{reached:.3g}" if math.isfinite(reached) else "no bound"
     return (
         f"{key} = {limit:g}: the {n_cells} cells about {patch} reach {value} even with "
-        f"{len(np.unique(found.gateways[:, 0]))} gateways; relax it, or give fewer events in [plan]"
+        f"{len(found.gateways)} gateways; relax it, or give fewer events in [plan]"
     )

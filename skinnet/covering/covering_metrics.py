@@ -178,9 +178,12 @@ def _covered_share(figures: Sequence[CellFigures]) -> float:
 
 
 def network_metrics(
-    own: Sequence[str], patches: Sequence[PatchSpec], bridges: Sequence[BridgeSpec], cells: CellSpec
-) -> dict[str, Any]:
-    """Metrics of the network of one link, whose patches are named `own`.
+    links: Sequence[Sequence[str]],
+    patches: Sequence[PatchSpec],
+    bridges: Sequence[BridgeSpec],
+    cells: CellSpec,
+) -> list[dict[str, Any]]:
+    """Metrics of the network of each of `links`, which are given by the names of their patches.
 
     `groups` counts parts that no wire and no bridge joins, also over patches of the same link in other
     covers; `gateways` interfaces; `unreached` cells without a path to one.
@@ -192,20 +195,25 @@ def network_metrics(
             _join(wires, f"{patch.name}/{a}", f"{patch.name}/{b}")
     for bridge in bridges:
         _join(wires, bridge.a.partition(":")[0], bridge.b.partition(":")[0])
-    mine = [f"{name}/{cell}" for name in own for cell in range(placed[name].n_cells)]
     gateways = [f"{patch.name}/{cell}" for patch in placed.values() for cell, _ in patch.interfaces.tolist()]
-    groups, seen = 0, set[str]()
-    for cell in mine:
-        if cell not in seen:
-            groups += 1
-            seen |= _reached_from([cell], wires)
     reached = _reached_from(gateways, wires)
-    return {
-        "bridges": sum(bridge.a.rpartition("/")[0] in own for bridge in bridges),
-        "groups": groups,
-        "gateways": sum(len(placed[name].interfaces) for name in own),
-        "unreached": sum(cell not in reached for cell in mine),
-    }
+    found = []
+    for own in links:
+        mine = [f"{name}/{cell}" for name in own for cell in range(placed[name].n_cells)]
+        groups, seen = 0, set[str]()
+        for cell in mine:
+            if cell not in seen:
+                groups += 1
+                seen |= _reached_from([cell], wires)
+        found.append(
+            {
+                "bridges": sum(bridge.a.rpartition("/")[0] in own for bridge in bridges),
+                "groups": groups,
+                "gateways": sum(len(placed[name].interfaces) for name in own),
+                "unreached": sum(cell not in reached for cell in mine),
+            }
+        )
+    return found
 
 
 def _join(wires: dict[str, set[str]], a: str, b: str) -> None:

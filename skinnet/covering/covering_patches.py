@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skinnet import pinned_linalg, pinned_math
@@ -17,8 +15,9 @@ from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
 from skinnet.skin.gateway_placement import free_ports
 from skinnet.skin.lattice import PORT_ANGLES_RAD, pitch_m
 from skinnet.skin.placement import PlacedPatch, place_patch
+from skinnet.skin.wire_graph import wire_components
 
-__all__ = ["bridges_between", "component_patches", "patch_name", "rounded_vector"]
+__all__ = ["DIGITS_AXIS", "bridges_between", "component_patches", "patch_name", "rounded_vector"]
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +25,9 @@ _PORTS_OF_JOINED = 3
 """Least number of free ports of two groups that are joined: a bridge takes two, a gateway one."""
 _SAME_SIDE_COSINE = -0.5
 _MAX_NAME = 64
-_DIGITS_M, _DIGITS_AXIS, _DIGITS_LENGTH = 6, 6, 5
+_DIGITS_M, _DIGITS_LENGTH = 6, 5
+DIGITS_AXIS = 6
+"""Digits of the axes of cells in a deployment."""
 
 
 def component_patches(
@@ -45,17 +46,16 @@ def component_patches(
     poses = [
         CellPoseSpec(
             position_m=rounded_vector(p, _DIGITS_M),
-            normal=rounded_vector(z, 6),
-            x_axis=rounded_vector(x, _DIGITS_AXIS),
+            normal=rounded_vector(z, DIGITS_AXIS),
+            x_axis=rounded_vector(x, DIGITS_AXIS),
         )
         for p, x, z in zip(position_m, R_body_cell[:, :, 0], R_body_cell[:, :, 2], strict=True)
     ]
     if not poses:
         return []
     whole = place_patch(PatchSpec(name=patch_name(name), body=body, cells=tuple(poses)), cells)
-    label = _components(len(poses), whole.wires)
-    members = [np.flatnonzero(label == k) for k in range(label.max() + 1)]
-    members = sorted((m for m in members if len(m) >= min_component), key=lambda m: (-len(m), int(m[0])))
+    pieces = wire_components(len(poses), whole.wires)
+    members = sorted((piece for piece in pieces if len(piece) >= min_component), key=len, reverse=True)
     return [
         PatchSpec(
             name=patch_name(name, str(number) if len(members) > 1 else ""),
@@ -137,16 +137,6 @@ def _free_ports(
 
 def _port_name(patches: Sequence[PlacedPatch], end: tuple[int, int, int]) -> str:
     return f"{patches[end[0]].name}/{end[1]}:{end[2]}"
-
-
-def _components(n_cells: int, wires: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Component (n,) of each cell, in the order of their first cells."""
-    ones = np.ones(len(wires), dtype=np.int8)
-    graph = coo_array((ones, (wires[:, 0], wires[:, 2])), shape=(n_cells, n_cells))
-    found = connected_components(graph, directed=False)[1]
-    _, first, label = np.unique(found, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return np.asarray(rank[label.reshape(-1)], dtype=np.int64)
 
 
 def rounded_vector(vector: Floats, digits: int) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from skinnet.compilation import compiled_without_nrt
 from skinnet.covering.cell_limits import CellLimits
 from skinnet.covering.cell_settling import Ground, Scratch, copy_vector
-from skinnet.covering.sample_search import SurfaceSamples, bins_within
+from skinnet.covering.sample_search import SurfaceSamples, bin_rows, entries_of_row
 from skinnet.covering.surface_walk import turned_along
 
 __all__ = [
@@ -43,25 +43,21 @@ def note_cell(
     nearest_m: Floats,
 ) -> None:
     """Shorten the distances [m] of samples from the nearest cell on their side by those from cell `i`."""
-    grid, n, R, reach_m = samples.grid, samples.normal, rotations, _REACH_FRACTION * limits.pitch_m
-    low_a, high_a = bins_within(grid, 0, positions_m[i, 0], reach_m)
-    low_b, high_b = bins_within(grid, 1, positions_m[i, 1], reach_m)
-    low_c, high_c = bins_within(grid, 2, positions_m[i, 2], reach_m)
-    for a in range(low_a, high_a):
-        for b in range(low_b, high_b):
-            row = (a * grid.shape[1] + b) * grid.shape[2]
-            for entry in range(grid.start[row + low_c], grid.start[row + max(high_c, low_c)]):
-                j = grid.order[entry]
-                x, y, z = (
-                    samples.point_m[j, 0] - positions_m[i, 0],
-                    samples.point_m[j, 1] - positions_m[i, 1],
-                    samples.point_m[j, 2] - positions_m[i, 2],
-                )
-                off_m2 = x * x + y * y + z * z
-                if off_m2 > reach_m * reach_m or off_m2 >= nearest_m[j] * nearest_m[j]:
-                    continue
-                if n[j, 0] * R[i, 0, 2] + n[j, 1] * R[i, 1, 2] + n[j, 2] * R[i, 2, 2] > 0.0:
-                    nearest_m[j] = math.sqrt(off_m2)
+    n, R, reach_m = samples.normal, rotations, _REACH_FRACTION * limits.pitch_m
+    rows = bin_rows(samples.grid, positions_m[i, 0], positions_m[i, 1], positions_m[i, 2], reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(samples.grid, rows, k):
+            j = samples.grid.order[entry]
+            x, y, z = (
+                samples.point_m[j, 0] - positions_m[i, 0],
+                samples.point_m[j, 1] - positions_m[i, 1],
+                samples.point_m[j, 2] - positions_m[i, 2],
+            )
+            off_m2 = x * x + y * y + z * z
+            if off_m2 > reach_m * reach_m or off_m2 >= nearest_m[j] * nearest_m[j]:
+                continue
+            if n[j, 0] * R[i, 0, 2] + n[j, 1] * R[i, 1, 2] + n[j, 2] * R[i, 2, 2] > 0.0:
+                nearest_m[j] = math.sqrt(off_m2)
 
 
 @compiled_without_nrt
@@ -101,23 +97,19 @@ def mark_tried(
     samples: SurfaceSamples, tried: Bools, target_m: Floats, normal: Floats, reach_m: float
 ) -> None:
     """Mark samples about `target_m`, where no cell fits, as tried."""
-    grid, n = samples.grid, samples.normal
-    low_a, high_a = bins_within(grid, 0, target_m[0], reach_m)
-    low_b, high_b = bins_within(grid, 1, target_m[1], reach_m)
-    low_c, high_c = bins_within(grid, 2, target_m[2], reach_m)
-    for a in range(low_a, high_a):
-        for b in range(low_b, high_b):
-            row = (a * grid.shape[1] + b) * grid.shape[2]
-            for entry in range(grid.start[row + low_c], grid.start[row + max(high_c, low_c)]):
-                j = grid.order[entry]
-                x, y, z = (
-                    samples.point_m[j, 0] - target_m[0],
-                    samples.point_m[j, 1] - target_m[1],
-                    samples.point_m[j, 2] - target_m[2],
-                )
-                alike = n[j, 0] * normal[0] + n[j, 1] * normal[1] + n[j, 2] * normal[2]
-                if x * x + y * y + z * z < reach_m * reach_m and alike > 0.3:
-                    tried[j] = True
+    n = samples.normal
+    rows = bin_rows(samples.grid, target_m[0], target_m[1], target_m[2], reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(samples.grid, rows, k):
+            j = samples.grid.order[entry]
+            x, y, z = (
+                samples.point_m[j, 0] - target_m[0],
+                samples.point_m[j, 1] - target_m[1],
+                samples.point_m[j, 2] - target_m[2],
+            )
+            alike = n[j, 0] * normal[0] + n[j, 1] * normal[1] + n[j, 2] * normal[2]
+            if x * x + y * y + z * z < reach_m * reach_m and alike > 0.3:
+                tried[j] = True
 
 
 @compiled_without_nrt

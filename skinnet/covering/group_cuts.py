@@ -5,14 +5,14 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components, shortest_path
+from scipy.sparse.csgraph import shortest_path
 
 from skinnet.covering.covering_patches import patch_name
 from skinnet.deployment.cell_names import parse_port
 from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.patches import PatchSpec
 from skinnet.skin.whole_skin import WholeSkin
+from skinnet.skin.wire_graph import wire_components, wire_graph
 from skinnet.tools.plan.gateway_search import PatchGroup
 
 __all__ = ["cut_group"]
@@ -40,7 +40,7 @@ def cut_group(
     for patch, placed, first in zip(patches, skin.patches, skin.first_cell.tolist(), strict=False):
         side = far[first : first + placed.n_cells]
         kept = placed.wires[side[placed.wires[:, 0]] == side[placed.wires[:, 2]]]
-        pieces = _components(placed.n_cells, kept)
+        pieces = wire_components(placed.n_cells, kept)
         names = [patch_name(patch.name, str(k) if len(pieces) > 1 else "") for k in range(len(pieces))]
         parts.append(
             [
@@ -61,23 +61,11 @@ def cut_group(
 
 def _far_half(n_cells: int, wires: Indices) -> Indices:
     """Cells of a connected graph far from one of its ends, about half of them; both halves are connected."""
-    graph = _graph(n_cells, wires)
+    graph = wire_graph(n_cells, wires)
     start = int(np.argmax(shortest_path(graph, directed=False, unweighted=True, indices=0)))
     hops = shortest_path(graph, directed=False, unweighted=True, indices=start)
     is_near = np.zeros(n_cells, dtype=np.bool_)
     is_near[np.lexsort((np.arange(n_cells), hops))[: n_cells // 2]] = True
     far_wires = wires[~is_near[wires[:, 0]] & ~is_near[wires[:, 2]]]
-    pieces = [piece for piece in _components(n_cells, far_wires) if not is_near[piece[0]]]
+    pieces = [piece for piece in wire_components(n_cells, far_wires) if not is_near[piece[0]]]
     return max(pieces, key=len)
-
-
-def _components(n_cells: int, wires: Indices) -> list[Indices]:
-    """Cells of each component of the wiring, in the order of their first cells."""
-    label = connected_components(_graph(n_cells, wires), directed=False)[1]
-    pieces = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
-    return sorted(pieces, key=lambda piece: int(piece[0]))
-
-
-def _graph(n_cells: int, wires: Indices) -> csr_array:
-    ones = np.ones(len(wires), dtype=np.int8)
-    return coo_array((ones, (wires[:, 0], wires[:, 2])), shape=(n_cells, n_cells)).tocsr()

@@ -9,22 +9,19 @@ from skinnet.covering.covering_metrics import CellFigures, cell_figures, coverin
 from skinnet.covering.felt_solids import Model
 from skinnet.covering.link_covering import LinkGround
 from skinnet.covering.sheet_fit import SheetPose
-from skinnet.deployment.skin.cells import CellSpec
-from skinnet.deployment.skin.patches import PatchSpec
-from skinnet.skin.placement import place_patch
+from skinnet.skin.placement import PlacedPatch
 
 __all__ = ["patch_row", "sheet_row"]
 
 
 def patch_row(
-    mj: Model, of: LinkGround, patches: Sequence[PatchSpec], cells: CellSpec, foam_m: float
+    mj: Model, of: LinkGround, patches: Sequence[PlacedPatch], side_m: float, foam_m: float
 ) -> tuple[dict[str, Any], CellFigures]:
     """Metrics and figures of a link with patches."""
-    placed = [place_patch(patch, cells) for patch in patches]
-    n_wires = sum(len(patch.wires) for patch in placed)
-    position_m = np.concatenate([patch.position_m for patch in placed])
-    R = np.ascontiguousarray(np.concatenate([patch.R_body_cell for patch in placed]))
-    figures = cell_figures(mj, of, position_m, R, cells.side_m, foam_m)
+    n_wires = sum(len(patch.wires) for patch in patches)
+    position_m = np.concatenate([patch.position_m for patch in patches])
+    R = np.ascontiguousarray(np.concatenate([patch.R_body_cell for patch in patches]))
+    figures = cell_figures(mj, of, position_m, R, side_m, foam_m)
     names = [patch.name for patch in patches]
     row = covering_metrics([figures], n_wires)
     return row | {"wires": n_wires, "components": len(patches), "patches": names, "sheets": []}, figures

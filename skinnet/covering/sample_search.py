@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = ["SampleGrid", "SurfaceSamples", "bins_within", "mean_normal", "nearest_sample", "sample_grid"]
+__all__ = [
+    "SampleGrid",
+    "SurfaceSamples",
+    "bin_rows",
+    "entries_of_row",
+    "mean_normal",
+    "nearest_sample",
+    "sample_grid",
+]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -55,6 +63,26 @@ class SurfaceSamples(NamedTuple):
     grid: SampleGrid
 
 
+class _BinRows(NamedTuple):
+    """Rows, along the third axis, of the bins near a point.
+
+    Attributes:
+        n_rows: Number of rows.
+        low_a: First bin along the first axis.
+        low_b: First bin along the second axis.
+        n_b: Number of bins along the second axis.
+        low_c: First bin of each row.
+        high_c: Past last bin of each row.
+    """
+
+    n_rows: int
+    low_a: int
+    low_b: int
+    n_b: int
+    low_c: int
+    high_c: int
+
+
 def sample_grid(point_m: Floats, bin_m: float) -> SampleGrid:
     """Build a grid of bins of `bin_m` [m], larger if there are too many, over points (n, 3) [m]."""
     low_m = point_m.min(axis=0) if len(point_m) else np.zeros(3)
@@ -82,25 +110,19 @@ def nearest_sample(
     reach_m: float,
 ) -> int:
     """Sample nearest to (x, y, z) [m] within `reach_m`, its normal within a cosine of (u, v, w), or −1."""
-    grid, best, best_m2 = samples.grid, -1, reach_m * reach_m
-    low_a, high_a = bins_within(grid, 0, x, reach_m)
-    low_b, high_b = bins_within(grid, 1, y, reach_m)
-    low_c, high_c = bins_within(grid, 2, z, reach_m)
-    for a in range(low_a, high_a):
-        for b in range(low_b, high_b):
-            row = (a * grid.shape[1] + b) * grid.shape[2]
-            for entry in range(grid.start[row + low_c], grid.start[row + max(high_c, low_c)]):
-                j = grid.order[entry]
-                dx, dy, dz = (
-                    samples.point_m[j, 0] - x,
-                    samples.point_m[j, 1] - y,
-                    samples.point_m[j, 2] - z,
-                )
-                off_m2 = dx * dx + dy * dy + dz * dz
-                if off_m2 < best_m2:
-                    n = samples.normal
-                    if n[j, 0] * u + n[j, 1] * v + n[j, 2] * w >= least_cosine:
-                        best, best_m2 = j, off_m2
+    n, best, best_m2 = samples.normal, -1, reach_m * reach_m
+    rows = bin_rows(samples.grid, x, y, z, reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(samples.grid, rows, k):
+            j = samples.grid.order[entry]
+            dx, dy, dz = (
+                samples.point_m[j, 0] - x,
+                samples.point_m[j, 1] - y,
+                samples.point_m[j, 2] - z,
+            )
+            off_m2 = dx * dx + dy * dy + dz * dz
+            if off_m2 < best_m2 and n[j, 0] * u + n[j, 1] * v + n[j, 2] * w >= least_cosine:
+                best, best_m2 = j, off_m2
     return best
 
 
@@ -117,25 +139,21 @@ def mean_normal(
     least_cosine: float,
 ) -> tuple[float, float, float]:
     """Mean normal of surface within `radius_m` of (x, y, z) that faces (u, v, w), which it is without any."""
-    grid, n = samples.grid, samples.normal
+    n = samples.normal
     sx, sy, sz = 0.0, 0.0, 0.0
-    low_a, high_a = bins_within(grid, 0, x, radius_m)
-    low_b, high_b = bins_within(grid, 1, y, radius_m)
-    low_c, high_c = bins_within(grid, 2, z, radius_m)
-    for a in range(low_a, high_a):
-        for b in range(low_b, high_b):
-            row = (a * grid.shape[1] + b) * grid.shape[2]
-            for entry in range(grid.start[row + low_c], grid.start[row + max(high_c, low_c)]):
-                j = grid.order[entry]
-                dx, dy, dz = (
-                    samples.point_m[j, 0] - x,
-                    samples.point_m[j, 1] - y,
-                    samples.point_m[j, 2] - z,
-                )
-                near = 1.0 - (dx * dx + dy * dy + dz * dz) / (radius_m * radius_m)
-                if near > 0.0 and n[j, 0] * u + n[j, 1] * v + n[j, 2] * w >= least_cosine:
-                    weight = near * samples.area_m2[j]
-                    sx, sy, sz = sx + weight * n[j, 0], sy + weight * n[j, 1], sz + weight * n[j, 2]
+    rows = bin_rows(samples.grid, x, y, z, radius_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(samples.grid, rows, k):
+            j = samples.grid.order[entry]
+            dx, dy, dz = (
+                samples.point_m[j, 0] - x,
+                samples.point_m[j, 1] - y,
+                samples.point_m[j, 2] - z,
+            )
+            near = 1.0 - (dx * dx + dy * dy + dz * dz) / (radius_m * radius_m)
+            if near > 0.0 and n[j, 0] * u + n[j, 1] * v + n[j, 2] * w >= least_cosine:
+                weight = near * samples.area_m2[j]
+                sx, sy, sz = sx + weight * n[j, 0], sy + weight * n[j, 1], sz + weight * n[j, 2]
     length = math.sqrt(sx * sx + sy * sy + sz * sz)
     if length < 1e-12:
         return u, v, w
@@ -143,7 +161,24 @@ def mean_normal(
 
 
 @compiled_without_nrt
-def bins_within(grid: SampleGrid, axis: int, value_m: float, reach_m: float) -> tuple[int, int]:
+def bin_rows(grid: SampleGrid, x: float, y: float, z: float, reach_m: float) -> _BinRows:
+    """Rows of the bins within `reach_m` of (x, y, z) [m]."""
+    low_a, high_a = _bins_within(grid, 0, x, reach_m)
+    low_b, high_b = _bins_within(grid, 1, y, reach_m)
+    low_c, high_c = _bins_within(grid, 2, z, reach_m)
+    n_b = max(high_b - low_b, 0)
+    return _BinRows(max(high_a - low_a, 0) * n_b, low_a, low_b, n_b, low_c, max(high_c, low_c))
+
+
+@compiled_without_nrt
+def entries_of_row(grid: SampleGrid, rows: _BinRows, k: int) -> range:
+    """Entries of the grid's `order` that lie in row `k` of `rows`."""
+    row = ((rows.low_a + k // rows.n_b) * grid.shape[1] + rows.low_b + k % rows.n_b) * grid.shape[2]
+    return range(grid.start[row + rows.low_c], grid.start[row + rows.high_c])
+
+
+@compiled_without_nrt
+def _bins_within(grid: SampleGrid, axis: int, value_m: float, reach_m: float) -> tuple[int, int]:
     """First and past last bin of an axis within `reach_m` of a coordinate."""
     low = math.floor((value_m - reach_m - grid.origin_m[axis]) / grid.bin_m)
     high = math.floor((value_m + reach_m - grid.origin_m[axis]) / grid.bin_m) + 1

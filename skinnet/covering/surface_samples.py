@@ -13,7 +13,7 @@ from skinnet import pinned_math
 from skinnet.body.contact import ray_casting as shapes
 from skinnet.compilation import compiled, compiled_without_nrt
 from skinnet.covering.felt_solids import FeltSolids, is_inside
-from skinnet.covering.sample_search import SampleGrid, SurfaceSamples, sample_grid
+from skinnet.covering.sample_search import SampleGrid, SurfaceSamples, bin_rows, entries_of_row, sample_grid
 
 __all__ = ["sample_surface"]
 
@@ -222,30 +222,19 @@ def _nearest_kept(
     point_m: Floats, normal: Floats, grid: SampleGrid, kept: Bools, i: int, reach_m: float
 ) -> int:
     best, best_m2 = -1, reach_m * reach_m
-    a0, b0, c0 = (
-        int((point_m[i, 0] - grid.origin_m[0]) / grid.bin_m),
-        int((point_m[i, 1] - grid.origin_m[1]) / grid.bin_m),
-        int((point_m[i, 2] - grid.origin_m[2]) / grid.bin_m),
-    )
-    for a in range(max(a0 - 1, 0), min(a0 + 2, grid.shape[0])):
-        for b in range(max(b0 - 1, 0), min(b0 + 2, grid.shape[1])):
-            for c in range(max(c0 - 1, 0), min(c0 + 2, grid.shape[2])):
-                row = (a * grid.shape[1] + b) * grid.shape[2] + c
-                for entry in range(grid.start[row], grid.start[row + 1]):
-                    j = grid.order[entry]
-                    if not kept[j]:
-                        continue
-                    dx, dy, dz = (
-                        point_m[j, 0] - point_m[i, 0],
-                        point_m[j, 1] - point_m[i, 1],
-                        point_m[j, 2] - point_m[i, 2],
-                    )
-                    off_m2 = dx * dx + dy * dy + dz * dz
-                    alike = (
-                        normal[i, 0] * normal[j, 0]
-                        + normal[i, 1] * normal[j, 1]
-                        + normal[i, 2] * normal[j, 2]
-                    )
-                    if off_m2 < best_m2 and alike >= _SAME_SIDE_COSINE:
-                        best, best_m2 = j, off_m2
+    rows = bin_rows(grid, point_m[i, 0], point_m[i, 1], point_m[i, 2], reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(grid, rows, k):
+            j = grid.order[entry]
+            if not kept[j]:
+                continue
+            dx, dy, dz = (
+                point_m[j, 0] - point_m[i, 0],
+                point_m[j, 1] - point_m[i, 1],
+                point_m[j, 2] - point_m[i, 2],
+            )
+            off_m2 = dx * dx + dy * dy + dz * dz
+            alike = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1] + normal[i, 2] * normal[j, 2]
+            if off_m2 < best_m2 and alike >= _SAME_SIDE_COSINE:
+                best, best_m2 = j, off_m2
     return best

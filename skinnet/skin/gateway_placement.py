@@ -11,7 +11,6 @@ from collections.abc import Iterable
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 
 from skinnet.deployment.skin.cells import CellSpec
@@ -19,6 +18,7 @@ from skinnet.deployment.skin.patches import InterfaceSpec, PatchSpec
 from skinnet.errors import DeploymentError
 from skinnet.skin.lattice import N_PORTS
 from skinnet.skin.placement import PlacedPatch, place_patch
+from skinnet.skin.wire_graph import wire_graph
 
 __all__ = [
     "MAX_GATEWAY_PORTS",
@@ -110,10 +110,7 @@ def choose_gateway_ports(
 
 def _hop_counts(n_cells: int, wires: ArrayLike, cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return hop counts (c, n) from each of `cells` to all n cells; n where there is no path."""
-    ends = np.asarray(wires, dtype=np.int64).reshape(-1, 4)
-    ones = np.ones(len(ends), dtype=np.int8)
-    graph = coo_array((ones, (ends[:, 0], ends[:, 2])), shape=(n_cells, n_cells)).tocsr()
-    hops = shortest_path(graph, directed=False, unweighted=True, indices=cells)
+    hops = shortest_path(wire_graph(n_cells, wires), directed=False, unweighted=True, indices=cells)
     return np.where(np.isfinite(hops), hops, n_cells).astype(np.int64)
 
 

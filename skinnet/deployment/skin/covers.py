@@ -75,8 +75,8 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Cover: cells over the felt surface of links, placed and wired before a run; it becomes patches.
 
     A link is a body with all that is welded to it. Felt are primitives and convex hulls of meshes, as MuJoCo
-    collides them. Bridges join the cells of a link into one network, which gets as few gateways as keep
-    `plan.max_latency_ms` and `plan.max_utilisation`.
+    collides them. Bridges join the cells of a link into one network, which gets as few gateways as keep the
+    limits of `[plan]`; one that needs more than the 16 ports of a gateway is cut into several.
     """
 
     name: Name
@@ -99,11 +99,17 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     """Least distance of cells from creases of the surface above 45° and from the edge of the region; unless
     given, cells may lie across creases, and only their centres need be in the region."""
     clearance: bool = True
-    """Leave out surface that another link reaches across one joint, anywhere in its range."""
+    """Leave out surface that another link reaches across one joint, anywhere in its range, or beside it at
+    home."""
     max_cells: Annotated[int, Meta(ge=1)] | None = None
     """Greatest number of cells on each link."""
     min_component: Annotated[int, Meta(ge=1)] = 1
     """Least number of wired cells; smaller components are left out."""
+
+    @property
+    def is_pattern(self) -> bool:
+        """True if `body` is a pattern of names."""
+        return isinstance(self.body, str) and any(sign in self.body for sign in "*?")
 
     def __post_init__(self) -> None:
         if self.kind == "sheet":
@@ -112,7 +118,7 @@ class CoverSpec(Table, frozen=True, kw_only=True):
                     raise ValueError(f'{key}: not with kind = "sheet"; leave it out, or give kind = "cells"')
         if self.layout is None:
             return
-        if not isinstance(self.body, str) or any(sign in self.body for sign in "*?"):
+        if not isinstance(self.body, str) or self.is_pattern:
             raise ValueError(f"layout = {self.layout!r}: lies on one body; give its name as body")
         for key in ("pitch_m", "region", "margin_m", "max_cells"):
             if getattr(self, key) is not None:

@@ -6,18 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from skinnet.deployment.network import NetworkSpec, PowerSpec
 from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS, choose_gateway_ports, free_ports
+from skinnet.skin.wire_graph import wire_components
 from skinnet.tools.plan.link_budget import LinkBudget, compute_budget
 from skinnet.tools.plan.traffic import Traffic
 
 __all__ = ["Limits", "PatchGroup", "SearchResult", "breaches", "search_fewest_gateways"]
-
-_SINGLE_STEPS = 32
-"""Numbers of gateways that are tried one after the other before the steps double."""
 
 
 class Limits(NamedTuple):
@@ -88,15 +84,14 @@ def search_fewest_gateways(
 ) -> SearchResult:
     """Search for the fewest gateways of `group` that breach none of `limits`, at evenly spread places.
 
-    Tries one number after the other from the lower bound on. After some it takes steps that double, up to all
-    cells at the edge or the ports of one gateway, and then halves the interval between what suffices and what
-    does not. Places are heuristic.
+    Tries one number after the other, from the lower bound to all cells with a free port, or to the ports of
+    one gateway. Places are heuristic.
     """
     n_cells = len(group.cells)
     ports = free_ports(n_cells, group.wires)
     most = len(np.unique(ports[:, 0]))
     at_least = min(
-        max(_load_lower_bound(n_cells, limits, traffic), _connected_components(n_cells, group.wires)), most
+        max(_load_lower_bound(n_cells, limits, traffic), len(wire_components(n_cells, group.wires))), most
     )
 
     def evaluate(gateways: NDArray[np.int64]) -> SearchResult:
@@ -104,40 +99,26 @@ def search_fewest_gateways(
         budget = compute_budget(n_cells, group.wires, gateways, feeds, traffic, network, power)
         return SearchResult(gateways, at_least, breaches(budget, limits), budget)
 
+    def at_spread_places(k: int) -> SearchResult:
+        found = evaluate(choose_gateway_ports(n_cells, group.wires, ports, k))
+        if found.breaches and k == len(group.gateways):  # the deployment's places may be better
+            own = evaluate(group.gateways)
+            return found if own.breaches else own
+        return found
+
     best = evaluate(choose_gateway_ports(n_cells, group.wires, ports, most))
     if best.breaches:
         return best
-
-    def suffices(k: int) -> SearchResult | None:
-        tries = [choose_gateway_ports(n_cells, group.wires, ports, k)]
-        if k == len(group.gateways):
-            tries.append(group.gateways)  # the deployment's places may be better
-        return next((found for found in map(evaluate, tries) if not found.breaches), None)
-
-    too_few, enough, step = min(at_least, MAX_GATEWAY_PORTS) - 1, min(most, MAX_GATEWAY_PORTS), 1
+    enough = min(most, MAX_GATEWAY_PORTS)
     if enough < most:
-        if (found := suffices(enough)) is None:
-            return evaluate(choose_gateway_ports(n_cells, group.wires, ports, enough))
-        best = found
-    while too_few + step < enough:
-        if (found := suffices(too_few + step)) is not None:
-            best, enough = found, too_few + step
-            break
-        too_few += step
-        step = 1 if too_few - at_least < _SINGLE_STEPS else 2 * step
-    while enough - too_few > 1:
-        middle = (too_few + enough) // 2
-        if (found := suffices(middle)) is not None:
-            best, enough = found, middle
-        else:
-            too_few = middle
+        best = at_spread_places(enough)
+        if best.breaches:
+            return best
+    for k in range(at_least, enough):
+        found = at_spread_places(k)
+        if not found.breaches:
+            return found
     return best
-
-
-def _connected_components(n_cells: int, wires: NDArray[np.int64]) -> int:
-    ones = np.ones(len(wires), dtype=np.int8)
-    graph = coo_array((ones, (wires[:, 0], wires[:, 2])), shape=(n_cells, n_cells))
-    return int(connected_components(graph, directed=False)[0])
 
 
 def _load_lower_bound(n_cells: int, limits: Limits, traffic: Traffic) -> int:

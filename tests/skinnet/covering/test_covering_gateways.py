@@ -23,6 +23,8 @@ from skinnet.tools.plan.plan import patch_groups
 
 N = 40
 CELLS = CellSpec()
+COLUMN, ROW = (index.ravel() for index in np.meshgrid(np.arange(11), np.arange(11)))
+"""Columns and rows of the cells of a field."""
 COVER = '[[cover]]\nname = "skin"\nbody = "fore"\n'
 
 
@@ -83,12 +85,17 @@ def row_of(n_cells: int) -> PatchSpec:
     )[0]
 
 
+def field_of(name: str) -> PatchSpec:
+    """A lattice of 11 × 11 cells, whose inner ones have no free port."""
+    position_m = PITCH_M * np.column_stack([COLUMN + 0.5 * ROW, math.sqrt(0.75) * ROW, 0.0 * ROW])
+    R = np.repeat(np.eye(3)[None], len(position_m), axis=0)
+    return component_patches(name, "fore", position_m, R, CELLS, 1)[0]
+
+
 def test_cells_amid_a_large_patch_are_turned_where_gateways_at_its_edge_do_not_suffice(
     tmp_path: Path,
 ) -> None:
-    column, row = (index.ravel() for index in np.meshgrid(np.arange(11), np.arange(11)))
-    position_m = PITCH_M * np.column_stack([column + 0.5 * row, math.sqrt(0.75) * row, 0.0 * row])
-    field = component_patches("field", "fore", position_m, np.repeat(np.eye(3)[None], 121, axis=0), CELLS, 1)
+    field = [field_of("field")]
     before = {cell.position_m: cell for cell in field[0].cells}
     wide = with_gateways(field, [], planned(tmp_path, "plan.max_utilisation=0.02"))
     assert {cell.position_m: cell for patch in wide.patches for cell in patch.cells} == before
@@ -97,10 +104,28 @@ def test_cells_amid_a_large_patch_are_turned_where_gateways_at_its_edge_do_not_s
     assert sorted(after) == sorted(before)
     turned = {place for place, cell in after.items() if cell != before[place]}
     assert 0 < len(turned) < 15
-    inner = (column > 0) & (column < 10) & (row > 0) & (row < 10)
+    inner = (COLUMN > 0) & (COLUMN < 10) & (ROW > 0) & (ROW < 10)
     assert turned <= {field[0].cells[i].position_m for i in np.flatnonzero(inner)}
     fed = {patch.cells[each.cell].position_m for patch in made.patches for each in patch.interfaces}
     assert turned & fed
+
+
+def test_each_patch_gets_the_ports_opened_that_it_needs_whatever_others_got(tmp_path: Path) -> None:
+    fields = [field_of(f"field{k}") for k in range(3)]
+    made = with_gateways(fields, [], planned(tmp_path, "plan.max_utilisation=0.012"))
+    before = {cell.position_m: cell for cell in fields[0].cells}
+    turned = [
+        sorted(
+            cell.position_m
+            for patch in made.patches
+            if patch.name in made.names[field.name]
+            for cell in patch.cells
+            if cell != before[cell.position_m]
+        )
+        for field in fields
+    ]
+    assert turned[0]
+    assert turned[0] == turned[1] == turned[2]
 
 
 def test_a_limit_that_no_number_keeps_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -112,9 +137,9 @@ def test_the_network_metrics_name_what_is_not_joined_and_not_reached(tmp_path: P
     patches, bridges = two_rows()
     made = with_gateways(patches, bridges, planned(tmp_path)).patches
     names = [patch.name for patch in made]
-    found = network_metrics(names, made, bridges, CELLS)
+    [found] = network_metrics([names], made, bridges, CELLS)
     assert found == {"bridges": 1, "groups": 1, "gateways": 1, "unreached": 0}
-    cut = network_metrics(names, made, [], CELLS)
+    [cut] = network_metrics([names], made, [], CELLS)
     assert (cut["groups"], cut["unreached"]) == (2, N)
     bare = [msgspec.structs.replace(patch, interfaces=()) for patch in made]
-    assert network_metrics(names, bare, bridges, CELLS)["unreached"] == 2 * N
+    assert network_metrics([names], bare, bridges, CELLS)[0]["unreached"] == 2 * N
