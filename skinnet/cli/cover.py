@@ -1,8 +1,9 @@
 """Command `skinnet cover`: cells or tactile sheets laid over the links that a deployment's covers name."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -98,7 +99,7 @@ def cover(
     }
     write_report(report, json)
     if write is not None:
-        _write(write, file, with_covering(deployment, covering))
+        _write(write, file, tuple(settings or ()), with_covering(deployment, covering))
         line_printer(terminal)(f"deployment in {write}")
 
 
@@ -117,20 +118,43 @@ def _print(terminal: "Console", covering: "Covering") -> None:
         line_printer(terminal)(f"bare: {line}")
 
 
-def _write(path: Path, file: Path, covered: "Deployment") -> None:
-    """Write a deployment that extends `file`, with patches, bridges and sheets in place of its covers."""
+def _write(path: Path, file: Path, settings: tuple[str, ...], covered: "Deployment") -> None:
+    """Write a deployment that extends `file` by settings, with cells and sheets in place of its covers."""
     from skinnet.analysis.report.toml_listing import toml_tables
     from skinnet.files import write_bytes
     from skinnet.toml_values import toml_value
 
     base = os.path.relpath(file.resolve(), path.resolve().parent)
+    skin = {
+        "patches": covered.patches,
+        "bridges": covered.bridges,
+        "surfaces": covered.surfaces,
+        "sheets": covered.sheets,
+    }
     lines = [
         f"# Cells of {file.name}, made by `skinnet cover`.",
         f"extends = {toml_value(base)}",
+        *(line for key, line in _setting_lines(file, settings) if key not in ("cover", *skin)),
         "cover = []",
-        *toml_tables("patches", covered.patches),
-        *toml_tables("bridges", covered.bridges),
-        *toml_tables("surfaces", covered.surfaces),
-        *toml_tables("sheets", covered.sheets),
+        *(line for name, tables in skin.items() for line in toml_tables(name, tables)),
     ]
     write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def _setting_lines(file: Path, settings: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    """First key and line of TOML of each `--set`; one for an entry of a list gives the whole list."""
+    from skinnet.deployment.load import apply_override, read_document
+    from skinnet.toml_values import toml_key, toml_value
+
+    document = read_document(file)
+    for setting in settings:
+        apply_override(document, setting)
+    values: dict[tuple[str, ...], Any] = {}
+    for setting in settings:
+        steps = tuple(step.strip() for step in setting.partition("=")[0].split("."))
+        node, depth = document, 0
+        while isinstance(node, dict) and depth < len(steps):
+            node, depth = node[steps[depth]], depth + 1
+        values[steps[:depth]] = node
+    for steps, value in values.items():
+        yield steps[0], f"{'.'.join(map(toml_key, steps))} = {toml_value(value)}"

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 from link_models import write_two_links
 
 from skinnet.covering.covered_deployment import load_covered
@@ -43,6 +44,18 @@ def test_figures_and_explicit_patches(tmp_path: Path) -> None:
     assert written.patches == load_covered(file).patches
     assert written.bridges == load_covered(file).bridges
     assert "[[cover]]" not in out.read_text("utf-8")
+
+
+def test_settings_are_written_with_the_cells_that_they_shaped(tmp_path: Path) -> None:
+    file, out = write_two_links(tmp_path, FEW), tmp_path / "two_cells.toml"
+    settings = ("cells.side_m=0.01", "seed=7", "body.foam.thickness_m=0.005", "cover.skin.max_cells=4")
+    options = [option for setting in settings for option in ("--set", setting)]
+    done = cover(str(file), *options, "--write", str(out), home=tmp_path)
+    assert done.returncode == 0, done.stderr
+    written = prepare_run(RunOptions(out)).deployment
+    covered = load_covered(file, settings)
+    assert written == msgspec.structs.replace(covered, name=written.name)
+    assert (written.seed, written.cells.side_m, written.body.foam.thickness_m) == (7, 0.01, 0.005)
 
 
 def test_bad_input_is_one_line(tmp_path: Path) -> None:
