@@ -1,6 +1,6 @@
 """Choice of the skin: which links take cells, of what size, on what foam."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -80,12 +80,13 @@ def choose_skin(survey: RobotSurvey, base_dir: Path, deployment: Deployment) -> 
     cover = CoverSpec(name="skin", body="*", max_cells=1)
     width_m = {body: _width_m(mj, link) for body, link in links.items()}
     side_m, best, why = SIDE_M, SkinChoice(SIDE_M, None, (), {}), dict.fromkeys(links, "")
-    most = (0, 0)
+    most, tried_m = (0, 0), dict.fromkeys(links, 0.0)
     while side_m >= _SMALLEST_M:
         foam_m = foam_under(side_m).thickness_m
         for body, link in links.items():
-            if body not in best.bodies:  # what takes a cell takes smaller ones
+            if body not in best.bodies:  # what takes a cell takes smaller ones, but for rare ones
                 why[body] = why_no_cell(mj, link, body, cover, side_m, foam_m, home_qpos)
+                tried_m[body] = side_m
         took = tuple(body for body, reason in why.items() if not reason)
         suits = [body for body in took if pitch_m(side_m) <= _WIDEST * width_m[body]]
         if (len(suits), len(took)) > most:
@@ -95,6 +96,12 @@ def choose_skin(survey: RobotSurvey, base_dir: Path, deployment: Deployment) -> 
         if len(suits) >= _ENOUGH * len(candidates):
             break
         side_m = round(_SMALLER * side_m, 4)
+    foam_m = foam_under(best.side_m).thickness_m
+    for body in [body for body in best.bodies if tried_m[body] > best.side_m]:
+        reason = why_no_cell(mj, links[body], body, cover, best.side_m, foam_m, home_qpos)
+        if reason:
+            bodies = tuple(other for other in best.bodies if other != body)
+            best = replace(best, bodies=bodies, left_out=best.left_out | {body: reason})
     if not best.bodies:
         raise ModelError(f"{survey.path}: no link takes a cell: {next(iter(why.values()))}")
     left_out = best.left_out | {link.body: link.left_out for link in survey.links if link.left_out}

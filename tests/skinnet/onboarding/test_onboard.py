@@ -13,10 +13,12 @@ from skinnet.deployment import load
 from skinnet.deployment.robot import FoamSpec
 from skinnet.deployment.skin.patches import CellPoseSpec, PatchSpec
 from skinnet.errors import ModelError, UsageError
+from skinnet.onboarding import skin_choice
 from skinnet.onboarding.arms import find_arms
 from skinnet.onboarding.onboard import onboard
 from skinnet.onboarding.program import Template
 from skinnet.onboarding.robot_survey import survey_robot
+from skinnet.onboarding.skin_choice import SIDE_M
 from skinnet.run.pipeline import run_once
 from skinnet.run.prepare import PreparedRun, RunOptions, prepare_run
 from skinnet.run.progress import ProgressDisplay
@@ -87,6 +89,21 @@ def test_light_links_have_stiffer_servos_and_thinner_foam(tmp_path: Path) -> Non
     deflection_rad = servo_response(model, is_compensated=True).sag_pushed_rad
     assert (deflection_rad[[joint in body.joint_servos for joint in body.joints]] < 0.02).all()
     assert body.joint_servos
+
+
+def test_a_link_that_takes_only_larger_cells_is_left_out_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def why_no_cell(mj: Any, link: Any, body: str, cover: Any, side_m: float, *rest: Any) -> str:
+        takes = side_m == SIDE_M if body == "trunk" else side_m < SIDE_M and body.endswith("_3")
+        return "" if takes else f"no cell of side {1e3 * side_m:g} mm fits"
+
+    monkeypatch.setattr(skin_choice, "why_no_cell", why_no_cell)
+    deployment = made(write_two_arms(tmp_path), Template.NETWORK).deployment
+    assert {patch.body for patch in deployment.patches} == {"left_3", "right_3"}
+    assert f"no cell of side {1e3 * deployment.cells.side_m:g} mm fits" in (
+        tmp_path / "new" / "robot.toml"
+    ).read_text("utf-8")
 
 
 def test_terrain_that_skin_does_not_feel_is_left_out_with_the_reason(tmp_path: Path) -> None:
