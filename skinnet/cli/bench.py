@@ -29,6 +29,7 @@ _COLUMNS = {
     "of named joints": "structure.untold_entries",
     "map signs": "smm.sign_agreement",
     "felt error": "contact.felt_error.max",
+    "peak N": "contact.peak_force_n",
     "evaded": "evasion.inwards",
     "of": "touches",
     "× real time": "run.rtf",

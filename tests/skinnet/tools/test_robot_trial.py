@@ -24,7 +24,7 @@ def test_a_robot_explores_feels_and_evades(tmp_path: Path) -> None:
     assert report["smm.sign_agreement"] >= 0.97
     assert report["contact.felt_error.max"] <= 0.03
     assert report["evasion.inwards"] == report["evasion.touches"] == report["touches"] == 2
-    assert report["contact.peak_force_n"] < 20.0  # the finger leaves before the robot goes home
+    assert report["contact.peak_force_n"] < 10.0  # nor is the foam pressed through
 
 
 def test_a_step_that_fails_is_named_with_the_reason(tmp_path: Path) -> None:

@@ -27,9 +27,14 @@ _FORCE_N = 0.5
 """Known force of a press (assumed)."""
 _PRESS_S = 2.4
 """Time of a press: approach from 20 mm at 30 mm/s, hold, withdrawal."""
-_EVADE_S = 4.5
-"""Duration of a stage in which the robot evades one touch: the finger leaves after 4.03 s, and what is still
-there when the robot goes home is run into with hundreds of newtons."""
+_START_S, _HOLD_S, _HOME_S = 0.2, 0.5, 0.5
+"""Start of a touch within its stage, its hold, and the time from its end to that of the stage [s]: what is
+still there when the robot goes home is run into with hundreds of newtons."""
+_PRESS_APPROACH_M, _EVADE_APPROACH_M, _EVADE_DEPTH_M = 0.02, 0.01, 0.02
+_MAX_SPEED_M_S = 0.03
+_EVADED_READING = 0.08
+"""Force reading at which a robot goes as fast as the finger that it evades (assumed): with unit gain it goes
+by this reading times the evasion of the cell, and a finger faster than that goes through the foam."""
 _PRESS = "press"
 _CHECK_S = 0.5
 
@@ -178,7 +183,7 @@ def _run(file: Path, folder: Path, options: TrialOptions) -> dict[str, Any]:
 
 def _touched_toml(robot_file: str, touches: list[TouchedCell]) -> str:
     """Deployment that extends that of the robot by presses with a known force, and touches that it evades."""
-    stages = [f"evade_{i}" for i in range(len(touches))]
+    stages = {f"evade_{i}": touch for i, touch in enumerate(touches)}
     program = ["structure", "map", _PRESS, *(name for stage in stages for name in (stage, "home"))]
     lines = [
         f"extends = {toml_value(robot_file)}",
@@ -192,23 +197,34 @@ def _touched_toml(robot_file: str, touches: list[TouchedCell]) -> str:
         f'{_PRESS} = {{ kind = "guide", duration_s = {_PRESS_S * len(touches) + 1.0:g} }}',
         'home = { kind = "posture" }',
     ]
-    evade = f'{{ kind = "guide", duration_s = {_EVADE_S}, force_gain = 1.0, force_threshold = 0.05 }}'
-    lines += [f"{stage} = {evade}" for stage in stages]
+    for stage, touch in stages.items():
+        way_s = (_EVADE_APPROACH_M + _EVADE_DEPTH_M) / _speed_m_s(touch)
+        duration_s = _START_S + 2.0 * way_s + _HOLD_S + _HOME_S
+        lines.append(
+            f'{stage} = {{ kind = "guide", duration_s = {duration_s:.3f}, force_gain = 1.0, '
+            "force_threshold = 0.05 }"
+        )
     for i, touch in enumerate(touches):
-        lines += _touch_lines(touch, _PRESS, 0.2 + _PRESS_S * i, f"force_n = {_FORCE_N}")
-    for stage, touch in zip(stages, touches, strict=True):
-        lines += _touch_lines(touch, stage, 0.2, "depth_m = 0.03")
+        goal = {"force_n": _FORCE_N, "approach_m": _PRESS_APPROACH_M, "speed_m_s": _MAX_SPEED_M_S}
+        lines += _touch_lines(touch, _PRESS, _START_S + _PRESS_S * i, goal)
+    for stage, touch in stages.items():
+        goal = {"depth_m": _EVADE_DEPTH_M, "approach_m": _EVADE_APPROACH_M, "speed_m_s": _speed_m_s(touch)}
+        lines += _touch_lines(touch, stage, _START_S, goal | {"hold_s": _HOLD_S})
     return "\n".join(lines) + "\n"
 
 
-def _touch_lines(touch: TouchedCell, stage: str, start_s: float, goal: str) -> list[str]:
+def _speed_m_s(touch: TouchedCell) -> float:
+    """Speed of a finger that a cell can evade [m/s]."""
+    return round(min(_MAX_SPEED_M_S, _EVADED_READING * touch.evasion_m), 4)
+
+
+def _touch_lines(touch: TouchedCell, stage: str, start_s: float, goal: dict[str, float]) -> list[str]:
     return [
         "[[teacher.touches]]",
         f"cell = {toml_value(touch.cell)}",
         f'stage = "{stage}"',
         f"start_s = {start_s:g}",
-        "approach_m = 0.02",
-        goal,
+        *(f"{key} = {value:g}" for key, value in goal.items()),
     ]
 
 
