@@ -29,10 +29,10 @@ check: $(STAMP) ## style, types and import contracts
 	$(BIN)/lint-imports
 
 test: check ## everything that must hold
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n logical --dist loadfile
 
 long: $(STAMP) ## the tests that take too long for `test`: whole grasps, teaching, more seeds
-	$(BIN)/pytest -n auto -m long
+	$(BIN)/pytest -n logical -m long
 
 values: $(STAMP) ## runs every shipped deployment and compares values and metrics with the frozen ones
 	$(BIN)/python tests/support/frozen_values.py

@@ -79,7 +79,7 @@ def test_unknown_objects_are_grasped(thing: str, tmp_path: Path) -> None:
     [
         ("object=none",),
         ("object=thin_post",),
-        ("object=wide_crate",),
+        long(("object=wide_crate",)),
         long(("object=delivery_box", "stand.fix_object=true")),
     ],
     ids=["none", "small", "big", "stuck"],
@@ -93,7 +93,7 @@ def test_what_cannot_be_grasped_is_given_up(settings: tuple[str, ...], tmp_path:
     assert figures["grasp.cancelled_by"] in ("pose reached", "stalled", "timed out", "an arm lost the object")
 
 
-@pytest.mark.parametrize("state", [long(state) if state in ("hold", "release") else state for state in FAST])
+@pytest.mark.parametrize("state", [state if state in ("contact", "pull") else long(state) for state in FAST])
 def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Path) -> None:
     before = [("hold", "release", 12.0)] if state == "release" else []
     figures = grasped(tmp_path, operator(*before, (state, "cancel", FAST[state])))
@@ -104,7 +104,7 @@ def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Pat
     as_it_was(figures)
 
 
-@pytest.mark.parametrize("state", ["contact", long("pull"), long("hold")])
+@pytest.mark.parametrize("state", map(long, ("contact", "pull", "hold")))
 def test_a_lost_gateway_in_any_state_ends_the_grasp_gently(state: str, tmp_path: Path) -> None:
     """The patch of a forearm has one gateway: with it, all its cells are lost."""
     calm = grasped(tmp_path / "calm")

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from launching import TOUCH, run
 from locations import ROOT, SHIPPED_DEPLOYMENTS
+from reported import ARM, SHORT
 
 from skinnet.analysis.report.claims import Verdict
 from skinnet.analysis.report.run_folder import RunResults, read_run_folder
@@ -94,6 +95,7 @@ def test_proximity_guidance_moves_the_arm_before_contact(whole: dict[str, Any]) 
     assert 40.0 < whole["proximity.onset_distance_mm.min"] <= whole["proximity.onset_distance_mm.max"] < 60.0
 
 
+@pytest.mark.long
 def test_reactions_spare_the_robot(whole: dict[str, Any], tmp_path: Path) -> None:
     settings = ("controller.reactions.enabled=false", "controller.structure.averaging_s=0.1")
     stiff = run(TOUCH, tmp_path, "--in-process", settings=settings)["metrics"]
@@ -117,22 +119,16 @@ def test_send_on_delta_and_clock_reach_the_controller(tmp_path: Path) -> None:
     for kind in ("level_crossing", "send_on_delta", "periodic"):
         # an idle controller: nothing asks for streams
         settings = (*short, f"cells.encoding.kind={kind}", "controller.structure.averaging_s=0.004")
-        delivered[kind] = run(TOUCH, tmp_path / kind, "--in-process", settings=settings)
+        delivered[kind] = run(ARM, tmp_path / kind, "--in-process", settings=settings)
     packets = {kind: summary["metrics"]["network.data_packets"] for kind, summary in delivered.items()}
     assert packets["periodic"] >= packets["level_crossing"]
     assert packets["send_on_delta"] >= packets["level_crossing"]
 
 
 def test_bundling_changes_the_messages_and_not_the_run(tmp_path: Path) -> None:
-    settings = (
-        'controller.program=["map", "force_guidance"]',
-        "controller.map.periods=1",
-        "controller.map.settle_s=0.05",
-        "controller.stages.force_guidance.duration_s=2.0",
-    )
-    one = run(TOUCH, tmp_path / "each", "--in-process", settings=settings)
-    other = run(
-        TOUCH, tmp_path / "bundled", "--in-process", settings=(*settings, "network.aggregate_events=true")
+    one, other = (
+        run(ARM, tmp_path / bundled, "--in-process", settings=(*SHORT, f"network.aggregate_events={bundled}"))
+        for bundled in ("false", "true")
     )
     assert one["metrics"] == other["metrics"]
 
@@ -184,6 +180,7 @@ def test_experiment_a_trades_position_for_rotation(tmp_path: Path) -> None:
     assert_as_the_paper(tmp_path / "tenfold", least=2)
 
 
+@pytest.mark.long
 def test_the_quadratic_programme_goes_the_same_way(tmp_path: Path) -> None:
     closed = deviations(tmp_path / "closed")
     programme = deviations(tmp_path / "qp", "nursing.solver=qp")
