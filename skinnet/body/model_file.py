@@ -21,6 +21,7 @@ __all__ = [
     "UNFELT_GEOMS",
     "compile_spec",
     "fix_base",
+    "gravity_m_s2",
     "leave_out_geoms",
     "lock_joint",
     "model_path",
@@ -310,3 +311,11 @@ def _rotation(quaternion: Floats) -> Floats:
 
 def _one_line(error: ValueError) -> str:
     return " ".join(str(error).split())
+
+
+def gravity_m_s2(mj: mujoco.MjModel) -> Floats:
+    """Gravity (3,) [m/s²] that acts in a model, world; zero if a flag of the model switches it off."""
+    if mj.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+        return np.zeros(3)
+    acts: Floats = mj.opt.gravity.copy()
+    return acts

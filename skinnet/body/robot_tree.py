@@ -9,14 +9,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.model_file import ONE_DOF
+from skinnet.body.model_file import ONE_DOF, gravity_m_s2
 from skinnet.body.simulation import BodySimulation
 
 __all__ = [
     "RobotTree",
     "ancestors",
     "contact_distances_m",
-    "gravity_m_s2",
     "joints_of",
     "robot_tree",
     "sine_to_gravity",
@@ -94,11 +93,3 @@ def sine_to_gravity(mj: mujoco.MjModel, axes: Floats) -> Floats | None:
     across = np.cross(axes, acts_m_s2 / size_m_s2)
     sine: Floats = np.sqrt((across * across).sum(axis=1))
     return sine
-
-
-def gravity_m_s2(mj: mujoco.MjModel) -> Floats:
-    """Gravity (3,) [m/s²] that acts in a model, world; zero if a flag of the model switches it off."""
-    if mj.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
-        return np.zeros(3)
-    acts: Floats = mj.opt.gravity.copy()
-    return acts

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skinnet.body.robot_tree import gravity_m_s2
+from skinnet.body.model_file import gravity_m_s2
 from skinnet.body.simulation import BodySimulation
 from skinnet.clock import NS_PER_S
 from skinnet.deployment import Deployment

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from skinnet.body.robot_tree import RobotTree, ancestors, gravity_m_s2, sine_to_gravity
+from skinnet.body.model_file import gravity_m_s2
+from skinnet.body.robot_tree import RobotTree, ancestors, sine_to_gravity
 from skinnet.body.simulation import BodySimulation
 from skinnet.deployment import Deployment
 from skinnet.diagnosis.finding import Finding, Severity, listed

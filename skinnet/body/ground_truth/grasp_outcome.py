@@ -11,6 +11,7 @@ from skinnet.body.added_elements import added_id
 from skinnet.body.contact.contact_problem import ContactState
 from skinnet.body.environment.stand import Stand, StandPhase
 from skinnet.body.environment.stand_model import OBJECT, STAND, PlacedObject
+from skinnet.body.model_file import gravity_m_s2
 from skinnet.clock import NS_PER_S
 from skinnet.errors import DeploymentError
 from skinnet.pinned_linalg import dot, norm
@@ -104,8 +105,7 @@ class GraspGroundTruth:
         there = placed_object.object_model is not None
         self._body = added_id(mj, mujoco.mjtObj.mjOBJ_BODY, OBJECT) if there else -1
         self._dof = int(mj.body_dofadr[self._body]) if there and not placed_object.stand.fix_object else -1
-        gravity_m_s2 = norm(mj.opt.gravity)
-        self._weight_n = gravity_m_s2 * float(mj.body_mass[self._body]) if there else 0.0
+        self._weight_n = norm(gravity_m_s2(mj)) * float(mj.body_mass[self._body]) if there else 0.0
         self._max_bare_lift_n = placed_object.stand.bare_weight_fraction * self._weight_n
         self._geom_body = mj.geom_bodyid.tolist()
         stand_body = added_id(mj, mujoco.mjtObj.mjOBJ_BODY, STAND)
