@@ -54,7 +54,7 @@ def _plot_joints(
     for axes, group in zip(rows, (names[:half], names[half:]), strict=True):
         for dof, name in group:
             axes.plot(t_s[within], body.arrays["joint_rad"][within, dof], label=name, linewidth=1.1)
-        axes.set_ylabel("joint [rad]")
+        axes.set_ylabel("joint [rad, slides m]")
         axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 

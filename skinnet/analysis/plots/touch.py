@@ -68,7 +68,7 @@ def _plot_joints(
         for dof, name in group:
             moved = position_rad[within, dof] - position_rad[within, dof][:1]
             axes.plot(t_s[within], moved, label=f"{dof}: {name}", linewidth=1.2)
-        axes.set_ylabel("joint moved by [rad]")
+        axes.set_ylabel("joint moved by [rad, slides m]")
         axes.grid(alpha=0.3)
         handles, labels = axes.get_legend_handles_labels()
         if handles:
