@@ -4,12 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from skinnet.compilation import compiled_without_nrt
-from skinnet.covering.felt_solids import FeltSolids, first_entry_m
+from skinnet.covering.felt_solids import FeltSolids
 from skinnet.covering.sample_search import SurfaceSamples
 from skinnet.deployment.skin.covers import CoverRegionSpec
 
-__all__ = ["creases", "in_region", "mark_reached"]
+__all__ = ["creases", "in_region"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -50,42 +49,3 @@ def creases(samples: SurfaceSamples) -> Bools:
     at_crease = np.zeros(len(samples.point_m), dtype=np.bool_)
     at_crease[a[sharp]] = at_crease[b[sharp]] = True
     return at_crease
-
-
-@compiled_without_nrt
-def mark_reached(
-    point_m: Floats, normal: Floats, neighbour: FeltSolids, poses: Floats, height_m: float, reached: Bools
-) -> None:
-    """Mark points (n,) above which a neighbour comes within `height_m` in one of its `poses` (s, 3, 4).
-
-    Args:
-        point_m: (n, 3) points on the link, frame of its body [m].
-        normal: (n, 3) normals there, outwards.
-        neighbour: Solids of the neighbour, frame of its own body.
-        poses: R and t of that frame in the frame of the link.
-        height_m: Height of the skin [m].
-        reached: (n,) marks, set in place.
-    """
-    n = normal
-    for i in range(len(point_m)):
-        if reached[i]:
-            continue
-        top_x = point_m[i, 0] + height_m * n[i, 0]
-        top_y = point_m[i, 1] + height_m * n[i, 1]
-        top_z = point_m[i, 2] + height_m * n[i, 2]
-        for s in range(len(poses)):
-            R = poses[s]
-            x, y, z = top_x - R[0, 3], top_y - R[1, 3], top_z - R[2, 3]
-            entry_m = first_entry_m(
-                neighbour,
-                R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
-                R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
-                R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
-                -(R[0, 0] * n[i, 0] + R[1, 0] * n[i, 1] + R[2, 0] * n[i, 2]),
-                -(R[0, 1] * n[i, 0] + R[1, 1] * n[i, 1] + R[2, 1] * n[i, 2]),
-                -(R[0, 2] * n[i, 0] + R[1, 2] * n[i, 1] + R[2, 2] * n[i, 2]),
-                height_m,
-            )
-            if entry_m <= height_m:
-                reached[i] = True
-                break

@@ -18,14 +18,12 @@ from skinnet.covering.sample_search import (
     nearest_sample,
 )
 
-__all__ = ["FIT", "NO_SURFACE", "N_FINE_POINTS", "fit_cell"]
+__all__ = ["N_FINE_POINTS", "is_good_cell", "lay_cell"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-FIT, NO_SURFACE, LIFTED, GAP, UNSUPPORTED, NOT_ASKED, BLOCKED, BURIED = range(8)
-"""Results of a fit: the cell fits, or why not."""
 _POINTS, _WEIGHTS = HEXAGON_POINTS, HEXAGON_WEIGHTS
 _N_POINTS = len(HEXAGON_WEIGHTS)
 _FINE_POINTS = np.concatenate([hexagon_spread(120), np.zeros((1, 2))])
@@ -37,11 +35,9 @@ _REFINEMENTS = 2
 
 
 @compiled_without_nrt
-def fit_cell(
+def lay_cell(
     solids: FeltSolids,
     samples: SurfaceSamples,
-    asked: Bools,
-    blocked: Bools,
     limits: CellLimits,
     target_m: Floats,
     normal: Floats,
@@ -49,10 +45,9 @@ def fit_cell(
     position_m: Floats,
     R: Floats,
     heights_m: Floats,
-    fine_m: Floats,
     R_trial: Floats,
-) -> int:
-    """Fit a cell near `target_m` (3,) on the side of `normal` (3,), with x along `x_axis` (3,).
+) -> bool:
+    """Lay a cell near `target_m` (3,) on the side of `normal` (3,), with x along `x_axis` (3,).
 
     Of several tilts (mean normal under the cell, that of the nearest point, planes fitted to the surface
     below) the one with the least mean gap is taken, and the cell is lifted until it rests on the surface.
@@ -60,8 +55,6 @@ def fit_cell(
     Args:
         solids: Solids of the link.
         samples: Samples of its surface.
-        asked: (n,) samples where centres of cells may lie.
-        blocked: (n,) samples that no cell may cover.
         limits: Limits to keep.
         target_m: Where the centre should lie, frame of the body [m].
         normal: Normal expected there.
@@ -69,17 +62,16 @@ def fit_cell(
         position_m: (3,) position, set in place [m].
         R: (3, 3) axes, set in place.
         heights_m: (p,) work space.
-        fine_m: (`N_FINE_POINTS`,) work space.
         R_trial: (3, 3) work space.
 
     Returns:
-        FIT, or why the cell does not fit.
+        False if there is no surface.
     """
     s = nearest_sample(
         samples, target_m[0], target_m[1], target_m[2], normal[0], normal[1], normal[2], 0.0, limits.pitch_m
     )
     if s < 0:
-        return NO_SURFACE
+        return False
     best = math.inf
     start_m = limits.foam_m + limits.lift_m
     for trial in range(2 + _REFINEMENTS):
@@ -135,9 +127,7 @@ def fit_cell(
                     R[k, j] = R_trial[k, j]
         else:
             position_m[0], position_m[1], position_m[2] = before
-    if best == math.inf:
-        return NO_SURFACE
-    return _verdict(solids, samples, asked, blocked, limits, position_m, R, fine_m)
+    return best < math.inf
 
 
 @compiled_without_nrt
@@ -197,7 +187,7 @@ def _fitted_normal(R: Floats, heights_m: Floats, limits: CellLimits) -> tuple[fl
 
 
 @compiled_without_nrt
-def _verdict(
+def is_good_cell(
     solids: FeltSolids,
     samples: SurfaceSamples,
     asked: Bools,
@@ -206,45 +196,56 @@ def _verdict(
     position_m: Floats,
     R: Floats,
     fine_m: Floats,
-) -> int:
-    """Lift a cell off what reaches into its foam between the points of the fit, and judge it."""
+) -> bool:
+    """Lift a cell off what reaches into its foam between the points at which it was laid, and judge it.
+
+    Args:
+        solids: Solids of the link.
+        samples: Samples of its surface.
+        asked: (n,) samples where centres of cells may lie.
+        blocked: (n,) samples that no cell may cover.
+        limits: Limits to keep.
+        position_m: (3,) position, lifted in place [m].
+        R: (3, 3) axes.
+        fine_m: (`N_FINE_POINTS`,) work space.
+    """
     start_m = limits.foam_m
     heights_under_cell(solids, position_m, R, _FINE_POINTS, limits.side_m, start_m, limits.pitch_m, fine_m)
     top_m = _largest(fine_m)
     if top_m >= start_m - 1e-9:
-        return BURIED
+        return False
     lift_m = max(top_m - limits.intrusion_m, 0.0)
     for k in range(3):
         position_m[k] += lift_m * R[k, 2]
     if lift_m - fine_m[N_FINE_POINTS - 1] > limits.lift_m:
-        return LIFTED
+        return False
     gap_m, held = 0.0, 0
     for i in range(_N_SPREAD):
         if lift_m - fine_m[i] <= limits.depth_m:
             held += 1
             gap_m += lift_m - fine_m[i]
     if held < limits.support * _N_SPREAD:
-        return UNSUPPORTED
+        return False
     if gap_m > limits.gap_m * held:
-        return GAP
+        return False
     for i in range(len(fine_m)):
         fine_m[i] -= lift_m
     peak = peak_m(solids, position_m, R, _FINE_POINTS, fine_m, limits.side_m, start_m)
     more_m = max(peak - limits.intrusion_m, 0.0)
     if peak >= start_m - 1e-9:
-        return BURIED
+        return False
     if more_m - fine_m[N_FINE_POINTS - 1] > limits.lift_m:
-        return LIFTED
+        return False
     if gap_m + more_m * held > limits.gap_m * held:
-        return GAP
+        return False
     for k in range(3):
         position_m[k] += more_m * R[k, 2]
     s = nearest_sample(
         samples, position_m[0], position_m[1], position_m[2], R[0, 2], R[1, 2], R[2, 2], 0.2, limits.pitch_m
     )
     if s < 0 or not asked[s]:
-        return NOT_ASKED
-    return BLOCKED if _covers_blocked(samples, blocked, limits, position_m, R) else FIT
+        return False
+    return not _covers_blocked(samples, blocked, limits, position_m, R)
 
 
 @compiled_without_nrt

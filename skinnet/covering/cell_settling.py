@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skinnet.compilation import compiled_without_nrt
-from skinnet.covering.cell_fit import FIT, N_FINE_POINTS, NO_SURFACE, fit_cell
+from skinnet.covering.cell_fit import N_FINE_POINTS, is_good_cell, lay_cell
 from skinnet.covering.cell_limits import CellLimits, sum_of_pushes
 from skinnet.covering.felt_solids import FeltSolids
 from skinnet.covering.hexagons import HEXAGON_WEIGHTS
+from skinnet.covering.link_neighbours import LinkNeighbours, is_reached
 from skinnet.covering.sample_search import SurfaceSamples, bin_rows, entries_of_row
 
-__all__ = ["Ground", "Scratch", "copy_vector", "hexagon_direction", "new_scratch", "settle_cell"]
+__all__ = ["Ground", "Scratch", "copy_vector", "fit_cell", "hexagon_direction", "new_scratch", "settle_cell"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -37,12 +38,14 @@ class Ground(NamedTuple):
         samples: Samples (n) of its surface.
         asked: (n,) samples where centres of cells may lie.
         blocked: (n,) samples that no cell may cover.
+        neighbours: Links that may not come into the foam of a cell.
     """
 
     solids: FeltSolids
     samples: SurfaceSamples
     asked: Bools
     blocked: Bools
+    neighbours: LinkNeighbours
 
 
 class Scratch(NamedTuple):
@@ -107,7 +110,7 @@ def settle_cell(
             if _is_crowded(positions_m, rotations, n_cells, limits, w):
                 continue
             pushes = _PUSHES_OF_SHIFTED
-        if _push_off(ground, limits, positions_m, rotations, n_cells, w, pushes):
+        if fit_cell(ground, limits, positions_m, rotations, n_cells, w, pushes):
             fitted = True
             break
     w.target_m[0], w.target_m[1], w.target_m[2] = x0, y0, z0
@@ -146,7 +149,7 @@ def _is_crowded(positions_m: Floats, rotations: Floats, n_cells: int, limits: Ce
 
 
 @compiled_without_nrt
-def _push_off(
+def fit_cell(
     ground: Ground,
     limits: CellLimits,
     positions_m: Floats,
@@ -157,11 +160,9 @@ def _push_off(
 ) -> bool:
     """Fit a cell at `w.target_m`, which is pushed off other cells up to so many times; True if it fits."""
     for _ in range(pushes + 1):
-        result = fit_cell(
+        if not lay_cell(
             ground.solids,
             ground.samples,
-            ground.asked,
-            ground.blocked,
             limits,
             w.target_m,
             w.normal,
@@ -169,13 +170,23 @@ def _push_off(
             w.position_m,
             w.R,
             w.heights_m,
-            w.fine_m,
             w.R_trial,
-        )
-        if result == NO_SURFACE:
+        ):
             return False
         if not sum_of_pushes(positions_m, rotations, n_cells, limits, w.position_m, w.R, w.push_m):
-            return result == FIT
+            if not is_good_cell(
+                ground.solids,
+                ground.samples,
+                ground.asked,
+                ground.blocked,
+                limits,
+                w.position_m,
+                w.R,
+                w.fine_m,
+            ) or is_reached(ground.neighbours, w.position_m, w.R, limits.side_m, limits.foam_m):
+                return False
+            if not sum_of_pushes(positions_m, rotations, n_cells, limits, w.position_m, w.R, w.push_m):
+                return True
         along_m = w.push_m[0] * w.R[0, 2] + w.push_m[1] * w.R[1, 2] + w.push_m[2] * w.R[2, 2]
         for k in range(3):
             w.target_m[k] = w.position_m[k] + w.push_m[k] - along_m * w.R[k, 2]

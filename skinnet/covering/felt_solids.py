@@ -47,7 +47,7 @@ Indices = NDArray[np.int64]
 SOLID_SHAPES = (shapes.SPHERE, shapes.CAPSULE, shapes.ELLIPSOID, shapes.CYLINDER, shapes.BOX, shapes.MESH)
 _GRID = 2.0**24
 """Inverse of the grid [m] to which coordinates are rounded, so that last bits of a mesh do not matter."""
-_SWEEP = {1: 24, 2: 9}
+_SWEEP = {1: 72, 2: 9}
 """Values of each joint of a sweep, by the number of joints between two links."""
 _SWEEP_OF_MORE = 5
 

@@ -12,6 +12,7 @@ from skinnet.covering.sample_search import SurfaceSamples, bin_rows, entries_of_
 from skinnet.covering.surface_walk import turned_along
 
 __all__ = [
+    "add_covers",
     "aim_at_sample",
     "covered_value_m2",
     "mark_tried",
@@ -165,6 +166,40 @@ def covered_value_m2(ground: Ground, limits: CellLimits, nearest_m: Floats, n_ce
         if ground.asked[j] and nearest_m[j] < _COVERED_FRACTION * limits.pitch_m:
             value_m2 += ground.samples.area_m2[j]
     return value_m2
+
+
+@compiled_without_nrt
+def add_covers(
+    ground: Ground,
+    limits: CellLimits,
+    positions_m: Floats,
+    rotations: Floats,
+    i: int,
+    by: int,
+    covers: Indices,
+) -> float:
+    """Add `by`, 1 or −1, to the number of cells over asked samples that cell `i` covers, in `covers` (s,).
+
+    Returns the area [m²] that is covered by it only.
+    """
+    samples, n, R, own_m2 = ground.samples, ground.samples.normal, rotations, 0.0
+    reach_m = _COVERED_FRACTION * limits.pitch_m
+    rows = bin_rows(samples.grid, positions_m[i, 0], positions_m[i, 1], positions_m[i, 2], reach_m)
+    for k in range(rows.n_rows):
+        for entry in entries_of_row(samples.grid, rows, k):
+            j = samples.grid.order[entry]
+            x, y, z = (
+                samples.point_m[j, 0] - positions_m[i, 0],
+                samples.point_m[j, 1] - positions_m[i, 1],
+                samples.point_m[j, 2] - positions_m[i, 2],
+            )
+            if not ground.asked[j] or x * x + y * y + z * z >= reach_m * reach_m:
+                continue
+            if n[j, 0] * R[i, 0, 2] + n[j, 1] * R[i, 1, 2] + n[j, 2] * R[i, 2, 2] > 0.0:
+                covers[j] += by
+                if covers[j] == (by + 1) // 2:  # 1 where it is the first, 0 where it was the last
+                    own_m2 += samples.area_m2[j]
+    return own_m2
 
 
 @compiled_without_nrt

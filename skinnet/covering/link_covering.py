@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skinnet import pinned_math
-from skinnet.covering.asked_surface import creases, in_region, mark_reached
+from skinnet.covering.asked_surface import creases, in_region
 from skinnet.covering.cell_heights import heights_under_cell, peak_m
 from skinnet.covering.cell_limits import CellLimits, limits_of
 from skinnet.covering.cell_settling import Ground
+from skinnet.covering.cell_shifts import shift_cells
 from skinnet.covering.felt_solids import (
     FeltSolids,
     Link,
@@ -24,6 +25,7 @@ from skinnet.covering.felt_solids import (
 from skinnet.covering.hexagons import hexagon_grid
 from skinnet.covering.home_neighbours import home_neighbours
 from skinnet.covering.lattice_growth import grow_lattice, improve_lattice
+from skinnet.covering.link_neighbours import join_neighbours, mark_reached
 from skinnet.covering.port_turns import best_turns, turned
 from skinnet.covering.sample_search import SurfaceSamples
 from skinnet.covering.surface_samples import sample_surface
@@ -53,7 +55,6 @@ _ROUNDS = 24
 _COMPONENT_COST, _WIRE_GAIN = 0.5, 0.15
 """Score of a lattice in cells: every component costs so many, every wire is worth so many."""
 _RINGS = (5, 8)
-_CLEARANCE_RINGS = 3
 _INTRUSION_FRACTION = 0.035
 """Height in the foam to which the link may reach at one of many points, as a fraction of the pitch."""
 _SMALLER = 0.85
@@ -81,7 +82,6 @@ class LinkGround:
         limits: Limits that its cells keep.
         axis: (3,) axis of the link, along its longest side.
         n_in_region: Number of samples in the region, before clearance.
-        neighbours: Links that move against it, each with its poses (s, 3, 4) in the frame of the body.
     """
 
     link: Link
@@ -90,7 +90,6 @@ class LinkGround:
     limits: CellLimits
     axis: Floats
     n_in_region: int
-    neighbours: tuple[tuple[FeltSolids, Floats], ...]
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -129,17 +128,17 @@ def prepare_ground(
     reached = np.zeros(len(samples.point_m), dtype=np.bool_)
     found = neighbour_poses(mj, link) if cover.clearance else []
     at_home = home_neighbours(mj, link, home_qpos, size.foam_m) if cover.clearance else []
-    neighbours = tuple((felt_solids(mj, neighbour), poses) for neighbour, poses in (*found, *at_home))
-    for neighbour, poses in neighbours:
-        mark_reached(samples.point_m, samples.normal, neighbour, poses, size.foam_m, reached)
-    blocked = reached.copy()
-    if cover.margin_m is not None:
-        blocked |= ~inside | creases(samples)
-    limits = limits_of(size.pitch_m, size.side_m, size.foam_m, cover.margin_m or 0.0)
-    ground = Ground(solids, samples, inside & ~reached, blocked)
-    return LinkGround(
-        link, body, ground, limits, _longest_axis(solids, samples), int(inside.sum()), neighbours
+    neighbours = join_neighbours(
+        [(felt_solids(mj, neighbour), poses) for neighbour, poses in (*found, *at_home)],
+        none=solids,
     )
+    mark_reached(samples.point_m, samples.normal, neighbours, size.foam_m, reached)
+    blocked = np.zeros_like(reached)
+    if cover.margin_m is not None:
+        blocked = reached | ~inside | creases(samples)
+    limits = limits_of(size.pitch_m, size.side_m, size.foam_m, cover.margin_m or 0.0)
+    ground = Ground(solids, samples, inside & ~reached, blocked, neighbours)
+    return LinkGround(link, body, ground, limits, _longest_axis(solids, samples), int(inside.sum()))
 
 
 def cover_ground(
@@ -164,6 +163,7 @@ def cover_ground(
             best, most = cells, score
     if max_cells is None and len(best[0]):
         best = improve_lattice(of.ground, of.limits, best, fixed_position_m, R_fixed, _ROUNDS)
+        best = shift_cells(of.ground, of.limits, best, fixed_position_m, R_fixed)
     clear = _clear_cells(of, *best)
     best = best[0][clear], np.ascontiguousarray(best[1][clear])
     turns, _, _ = best_turns(*best, cell_pitch_m)
@@ -193,20 +193,7 @@ def _clear_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Boo
             of.ground.solids, position_m[i], R, points, heights_m, of.limits.side_m, of.limits.foam_m
         )
         clear[i] = top_m <= _INTRUSION_FRACTION * of.limits.pitch_m
-    return clear & ~_reached_cells(of, position_m, R_body_cell)
-
-
-def _reached_cells(of: LinkGround, position_m: Floats, R_body_cell: Floats) -> Bools:
-    """Cells (n,) into whose foam another link reaches in one of its poses."""
-    n, side_m, points = len(position_m), of.limits.side_m, hexagon_grid(_CLEARANCE_RINGS)[0]
-    place_m = position_m[:, None] + side_m * (
-        points[None, :, :1] * R_body_cell[:, None, :, 0] + points[None, :, 1:] * R_body_cell[:, None, :, 1]
-    )
-    normal = np.repeat(R_body_cell[:, :, 2], len(points), axis=0)
-    reached = np.zeros(n * len(points), dtype=np.bool_)
-    for neighbour, poses in of.neighbours:
-        mark_reached(place_m.reshape(-1, 3), normal, neighbour, poses, of.limits.foam_m, reached)
-    return np.asarray(reached.reshape(n, len(points)).any(axis=1))
+    return clear
 
 
 def largest_side_m(

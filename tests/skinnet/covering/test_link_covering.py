@@ -54,13 +54,13 @@ def covering_of(geoms: str, asset: str = "") -> LinkCovering:
 @pytest.mark.parametrize(
     ("geoms", "asset", "within", "wired"),
     [
-        (BOX, "", 0.9, 0.5),
-        (CYLINDER, "", 0.93, 0.55),
+        (BOX, "", 0.94, 0.48),
+        (CYLINDER, "", 0.96, 0.55),
         (CAPSULE, "", 0.95, 0.6),
-        (SPHERE, "", 0.9, 0.55),
-        (HULL, HULL_ASSET, 0.92, 0.6),
-        (TEE, "", 0.9, 0.5),
-        (PLATE, "", 0.9, 0.5),
+        (SPHERE, "", 0.92, 0.55),
+        (HULL, HULL_ASSET, 0.95, 0.6),
+        (TEE, "", 0.94, 0.5),
+        (PLATE, "", 0.92, 0.5),
         (SMALL_CUBE, "", 0.8, 0.0),
     ],
 )
@@ -175,3 +175,11 @@ def test_no_cell_at_a_rim_is_in_the_way_of_what_turns_above_it() -> None:
             mujoco.mj_kinematics(mj, data)
             deepest_m = max(deepest_m, -mujoco.mj_geomDistance(mj, data, probe, upper, 0.1, None))
     assert deepest_m < 0.5e-3
+
+
+def test_cells_fill_what_a_turning_neighbour_leaves() -> None:
+    of = ground_of(mujoco.MjModel.from_xml_string(RIM.format(radius=0.01, half=0.01)), "lower")
+    found, samples, asked = cover_ground(of, *NONE, None), of.ground.samples, of.ground.asked
+    off_m, _ = cKDTree(found.position_m).query(samples.point_m[asked])
+    area_m2 = samples.area_m2[asked]
+    assert area_m2[off_m < 0.6 * PITCH_M].sum() > 0.97 * area_m2.sum()
