@@ -188,7 +188,7 @@ class Page:
         source = self._source
         self._playback_controls = PlaybackControls(
             gui,
-            self._server.get_event_loop(),
+            self._server.get_event_loop().call_soon_threadsafe,
             source if isinstance(source, RecordingSource) else None,
             self._pending_actions.put,
         )

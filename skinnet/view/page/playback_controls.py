@@ -1,6 +1,5 @@
 """Playback controls of a recording: time slider, pause, rate and loop."""
 
-import asyncio
 from collections.abc import Callable
 
 import viser
@@ -23,7 +22,7 @@ class PlaybackControls:
 
     Args:
         gui: Parent of the controls.
-        event_loop: Event loop of the page's server.
+        call_in_event_loop: Calls a function with arguments in the event loop of the page's server; thread-safe.
         source: Source that plays the recording, or None.
         enqueue_action: Queues an action for the page's update loop, which calls it with the wall time [s].
     """
@@ -31,11 +30,11 @@ class PlaybackControls:
     def __init__(
         self,
         gui: viser.GuiApi,
-        event_loop: asyncio.AbstractEventLoop,
+        call_in_event_loop: Callable[..., object],
         source: RecordingSource | None,
         enqueue_action: Callable[[Callable[[float], None]], None],
     ) -> None:
-        self._source, self._event_loop = source, event_loop
+        self._source, self._call_in_event_loop = source, call_in_event_loop
         self._due_s = 0.0
         if source is None:
             return
@@ -61,7 +60,7 @@ class PlaybackControls:
             return
         self._due_s = now_s + _PERIOD_S
         playback = self._source.clock
-        self._event_loop.call_soon_threadsafe(self._show, round(playback.position_ns(now_s) * 1e-9, 2))
+        self._call_in_event_loop(self._show, round(playback.position_ns(now_s) * 1e-9, 2))
         self._button.label = "Pause" if playback.playing else "Play"
 
     def _show(self, position_s: float) -> None:

@@ -58,7 +58,8 @@ async def test_a_change_is_not_lost_to_an_update_of_the_page() -> None:
     clock.pause(0.0)
     gui, actions = Gui(), asyncio.Queue[Callable[[float], None]]()
     source: Any = SimpleNamespace(clock=clock)
-    controls = PlaybackControls(gui, asyncio.get_running_loop(), source, actions.put_nowait)  # type: ignore[arg-type]
+    in_loop = asyncio.get_running_loop().call_soon_threadsafe
+    controls = PlaybackControls(gui, in_loop, source, actions.put_nowait)  # type: ignore[arg-type]
 
     async with asyncio.timeout(5.0):
         await gui.slider.update(0.2)
