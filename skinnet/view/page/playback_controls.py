@@ -22,7 +22,7 @@ class PlaybackControls:
 
     Args:
         gui: Parent of the controls.
-        call_in_event_loop: Calls a function with arguments in the event loop of the page's server; thread-safe.
+        call_in_event_loop: Calls a function in the event loop of the page's server; thread-safe.
         source: Source that plays the recording, or None.
         enqueue_action: Queues an action for the page's update loop, which calls it with the wall time [s].
     """
