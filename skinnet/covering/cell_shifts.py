@@ -34,7 +34,7 @@ def shift_cells(
     fixed_position_m: Floats,
     R_fixed: Floats,
 ) -> tuple[Floats, Floats]:
-    """Shift and turn `cells`, one at a time, wherever they then cover no less of the surface.
+    """Shift and turn `cells`, one at a time, wherever they then cover more of the surface.
 
     Args:
         ground: Where cells may lie.
@@ -94,7 +94,7 @@ def _shift(
             positions_m[i, k] = w.position_m[k]
             for m in range(3):
                 rotations[i, k, m] = w.R[k, m]
-        if add_covers(ground, limits, positions_m, rotations, i, 1, covers) < bared_m2:
+        if add_covers(ground, limits, positions_m, rotations, i, 1, covers) <= bared_m2:
             add_covers(ground, limits, positions_m, rotations, i, -1, covers)
             _copy_row(positions_m, rotations, spare, i)
             add_covers(ground, limits, positions_m, rotations, i, 1, covers)
