@@ -147,9 +147,9 @@ def actuation_metrics(
 def force_metrics(deployment: Deployment, body: ProcessResult) -> dict[str, Any]:
     """Peak force of the touches that follow a path, and what the skin feels of a force that is held.
 
-    Touches under force control set their own peak. The felt error is that of the sum over all cells against
-    the force of the finger along its line of approach, as a fraction, in the hold phases of touches of cells
-    as a whole.
+    Touches under force control set their own peak. The felt error is that of the sum over all cells, each
+    along its normal, against the force of the finger, both along its line of approach, as a fraction, in the
+    hold phases of touches of cells as a whole.
     """
     touches, specs = body.facts["touches"], deployment.teacher.touches
     pushed = [touch["peak_force_n"] for touch in touches if touch["depth_controlled"]]

@@ -143,9 +143,14 @@ class Finger:
         """Normal force [N] of the foam on the finger, summed over all cells."""
         return float(self._foundation.contact.body_normal_force_n[self._body])
 
-    def skin_force_n(self) -> float:
-        """Normal force [N] on all force cells of the skin together, of whatever touches it."""
-        return float(self._foundation.contact.force_n.sum())
+    def skin_force_n(self) -> Floats:
+        """Force (3,) [N] of whatever touches the skin, world: of all cells, along their outward normals."""
+        surface, force_n = self._foundation.surface, self._foundation.contact.force_n.sum(axis=1)
+        total_n = np.zeros(3)
+        for row in np.flatnonzero(force_n).tolist():
+            R_world_body = self._data.xmat[surface.body_id[row]].reshape(3, 3)
+            total_n += force_n[row] * matmul(R_world_body, surface.R_body_cell[row][:, 2])
+        return total_n
 
     def force_on_cell_n(self, row: int, force_cell: int) -> float:
         """Normal force [N] on force cell `force_cell` of cell `row`."""

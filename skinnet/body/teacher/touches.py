@@ -67,7 +67,7 @@ class Touch(FingerTask):
         truth, finger = self.ground_truth, self._finger
         truth.record(t_ns, step_s, finger.force_n(), target_n)
         if self.phase is FingerPhase.HOLD:
-            felt_n = finger.skin_force_n() - self._before_n
+            felt_n = dot(finger.skin_force_n() - self._before_n, self._line.normal)
             truth.record_hold(target_n, felt_n, finger.force_along_n(self._line))
         if truth.contact_ns is None or self.phase is FingerPhase.WITHDRAW:
             return
