@@ -19,8 +19,8 @@ _GRID = 2.0**24
 def home_neighbours(mj: Model, link: Link, home_qpos: Floats, reach_m: float) -> list[tuple[Link, Floats]]:
     """Links that skin on `link` feels and that are within reach at home, with their pose (1, 3, 4) there.
 
-    A pose is R and t of the frame of the neighbour's body in that of the link's. Bodies that stand in the
-    world or move freely do not count.
+    A pose is R and t of the frame of the neighbour's body in that of the link's. A base that stands in the
+    world counts, other bodies there or such as move freely do not.
 
     Args:
         mj: The model.
@@ -34,7 +34,7 @@ def home_neighbours(mj: Model, link: Link, home_qpos: Floats, reach_m: float) ->
     own = felt_geoms(mj, link.members)
     root = int(mj.body_rootid[link.body_id])
     felt = geoms_felt_by_bodies(mj, link.members).any(axis=0)
-    felt &= (mj.body_rootid[mj.geom_bodyid] == root) & (mj.body_weldid[mj.geom_bodyid] != 0)
+    felt &= mj.body_rootid[mj.geom_bodyid] == root
     found: dict[tuple[int, ...], Link] = {}
     for geom in np.flatnonzero(felt).tolist():
         offset_m = data.geom_xpos[own] - data.geom_xpos[geom]

@@ -172,3 +172,21 @@ def test_surface_that_a_link_beside_presses_at_home_is_left_out():
     assert facing.any()
     assert not beside.ground.asked[facing].any()
     assert (ground_of(mj, "one", np.zeros(2), clearance=False).ground.asked).all()
+
+
+BESIDE_A_BASE = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <geom name="post" type="capsule" size=".04" fromto="-.09 0 .16 -.09 0 .3"/>
+  <body name="base"><geom type="capsule" size=".04" fromto=".09 0 .16 .09 0 .3" mass="3"/>
+    <body name="one"><joint axis="1 0 0" range="-.5 .5" limited="true"/>
+      <geom type="box" size=".02 .02 .02" mass=".5"/>
+      <body name="two" pos="0 0 .1"><joint axis="0 0 1" range="-.5 .5" limited="true"/>
+        <geom type="capsule" size=".04" fromto="0 0 .06 0 0 .2" mass=".5"/></body></body></body>
+</worldbody></mujoco>
+"""
+
+
+def test_a_base_two_joints_away_counts_and_furniture_does_not():
+    asked = ground_of(mujoco.MjModel.from_xml_string(BESIDE_A_BASE), "two").ground
+    assert not asked.asked[asked.samples.normal[:, 0] > 0.999].any()
+    assert asked.asked[asked.samples.normal[:, 0] < -0.999].all()
