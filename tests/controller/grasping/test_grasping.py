@@ -104,7 +104,7 @@ def test_cancelled_in_any_state_the_object_is_set_down(state: str, tmp_path: Pat
     as_it_was(figures)
 
 
-@pytest.mark.parametrize("state", map(long, ("contact", "pull", "hold")))
+@pytest.mark.parametrize("state", [long(state) for state in ("contact", "pull", "hold")])
 def test_a_lost_gateway_in_any_state_ends_the_grasp_gently(state: str, tmp_path: Path) -> None:
     """The patch of a forearm has one gateway: with it, all its cells are lost."""
     calm = grasped(tmp_path / "calm")
