@@ -136,12 +136,7 @@ def is_reached(
 def _is_far(neighbours: LinkNeighbours, s: int, x: float, y: float, z: float, radius_m: float) -> bool:
     """True if a sphere about (x, y, z) [m] is apart from the neighbour in pose `s`; False says nothing."""
     T, solids = neighbours.pose[s], neighbours.solids
-    px, py, pz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
-    x, y, z = (
-        T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz,
-        T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz,
-        T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz,
-    )
+    x, y, z = _turn_back(T, x - T[0, 3], y - T[1, 3], z - T[2, 3])
     for k in range(neighbours.first[s], neighbours.last[s]):
         dx, dy, dz = x - solids.sphere_m[k, 0], y - solids.sphere_m[k, 1], z - solids.sphere_m[k, 2]
         reach_m = solids.sphere_m[k, 3] + radius_m
@@ -166,17 +161,10 @@ def _is_point_reached(
 ) -> bool:
     """True if pose `s` brings a neighbour within `height_m` above a point (x, y, z), along (u, v, w)."""
     T = neighbours.pose[s]
-    px, py, pz = x + height_m * u - T[0, 3], y + height_m * v - T[1, 3], z + height_m * w - T[2, 3]
-    x, y, z = (
-        T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz,
-        T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz,
-        T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz,
+    x, y, z = _turn_back(
+        T, x + height_m * u - T[0, 3], y + height_m * v - T[1, 3], z + height_m * w - T[2, 3]
     )
-    u, v, w = (
-        -(T[0, 0] * u + T[1, 0] * v + T[2, 0] * w),
-        -(T[0, 1] * u + T[1, 1] * v + T[2, 1] * w),
-        -(T[0, 2] * u + T[1, 2] * v + T[2, 2] * w),
-    )
+    u, v, w = _turn_back(T, -u, -v, -w)
     sphere = neighbours.solids.sphere_m
     for k in range(neighbours.first[s], neighbours.last[s]):
         px, py, pz = sphere[k, 0] - x, sphere[k, 1] - y, sphere[k, 2] - z
@@ -189,3 +177,13 @@ def _is_point_reached(
         if solid_entry_m(neighbours.solids, k, x, y, z, u, v, w) <= height_m:
             return True
     return False
+
+
+@compiled_without_nrt
+def _turn_back(T: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Vector (x, y, z) of the frame of the link in that of a neighbour at the pose `T` (3, 4)."""
+    return (
+        T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,
+        T[0, 1] * x + T[1, 1] * y + T[2, 1] * z,
+        T[0, 2] * x + T[1, 2] * y + T[2, 2] * z,
+    )
