@@ -44,7 +44,7 @@ class TouchGroundTruth:
         peak_force_n: Largest normal force on the finger [N].
         target_peak_force_n: Largest normal force on the target: a force cell, or the finger [N].
         mean_hold_force_n: Mean force on the target in the hold phase [N]; NaN without one.
-        mean_felt_force_n: Mean of the sum of normal forces on all force cells of the skin in the hold phase,
+        mean_felt_force_n: Mean force on all cells along the line of approach in the hold phase,
             beyond that when the finger appeared [N]; NaN without one.
         mean_gauge_force_n: Mean force of the finger along its line of approach, as a force gauge in it would
             measure, in the hold phase [N]; NaN without one.
