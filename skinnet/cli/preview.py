@@ -11,7 +11,6 @@ from skinnet.cli.console import (
     console,
     examples,
     line_printer,
-    require_extra,
 )
 
 __all__ = ["register"]
@@ -43,13 +42,14 @@ def preview(
     """Draw the skin of a deployment at home: a picture (PNG) and a page (HTML) to turn and zoom.
 
     Bodies are grey; cells have normals, ports, wires and gateways. Cells that are buried, off the surface,
-    overlapping, pressed at rest or without a gateway are red. The page needs no network, but the extra
-    `view` to make it, and has all findings that need no simulation.
+    overlapping, pressed at rest or without a gateway are red. The page needs no network, and has all findings
+    that need no simulation.
     """
     from skinnet.covering.covered_deployment import load_covered
     from skinnet.diagnosis.diagnose import diagnose
     from skinnet.files import write_bytes
     from skinnet.preview.layers import preview_layers
+    from skinnet.preview.page import render_page
     from skinnet.preview.picture import draw_picture
 
     say = line_printer(console())
@@ -59,12 +59,7 @@ def preview(
     layers = preview_layers(deployment, base, findings, felt=felt)
     out.mkdir(parents=True, exist_ok=True)
     page, picture = (out / f"{deployment.name}_preview{suffix}" for suffix in (".html", ".png"))
-    try:
-        require_extra("view", "viser")
-        from skinnet.preview.page import render_page
-
-        write_bytes(page, render_page(layers, deployment.name, findings).encode())
-        say(f"page in {page}")
-    finally:  # the picture needs no extra
-        reason = draw_picture(layers, deployment.name, picture)
-        say(reason or f"picture in {picture}")
+    write_bytes(page, render_page(layers, deployment.name, findings).encode())
+    say(f"page in {page}")
+    reason = draw_picture(layers, deployment.name, picture)
+    say(reason or f"picture in {picture}")

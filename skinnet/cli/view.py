@@ -51,7 +51,7 @@ def view(
     """
     if hasattr(os, "nice"):
         os.nice(_NICE_INCREMENT)
-    require_extra("view", "viser", "mcap", "zstandard")
+    require_extra("view", "mcap", "zstandard")
     from skinnet.view.page.page_service import ViewOptions, serve_page
 
     serve_page(ViewOptions(source, host, port, token, control, keep, base), line_printer(console()))

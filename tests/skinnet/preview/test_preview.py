@@ -148,16 +148,3 @@ def test_the_command_writes_both(tmp_path: Path) -> None:
     lines = done.stdout.splitlines()
     assert lines[0].startswith("page in ")
     assert lines[1].startswith("picture in ") or "no picture" in lines[1]
-
-
-def test_the_picture_needs_no_extra(tmp_path: Path) -> None:
-    """Without the module of the page there is a picture all the same, and one line says what is missing."""
-    hide = "import sys; sys.modules['viser'] = None; import importlib.util as u; f = u.find_spec; "
-    hide += "u.find_spec = lambda name, *more: None if name == 'viser' else f(name, *more); "
-    code = f"{hide}from skinnet.cli.main import main; main()"
-    line = [sys.executable, "-c", code, "preview", str(FILE), "--out", str(tmp_path)]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=100)
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].endswith("install the extra: pip install 'skinnet[view]'")
-    assert done.stdout.startswith("picture in ") or "no picture" in done.stdout
-    assert not (tmp_path / "two_link_arm_preview.html").exists()
