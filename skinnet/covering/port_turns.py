@@ -1,7 +1,7 @@
 """Turns of cells by 60° that join most of them by wires: four of six edges have ports.
 
 A turn moves no edge of a hexagon, but decides which edges have ports. Single cells, whole components, and
-neighbours in different components are turned while that leaves fewer components, or as many and more wires.
+pairs of neighbours are turned while that leaves fewer components, or as many and more wires.
 """
 
 import math
@@ -134,17 +134,19 @@ def _search(
         _count(neighbours, turns, root)
         for p in range(len(neighbours.pair)):
             a, b = neighbours.pair[p, 0], neighbours.pair[p, 1]
-            if root[a] == root[b]:
-                continue
+            apart = root[a] != root[b]
             kept_a, kept_b = turns[a], turns[b]
+            own = _wires_of(neighbours, turns, a) + _wires_of(neighbours, turns, b)
             for step in range(_N_TURNS * _N_TURNS):
                 turns[a], turns[b] = step // _N_TURNS, step % _N_TURNS
-                if not _is_wired(neighbours, turns, p):
+                wired_now = _wires_of(neighbours, turns, a) + _wires_of(neighbours, turns, b)
+                if not (apart and _is_wired(neighbours, turns, p)) and wired_now < own:
                     continue
                 trial = _count(neighbours, turns, root)
                 if trial[0] < components or (trial[0] == components and trial[1] > wires):
                     components, wires = trial
                     kept_a, kept_b, improved = turns[a], turns[b], True
+                    own = wired_now
             turns[a], turns[b] = kept_a, kept_b
             _count(neighbours, turns, root)
         if not improved:

@@ -54,10 +54,10 @@ def covering_of(geoms: str, asset: str = "") -> LinkCovering:
 @pytest.mark.parametrize(
     ("geoms", "asset", "within", "wired"),
     [
-        (BOX, "", 0.94, 0.49),
-        (CYLINDER, "", 0.96, 0.55),
+        (BOX, "", 0.94, 0.5),
+        (CYLINDER, "", 0.96, 0.6),
         (CAPSULE, "", 0.95, 0.6),
-        (SPHERE, "", 0.92, 0.55),
+        (SPHERE, "", 0.92, 0.6),
         (HULL, HULL_ASSET, 0.95, 0.6),
         (TEE, "", 0.94, 0.5),
         (PLATE, "", 0.92, 0.5),
