@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from skinnet import pinned_math
 from skinnet.body.contact.skin_surface import SkinSurface
+from skinnet.compilation import compiled_without_nrt
 from skinnet.pinned_linalg import matmul
 
 __all__ = ["UnsensedForce"]
@@ -58,12 +59,27 @@ class UnsensedForce:
         if not self._on_covered_body[geom]:
             return False
         local_m = matmul(data.xmat[body].reshape(3, 3).T, point_m - data.xpos[body])
-        for position_m, R_body_cell, reach_m in self._cells_of_body[body]:
-            offset_m = np.einsum("nij,ni->nj", R_body_cell, local_m - position_m)
-            beside = pinned_math.hypot_of(offset_m[:, 0], offset_m[:, 1]) <= reach_m
-            if np.any(beside & (np.abs(offset_m[:, 2]) <= self._thickness_m)):
-                return True
-        return False
+        return any(
+            _lies_under_a_cell(position_m, R_body_cell, reach_m, self._thickness_m, local_m)
+            for position_m, R_body_cell, reach_m in self._cells_of_body[body]
+        )
+
+
+@compiled_without_nrt
+def _lies_under_a_cell(
+    positions_m: Floats, R_body_cells: Floats, reach_m: float, thickness_m: float, point_m: Floats
+) -> bool:
+    """Return True if `point_m` (3,) is within `reach_m` of the axis of a cell, `thickness_m` above or below."""
+    for cell in range(len(positions_m)):
+        x_m, y_m, z_m = 0.0, 0.0, 0.0
+        for k in range(3):
+            offset_m = point_m[k] - positions_m[cell, k]
+            x_m += R_body_cells[cell, k, 0] * offset_m
+            y_m += R_body_cells[cell, k, 1] * offset_m
+            z_m += R_body_cells[cell, k, 2] * offset_m
+        if x_m * x_m + y_m * y_m <= reach_m * reach_m and abs(z_m) <= thickness_m:
+            return True
+    return False
 
 
 def _cells_by_body(surfaces: Sequence[SkinSurface]) -> dict[int, list[tuple[Floats, Floats, float]]]:
