@@ -69,7 +69,7 @@ class UnsensedForce:
 def _lies_under_a_cell(
     positions_m: Floats, R_body_cells: Floats, reach_m: float, thickness_m: float, point_m: Floats
 ) -> bool:
-    """Return True if `point_m` (3,) is within `reach_m` of the axis of a cell, `thickness_m` above or below."""
+    """Return True if `point_m` (3,) is within `reach_m` of a cell's axis and `thickness_m` above or below."""
     for cell in range(len(positions_m)):
         x_m, y_m, z_m = 0.0, 0.0, 0.0
         for k in range(3):
