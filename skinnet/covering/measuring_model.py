@@ -5,6 +5,7 @@ MuJoCo, cells are prisms among them, and samples of the surface are where straig
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -16,7 +17,7 @@ from skinnet import pinned_math
 from skinnet.body.contact.convex_hull import hull_vertices_m
 from skinnet.covering.felt_solids import SOLID_SHAPES, Link, Model, felt_geoms
 
-__all__ = ["MeasuringModel", "plate_overlap_m"]
+__all__ = ["MeasuringModel", "plate_overlap_m", "surface_heights_m"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -63,12 +64,12 @@ class MeasuringModel:
     def felt_heights_m(self, points_m: Floats, normal: Floats, above_m: float, below_m: float) -> Floats:
         """Heights (p,) [m] of the felt surface along `normal` over points (p, 3); −inf beyond `below_m`."""
         geoms = range(self._prism)
-        return _heights_m(self._model, self._data, geoms, points_m, normal, above_m, below_m)
+        return surface_heights_m(self._model, self._data, geoms, points_m, normal, above_m, below_m)
 
     def visual_heights_m(self, points_m: Floats, normal: Floats, above_m: float, below_m: float) -> Floats:
         """Heights (p,) [m] of the visual surface, as `felt_heights_m`."""
         at_m = points_m @ self._R.T + self._origin_m
-        return _heights_m(
+        return surface_heights_m(
             self._drawn, self._drawn_data, self._visual, at_m, self._R @ normal, above_m, below_m
         )
 
@@ -146,6 +147,36 @@ def plate_overlap_m(position_m: Floats, R: Floats, pairs: Indices, side_m: float
     return depth_m
 
 
+def surface_heights_m(
+    model: Model,
+    data: mujoco.MjData,
+    geoms: Sequence[int],
+    points_m: Floats,
+    normal: Floats,
+    above_m: float,
+    below_m: float,
+) -> Floats:
+    """Heights (p,) [m] of geoms of a placed model over points (p, 3) of the world, along `normal` (3,).
+
+    Rays start `above_m` over each point and end `below_m` under it; −inf where they meet nothing.
+    """
+    centre_m = points_m.mean(axis=0)
+    reach_m = float(np.sqrt(((points_m - centre_m) ** 2).sum(axis=1)).max()) + above_m + below_m
+    near = [
+        geom
+        for geom in geoms
+        if np.sqrt(((data.geom_xpos[geom] - centre_m) ** 2).sum()) < reach_m + model.geom_rbound[geom]
+    ]
+    heights_m = np.full(len(points_m), -np.inf)
+    start_m, down = points_m + above_m * normal, -normal
+    for geom in near:
+        for i, point_m in enumerate(start_m):
+            entry_m = _ray_m(model, data, geom, point_m, down)
+            if 0.0 <= entry_m <= above_m + below_m:
+                heights_m[i] = max(heights_m[i], above_m - entry_m)
+    return heights_m
+
+
 def _at_rest(model: Model) -> mujoco.MjData:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -207,33 +238,6 @@ def _ray_m(model: Model, data: mujoco.MjData, geom: int, point_m: Floats, along:
         return float(mujoco.mj_rayMesh(model, data, geom, point_m, along))
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     return float(mujoco.mju_rayGeom(data.geom_xpos[geom], data.geom_xmat[geom], size, point_m, along, kind))
-
-
-def _heights_m(
-    model: Model,
-    data: mujoco.MjData,
-    geoms: list[int] | range,
-    points_m: Floats,
-    normal: Floats,
-    above_m: float,
-    below_m: float,
-) -> Floats:
-    """Heights (p,) [m] of the first surface that rays meet from `above_m` over points on, down a normal."""
-    centre_m = points_m.mean(axis=0)
-    reach_m = float(np.sqrt(((points_m - centre_m) ** 2).sum(axis=1)).max()) + above_m + below_m
-    near = [
-        geom
-        for geom in geoms
-        if np.sqrt(((data.geom_xpos[geom] - centre_m) ** 2).sum()) < reach_m + model.geom_rbound[geom]
-    ]
-    heights_m = np.full(len(points_m), -np.inf)
-    start_m, down = points_m + above_m * normal, -normal
-    for geom in near:
-        for i, point_m in enumerate(start_m):
-            entry_m = _ray_m(model, data, geom, point_m, down)
-            if 0.0 <= entry_m <= above_m + below_m:
-                heights_m[i] = max(heights_m[i], above_m - entry_m)
-    return heights_m
 
 
 def _lines(count: int, centre_m: Floats, radius_m: float) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ from skinnet.deployment import Deployment
 from skinnet.diagnosis.at_rest import collision_findings, pressed_findings, settling_findings, speed_finding
 from skinnet.diagnosis.base import base_findings
 from skinnet.diagnosis.cell_poses import cell_pose_findings
+from skinnet.diagnosis.drawn_surface import drawn_surface_findings
 from skinnet.diagnosis.felt_geometry import felt_geometry_findings
 from skinnet.diagnosis.finding import Finding, in_order
 from skinnet.diagnosis.servos import servo_findings
@@ -59,6 +60,7 @@ def diagnose(
         *wiring_findings(deployment),
         *base_findings(deployment, body, tree),
         *cell_pose_findings(deployment, body),
+        *drawn_surface_findings(deployment, body),
         *felt_geometry_findings(deployment, base_dir),
         *collision_findings(body, tree),
         *servo_findings(deployment, body),

@@ -12,6 +12,7 @@ Code = Literal[
     "base_drift",
     "cells_buried",
     "cells_intruded",
+    "cells_off_drawn",
     "cells_off_surface",
     "cells_overlap",
     "cells_pressed",

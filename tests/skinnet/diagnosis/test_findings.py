@@ -83,6 +83,14 @@ def felt_mesh(vertices: str, faces: str) -> dict[str, str]:
     return {"head": mesh(vertices, faces), "on_arm": '<geom type="mesh" mesh="m" pos="0 0 -.3" mass=".1"/>'}
 
 
+def drawn_up_to(z_m: float) -> dict[str, str]:
+    """The arm as it is seen: a visual mesh under its felt box, as high as `z_m`, frame of the body."""
+    corners = " ".join(f"{x} {y} {z}" for z in (-0.02, z_m) for x in (-0.2, 0.2) for y in (-0.04, 0.04))
+    shape = f'<asset><mesh name="m" vertex="{corners}"/></asset>'
+    seen = '<geom type="mesh" mesh="m" pos=".2 0 0" mass="0" contype="0" conaffinity="0"/>'
+    return {"head": shape, "on_arm": seen}
+
+
 def cell(x_m: float, y_m: float, z_m: float) -> CellPoseSpec:
     return CellPoseSpec(position_m=(x_m, y_m, z_m), normal=(0, 0, 1), x_axis=(0, 1, 0))
 
@@ -142,6 +150,7 @@ CASES: dict[str, tuple[Case, Case]] = {
         Case({"range": "-.11 1"}, stages=STRUCTURE),
     ),
     "cells_off_surface": (Case(patch=at((0.1, -0.02, 0.03))), Case(patch=at((0.1, -0.02, 0.025)))),
+    "cells_off_drawn": (Case(drawn_up_to(0.007)), Case(drawn_up_to(0.009))),
     "cells_buried": (Case(patch=at((0.1, -0.02, 0.015))), Case(patch=at((0.1, -0.02, 0.0195)))),
     "cells_intruded": (
         Case({"on_arm": BOX_ABOVE.format(z=".031"), "more": ""}, patch=at((0.13, -0.02, 0.02))),
