@@ -7,7 +7,15 @@ from numpy.typing import NDArray
 
 from skinnet.compilation import compiled_without_nrt
 
-__all__ = ["HEXAGON_POINTS", "HEXAGON_WEIGHTS", "hexagon_grid", "hexagon_spread", "in_hexagon", "piercing_m"]
+__all__ = [
+    "HEXAGON_POINTS",
+    "HEXAGON_WEIGHTS",
+    "hexagon_grid",
+    "hexagon_rim",
+    "hexagon_spread",
+    "in_hexagon",
+    "piercing_m",
+]
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +37,13 @@ def hexagon_grid(rings: int) -> tuple[Floats, Floats]:
     return np.array(points), np.array(weights) / sum(weights)
 
 
+def hexagon_rim(rings: int) -> Floats:
+    """Points (6 rings, 2) on the border of a hexagon of side 1, as those of `hexagon_grid`."""
+    points, weights = hexagon_grid(rings)
+    rim: Floats = points[weights < 0.75 * weights.max()]
+    return rim
+
+
 def hexagon_spread(count: int) -> Floats:
     """Points (p, 2), about `count`, spread over a hexagon of side 1 so that no straight line misses them all.
 
@@ -41,10 +56,7 @@ def hexagon_spread(count: int) -> Floats:
         y = 2.0 * ((0.5 + i * 0.5698402909980532) % 1.0) - 1.0
         if 0.5 * abs(x) + _HALF_SQRT3 * abs(y) <= _HALF_SQRT3:
             points.append((x, y))
-    rim = [
-        (q, r) for q in range(-2, 3) for r in range(-2, 3) if abs(q + r) <= 2 and 2 in map(abs, (q, r, q + r))
-    ]
-    return np.array(points + [(_HALF_SQRT3 * q / 2, (r + 0.5 * q) / 2) for q, r in rim])
+    return np.concatenate([points, hexagon_rim(2)])
 
 
 HEXAGON_POINTS, HEXAGON_WEIGHTS = hexagon_grid(3)

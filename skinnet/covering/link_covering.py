@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skinnet import pinned_math
+from skinnet.body.contact.collision_filter import geoms_felt_by_bodies
 from skinnet.covering.asked_surface import creases, in_region
 from skinnet.covering.cell_heights import heights_under_cell, peak_m
 from skinnet.covering.cell_limits import CellLimits, limits_of
@@ -18,6 +19,7 @@ from skinnet.covering.felt_solids import (
     FeltSolids,
     Link,
     Model,
+    felt_geoms,
     felt_solids,
     geom_names,
     neighbour_poses,
@@ -25,7 +27,7 @@ from skinnet.covering.felt_solids import (
 from skinnet.covering.hexagons import hexagon_grid
 from skinnet.covering.home_neighbours import home_neighbours
 from skinnet.covering.lattice_growth import grow_lattice, improve_lattice
-from skinnet.covering.link_neighbours import join_neighbours, mark_reached
+from skinnet.covering.link_neighbours import Neighbour, join_neighbours, mark_reached
 from skinnet.covering.port_turns import best_turns, turned
 from skinnet.covering.sample_search import SurfaceSamples
 from skinnet.covering.surface_samples import sample_surface
@@ -126,11 +128,8 @@ def prepare_ground(
     if cover.region is not None:
         inside = in_region(samples, solids, cover.region, _region_geoms(mj, solids, body, cover))
     reached = np.zeros(len(samples.point_m), dtype=np.bool_)
-    found = neighbour_poses(mj, link) if cover.clearance else []
-    at_home = home_neighbours(mj, link, home_qpos, size.foam_m) if cover.clearance else []
     neighbours = join_neighbours(
-        [(felt_solids(mj, neighbour), poses) for neighbour, poses in (*found, *at_home)],
-        none=solids,
+        _neighbours(mj, link, home_qpos, size) if cover.clearance else [], none=solids
     )
     mark_reached(samples.point_m, samples.normal, neighbours, size.foam_m, reached)
     blocked = np.zeros_like(reached)
@@ -139,6 +138,17 @@ def prepare_ground(
     limits = limits_of(size.pitch_m, size.side_m, size.foam_m, cover.margin_m or 0.0)
     ground = Ground(solids, samples, inside & ~reached, blocked, neighbours)
     return LinkGround(link, body, ground, limits, _longest_axis(solids, samples), int(inside.sum()))
+
+
+def _neighbours(mj: Model, link: Link, home_qpos: Floats, size: CellSize) -> list[Neighbour]:
+    """Neighbours of `link` across its joints, and what it feels of the robot at home."""
+    felt = np.flatnonzero(np.any(geoms_felt_by_bodies(mj, link.members), axis=0))
+    across = [
+        Neighbour(felt_solids(mj, other), poses, bool(np.isin(felt_geoms(mj, other.members), felt).any()))
+        for other, poses in neighbour_poses(mj, link)
+    ]
+    at_home = home_neighbours(mj, link, home_qpos, size.foam_m)
+    return across + [Neighbour(felt_solids(mj, other), poses, True) for other, poses in at_home]
 
 
 def cover_ground(

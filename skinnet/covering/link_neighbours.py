@@ -7,19 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skinnet.body.contact.contact_problem import RAY_START_DEPTH_M
 from skinnet.body.contact.convex_hull import ConvexHulls, is_apart_from_hull
 from skinnet.compilation import compiled_without_nrt
 from skinnet.covering.felt_solids import FeltSolids, solid_entry_m
-from skinnet.covering.hexagons import hexagon_grid
+from skinnet.covering.hexagons import hexagon_grid, hexagon_rim
 
-__all__ = ["LinkNeighbours", "is_reached", "join_neighbours", "mark_reached"]
+__all__ = ["LinkNeighbours", "Neighbour", "is_reached", "join_neighbours", "mark_reached"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_CELL_POINTS = hexagon_grid(3)[0][::-1].copy()
-"""Points of a cell above which nothing may come."""
+_CELL_POINTS = np.concatenate([hexagon_grid(3)[0][::-1], hexagon_rim(9)])
+"""Points of a cell above which nothing may come; close together on its rim, as corners come in from there."""
 
 
 class LinkNeighbours(NamedTuple):
@@ -30,23 +31,45 @@ class LinkNeighbours(NamedTuple):
         pose: (s, 3, 4) R and t of that frame in the frame of the link.
         first: (s,) first solid of the neighbour that takes a pose.
         last: (s,) past last solid of it.
+        below_m: (s,) depth under the cell [m] down to which it is kept away.
     """
 
     solids: FeltSolids
     pose: Floats
     first: Indices
     last: Indices
+    below_m: Floats
 
 
-def join_neighbours(neighbours: Sequence[tuple[FeltSolids, Floats]], none: FeltSolids) -> LinkNeighbours:
-    """Join neighbours, each with its solids and its poses (s, 3, 4); without any, `none` stands for them."""
-    ends = np.cumsum([0, *(len(solids.kind) for solids, _ in neighbours)])
-    of_pose = np.repeat(np.arange(len(neighbours)), [len(poses) for _, poses in neighbours])
+class Neighbour(NamedTuple):
+    """Link that moves against another one.
+
+    Attributes:
+        solids: Its solids, frame of its body.
+        pose: (s, 3, 4) R and t of that frame in the frame of the other link.
+        is_felt: True if skin on the other link feels it.
+    """
+
+    solids: FeltSolids
+    pose: Floats
+    is_felt: bool
+
+
+def join_neighbours(neighbours: Sequence[Neighbour], none: FeltSolids) -> LinkNeighbours:
+    """Join neighbours; without any, the solids `none` stand for theirs.
+
+    A solid that is felt presses the foam from where the rays of contact start, under the rigid surface; one
+    that is not is only kept out of the foam.
+    """
+    ends = np.cumsum([0, *(len(solids.kind) for solids, _, _ in neighbours)])
+    of_pose = np.repeat(np.arange(len(neighbours)), [len(poses) for _, poses, _ in neighbours])
+    below_m = np.array([RAY_START_DEPTH_M if is_felt else 0.0 for _, _, is_felt in neighbours])
     return LinkNeighbours(
-        solids=_join_solids([solids for solids, _ in neighbours]) if neighbours else none,
-        pose=np.concatenate([np.zeros((0, 3, 4)), *(poses for _, poses in neighbours)]),
+        solids=_join_solids([solids for solids, _, _ in neighbours]) if neighbours else none,
+        pose=np.concatenate([np.zeros((0, 3, 4)), *(poses for _, poses, _ in neighbours)]),
         first=ends[of_pose],
         last=ends[of_pose + 1],
+        below_m=below_m[of_pose],
     )
 
 
@@ -111,8 +134,10 @@ def is_reached(
     middle_x = position_m[0] + half_m * u
     middle_y = position_m[1] + half_m * v
     middle_z = position_m[2] + half_m * w
+    half_m += RAY_START_DEPTH_M
     radius_m = math.sqrt(side_m * side_m + half_m * half_m)
     for s in range(len(neighbours.pose)):
+        below_m = neighbours.below_m[s]
         if _is_far(neighbours, s, middle_x, middle_y, middle_z, radius_m):
             continue
         for i in range(len(_CELL_POINTS)):
@@ -120,13 +145,13 @@ def is_reached(
             if _is_point_reached(
                 neighbours,
                 s,
-                position_m[0] + a * R[0, 0] + b * R[0, 1],
-                position_m[1] + a * R[1, 0] + b * R[1, 1],
-                position_m[2] + a * R[2, 0] + b * R[2, 1],
+                position_m[0] + a * R[0, 0] + b * R[0, 1] - below_m * u,
+                position_m[1] + a * R[1, 0] + b * R[1, 1] - below_m * v,
+                position_m[2] + a * R[2, 0] + b * R[2, 1] - below_m * w,
                 u,
                 v,
                 w,
-                height_m,
+                height_m + below_m,
             ):
                 return True
     return False
