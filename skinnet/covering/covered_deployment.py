@@ -74,7 +74,7 @@ def cover_deployment(deployment: Deployment, base_dir: Path, *, cached: bool = T
     model = load_model(deployment, base_dir, with_environment=False)
     mj, home_qpos = model.mj, model.home_qpos.round(_DIGITS)
     layouts = {
-        cover.name: read_layout(base_dir / cover.layout, cover.name)
+        cover.name: read_layout(base_dir / cover.layout, cover.name, of_sheets=cover.kind == "sheet")
         for cover in deployment.cover
         if cover.layout is not None
     }

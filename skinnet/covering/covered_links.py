@@ -19,6 +19,7 @@ from skinnet.covering.felt_solids import (
     link_of_body,
     relative_pose,
 )
+from skinnet.covering.layout_sheets import sheets_of_layout
 from skinnet.covering.link_covering import CellSize, LinkGround, cover_ground, largest_side_m, prepare_ground
 from skinnet.covering.link_rows import patch_row, sheet_row
 from skinnet.covering.link_sheets import element_size, largest_sheet_pitch_m, lay_sheets
@@ -257,6 +258,8 @@ def _cover_link(
         else CellSize(side_m, cover.pitch_m or pitch_m(side_m), foam_m)
     )
     ground = prepare_ground(mj, link, body, cover, size, home_qpos)
+    if layout is not None and of_sheets:
+        return _Made(ground, [], sheets_of_layout(layout, patch_name(*label), body))
     if layout is not None:
         return _patches(ground, cells_of_layout(layout, side_m), cover, deployment, label)
     if not ground.n_in_region:

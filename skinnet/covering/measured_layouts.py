@@ -1,4 +1,4 @@
-"""Measured layouts: positions and normals of cells from a CSV file, such as a skin that exists has."""
+"""Measured layouts of skins that exist: positions and normals of cells or elements from a CSV file."""
 
 import csv
 import math
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skinnet.covering.port_turns import best_turns, turned
+from skinnet.deployment.skin.sheets import MAX_SIDE
 from skinnet.errors import DeploymentError
 from skinnet.pinned_linalg import norm
 from skinnet.skin.lattice import pitch_m
@@ -21,14 +22,16 @@ Floats = NDArray[np.float64]
 LAYOUT_COLUMNS = ("x_m", "y_m", "z_m", "nx", "ny", "nz")
 """Columns that a layout must have: position [m] and outward normal of each cell, frame of the body."""
 _AXIS_COLUMNS = ("ux", "uy", "uz")
-"""Columns that it may have: direction of port 0."""
+"""Columns that one of cells may have: direction of port 0."""
+_GRID_COLUMNS = ("sheet", "row", "column")
+"""Columns that one of tactile sheets must have: name of the sheet, and place of the element in it."""
 _OVERLAP_FRACTION = 0.9
 _BACK_TO_BACK_COSINE = -0.985
 _MIN_LENGTH = 1e-9
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True):
-    """Layout of cells as its file gives it.
+    """Layout of cells, or of the elements of tactile sheets, as its file gives it.
 
     Attributes:
         name: Name of the file, for messages, with that of its cover.
@@ -36,6 +39,8 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
         position_m: Centre of each cell, frame of the body [m].
         normal: Outward normal of each, of any length.
         x_axis: Direction of port 0 of each; empty if the file has none.
+        sheet: Sheet of each element; empty for cells.
+        grid: Row, from the top, and column of each element in its sheet, from 0; empty for cells.
     """
 
     name: str
@@ -43,10 +48,12 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     position_m: tuple[tuple[float, ...], ...]
     normal: tuple[tuple[float, ...], ...]
     x_axis: tuple[tuple[float, ...], ...] = ()
+    sheet: tuple[str, ...] = ()
+    grid: tuple[tuple[int, int], ...] = ()
 
 
-def read_layout(path: Path, cover: str) -> Layout:
-    """Read the layout of a cover from a CSV file with a header.
+def read_layout(path: Path, cover: str, *, of_sheets: bool = False) -> Layout:
+    """Read the layout of a cover from a CSV file with a header: of cells, or of the elements of sheets.
 
     Raises:
         DeploymentError: the file cannot be read, or names line, column and what is allowed there.
@@ -57,13 +64,15 @@ def read_layout(path: Path, cover: str) -> Layout:
             rows = csv.DictReader(file, skipinitialspace=True)
             columns = [column.strip() for column in rows.fieldnames or ()]
             rows.fieldnames = columns
-            _check_columns(name, columns)
+            _check_columns(name, columns, *((_GRID_COLUMNS, ()) if of_sheets else ((), _AXIS_COLUMNS)))
             groups = [LAYOUT_COLUMNS[:3], LAYOUT_COLUMNS[3:]]
             groups += [_AXIS_COLUMNS] if _AXIS_COLUMNS[0] in columns else []
-            lines, read = [], []
+            lines, read, places = [], [], []
             for row in rows:
                 lines.append(rows.line_num)
                 read.append([_vector(name, rows.line_num, row, group) for group in groups])
+                if of_sheets:
+                    places.append(_place(name, rows.line_num, row))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
         raise DeploymentError(
@@ -78,6 +87,8 @@ def read_layout(path: Path, cover: str) -> Layout:
         position_m=position_m,
         normal=normal,
         x_axis=axis[0] if axis else (),
+        sheet=tuple(sheet for sheet, *_ in places),
+        grid=tuple((row, column) for _, row, column in places),
     )
 
 
@@ -112,19 +123,40 @@ def cells_of_layout(layout: Layout, side_m: float) -> tuple[Floats, Floats]:
     return position_m, turned(R, turns)
 
 
-def _check_columns(name: str, columns: list[str]) -> None:
-    allowed = f"give {', '.join(LAYOUT_COLUMNS)}, and ux, uy, uz for the direction of port 0"
-    missing = [column for column in LAYOUT_COLUMNS if column not in columns]
+def _check_columns(name: str, columns: list[str], needed: tuple[str, ...], optional: tuple[str, ...]) -> None:
+    """Require the columns of all layouts and those `needed` here; those `optional` come together."""
+    needed = needed + LAYOUT_COLUMNS
+    allowed = f"give {', '.join(needed)}"
+    if optional:
+        allowed += f", and {', '.join(optional)} for the direction of port 0"
+    missing = [column for column in needed if column not in columns]
     if missing:
         raise DeploymentError(f"{name}: line 1: no column {missing[0]}; {allowed}")
-    axis = [column for column in _AXIS_COLUMNS if column in columns]
-    if 0 < len(axis) < len(_AXIS_COLUMNS):
-        raise DeploymentError(f"{name}: line 1: {axis[0]} without the others; {allowed}")
-    unknown = [column for column in columns if column not in LAYOUT_COLUMNS + _AXIS_COLUMNS]
+    some = [column for column in optional if column in columns]
+    if 0 < len(some) < len(optional):
+        raise DeploymentError(f"{name}: line 1: {some[0]} without the others; {allowed}")
+    unknown = [column for column in columns if column not in needed + optional]
     twice = [column for column in columns if columns.count(column) > 1]
     if unknown or twice:
         kind = "unknown column" if unknown else "twice the column"
         raise DeploymentError(f"{name}: line 1: {kind} {(unknown or twice)[0]!r}; {allowed}")
+
+
+def _place(name: str, line: int, row: dict[str, str]) -> tuple[str, int, int]:
+    """Sheet, row and column of an element."""
+    sheet = (row["sheet"] or "").strip()
+    if not sheet:
+        raise DeploymentError(f"{name}: line {line}, column sheet: nothing; give the name of the sheet")
+    places = []
+    for column in _GRID_COLUMNS[1:]:
+        text = (row[column] or "").strip()
+        if not (text.isdecimal() and int(text) < MAX_SIDE):
+            raise DeploymentError(
+                f"{name}: line {line}, column {column}: {text or 'nothing'!r} is no whole number from 0 to "
+                f"{MAX_SIDE - 1}; a sheet has at most {MAX_SIDE} × {MAX_SIDE} elements"
+            )
+        places.append(int(text))
+    return sheet, places[0], places[1]
 
 
 def _vector(name: str, line: int, row: dict[str, str], columns: tuple[str, ...]) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from skinnet.covering.cell_heights import heights_under_cell
@@ -48,6 +49,7 @@ class SheetPose:
         R_body_element: (n, 3, 3) their axes.
         pitch_m: Their pitch [m].
         gap_m: Mean gap under them [m].
+        mask: Rows of the grid from the top, as in the spec of the sheet; 8 × 8 elements without it.
     """
 
     surface: SurfaceSpec
@@ -55,6 +57,7 @@ class SheetPose:
     R_body_element: Floats
     pitch_m: float
     gap_m: float
+    mask: tuple[str, ...] = ()
 
     @cached_property
     def middle_m(self) -> Floats:
@@ -65,7 +68,10 @@ class SheetPose:
     @property
     def sheet(self) -> SheetSpec:
         """Sheet that covers the surface."""
-        return SheetSpec(name=self.surface.name, surface=self.surface.name, pitch_m=self.pitch_m)
+        whole = SheetSpec(name=self.surface.name, surface=self.surface.name, pitch_m=self.pitch_m)
+        if not self.mask:
+            return whole
+        return replace(whole, rows=len(self.mask), columns=len(self.mask[0]), mask=self.mask)
 
 
 def sheet_poses(of: LinkGround, pitch_m: float) -> Iterator[SheetPose]:

@@ -92,7 +92,9 @@ class CoverSpec(Table, frozen=True, kw_only=True):
     layout: str | None = None
     """Measured layout instead of a covering: a CSV file, relative to the deployment, with a header and a line
     for each cell: its centre `x_m`, `y_m`, `z_m` and outward normal `nx`, `ny`, `nz`, frame of the body, and,
-    if known, the direction `ux`, `uy`, `uz` of port 0."""
+    if known, the direction `ux`, `uy`, `uz` of port 0. With `kind = "sheet"` the lines are elements, which
+    have `sheet`, `row` from the top and `column` instead of that direction; each sheet is flat or bent about
+    its columns, with elements within a fifth of the pitch of their places *(assumed)*."""
     region: CoverRegionSpec | None = None
     """Part of the surface; all of it unless given."""
     margin_m: NonNegative | None = None
@@ -113,7 +115,7 @@ class CoverSpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.kind == "sheet":
-            for key in ("layout", "margin_m", "max_cells"):
+            for key in ("margin_m", "max_cells"):
                 if getattr(self, key) is not None:
                     raise ValueError(f'{key}: not with kind = "sheet"; leave it out, or give kind = "cells"')
         if self.layout is None:
