@@ -100,6 +100,18 @@ def test_neither_cells_nor_controller_reach_the_body() -> None:
         assert done.stdout.strip() == ""
 
 
+def test_a_run_does_not_import_scipy_and_coverings() -> None:
+    """Each process would take half a second longer; what needs them imports them when it is called."""
+    code = (
+        "import skinnet.run.pipeline, skinnet.run.prepare, skinnet.runtime.worker, sys\n"
+        "import skinnet.body.process, cells.process, controller.process\n"
+        "heavy = ('scipy.linalg', 'scipy.sparse', 'scipy.spatial', 'skinnet.covering.', 'matplotlib')\n"
+        "print(*(m for m in sys.modules if m.startswith(heavy)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
 @pytest.mark.parametrize("module", IMPORTABLE)
 def test_a_module_offers_what_exists_and_says_what_it_is_for(module: str) -> None:
     loaded = importlib.import_module(module)
