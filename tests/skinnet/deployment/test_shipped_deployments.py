@@ -107,7 +107,7 @@ def test_reactions_spare_the_robot(whole: dict[str, Any], tmp_path: Path) -> Non
 def test_too_much_noise_is_reported_honestly(tmp_path: Path) -> None:
     settings = ('controller.program=["structure"]', "cells.accelerometer.noise_g=0.4")
     settings += ("controller.structure.averaging_s=0.2", "controller.structure.settle_s=0.2")
-    figures = run(TOUCH, tmp_path, "--in-process", settings=settings)["metrics"]
+    figures = run(ARM, tmp_path, "--in-process", settings=settings)["metrics"]
     assert figures["structure.wrong_entries"] > 0
     assert not figures["structure.is_tree"]
     assert figures["structure.problems"]
