@@ -31,6 +31,6 @@ def near_pairs_between(
     n = np.searchsorted(along_m, one_m[:, axis] + margin_m, side="right") - first
     i = np.repeat(np.arange(len(one_m)), n)
     j = order[np.arange(len(i)) + np.repeat(first - (np.cumsum(n) - n), n)]
-    apart_m2 = sum((one_m[i, k] - other_m[j, k]) ** 2 for k in range(one_m.shape[1]))
-    near = np.flatnonzero(apart_m2 <= reach_m * reach_m)
+    x_m, y_m, z_m = (one_m[i] - other_m[j]).T
+    near = np.flatnonzero(x_m * x_m + y_m * y_m + z_m * z_m <= reach_m * reach_m)
     return sorted(zip(i[near].tolist(), j[near].tolist(), strict=True))

@@ -5,6 +5,7 @@ import importlib
 import importlib.util
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ MODULES = [module_of(file) for file in FILES]
 IMPORTABLE = [module for module in MODULES if not module.endswith("__main__")]
 
 
+@cache
 def imported(file: Path) -> set[str]:
     """Top-level packages that a file imports, anywhere in it."""
     found = set()
@@ -167,9 +169,10 @@ def test_tests_mirror_the_packages() -> None:
 def test_tests_use_public_names(file: Path) -> None:
     """Attributes that begin with an underscore belong to their class: a test may touch its own only."""
     public_by_contract = {"_replace", "_asdict", "_fields", "_make"}
+    nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
     touched = {
         f"{file.name}:{node.lineno}: {node.attr}"
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        for node in nodes
         if isinstance(node, ast.Attribute)
         and node.attr.startswith("_")
         and not node.attr.startswith("__")
@@ -177,9 +180,5 @@ def test_tests_use_public_names(file: Path) -> None:
         and not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"))
     }
     assert not touched
-    modules = {
-        str(node.module).split(".")[0]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom)
-    }
+    modules = {str(node.module).split(".")[0] for node in nodes if isinstance(node, ast.ImportFrom)}
     assert not {name for name in modules if name.startswith("test_")}, "helpers lie in tests/support"
