@@ -35,7 +35,10 @@ SHORT = (
 
 
 def skinnet(*arguments: str, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Exit code and output of a command, run by the entry point of the program in this process."""
+    """Exit code and output of a command, run by the entry point of the program in this process.
+
+    What is logged goes to pytest, not to standard error.
+    """
     from skinnet.cli.main import main
 
     output, errors = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="") for _ in range(2))

@@ -22,7 +22,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from launching import run, skinnet
+from launching import run, started
 from locations import DATA, ROOT
 from mcap.reader import make_reader
 from mcap.records import Attachment, Metadata
@@ -822,7 +822,7 @@ def test_the_command_line_says_once_that_a_file_is_old(old: Path) -> None:
         ("replay", old / "recordings" / "riba_trajectory.mcap", "--into", "controller", "--base", SHIPPED),
         ("memory", "show", old / "memory.sqlite"),
     ):
-        done = skinnet(*map(str, command))
+        done = started(*map(str, command))
         assert done.returncode == 0, done.stderr
         (remark,) = done.stderr.splitlines()
         assert remark.endswith("of an earlier format, read by its present names; skinnet migrate rewrites it")
