@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run memory test long values mutants robots check pictures clean help
+.PHONY: run memory test kernels long values mutants robots check pictures clean help
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -28,7 +28,11 @@ check: $(STAMP) ## style, types and import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: check ## everything that must hold
+kernels: $(STAMP) ## compiles what most tests need
+	$(BIN)/python tests/support/kernels.py
+
+test: $(STAMP) ## everything that must hold
+	@$(MAKE) --no-print-directory --jobs=2 check kernels
 	$(BIN)/pytest -n logical --dist loadfile
 
 long: $(STAMP) ## the tests that take too long for `test`: whole grasps, teaching, more seeds

@@ -6,6 +6,7 @@ folder is named by a hash of all compiled modules, and is never stale.
 """
 
 import hashlib
+import importlib
 import os
 import tempfile
 from collections.abc import Callable
@@ -43,6 +44,23 @@ def _cache_folder() -> str:
         return tempfile.mkdtemp(prefix="skinnet-")
     return str(folder)
 
+
+def _load_array_functions() -> None:
+    """Load Numba's array functions without their question at import, whether SciPy has a BLAS.
+
+    It imports `scipy.linalg`, 0.2 s in every process. Numba asks again before it compiles a call of BLAS.
+    """
+    from numba.np import linalg
+
+    ensure_blas = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = ensure_blas
+
+
+_load_array_functions()
 
 if not numba.config.CACHE_DIR:
     numba.config.CACHE_DIR = _cache_folder()

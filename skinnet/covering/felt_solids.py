@@ -9,7 +9,6 @@ from typing import NamedTuple, TypeAlias
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import QhullError
 
 from skinnet.body.contact import ray_casting as shapes
 from skinnet.body.contact.convex_hull import (
@@ -167,7 +166,7 @@ def felt_solids(mj: Model, link: Link) -> FeltSolids:
     try:
         hulls = build_convex_hulls(vertices_m)
         corner_m = [points_m[hull_of(points_m)[1]] for points_m in vertices_m]
-    except (ValueError, QhullError):
+    except ValueError:
         raise ModelError(
             f'body "{mj.body(link.body_id).name}": a mesh of it is flat, its hull has no inside'
         ) from None

@@ -2,11 +2,10 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from skinnet.deployment import Deployment
 from skinnet.diagnosis.finding import Finding
+from skinnet.graph_components import connected_components
 from skinnet.skin.placement import place_patch, resolve_bridges
 from skinnet.skin.whole_skin import WholeSkin, join_patches
 
@@ -39,7 +38,5 @@ def wiring_findings(deployment: Deployment) -> list[Finding]:
 
 def _reached(skin: WholeSkin) -> NDArray[np.bool_]:
     """Cells (n,) with a path to a gateway."""
-    a, b = skin.wires[:, 0], skin.wires[:, 2]
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(skin.n_cells, skin.n_cells))
-    group = connected_components(graph, directed=False)[1]
+    group = connected_components(skin.n_cells, skin.wires[:, 0], skin.wires[:, 2])
     return np.isin(group, group[skin.gateways[:, 0]])

@@ -5,15 +5,16 @@ Supply and ground conductors connect the same cells in parallel, so their drops 
 with the resistance of both conductors in series gives the voltage across a cell.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import SuperLU, splu
 
 from skinnet.deployment.network import PowerSpec
+from skinnet.graph_components import connected_components
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import SuperLU
 
 __all__ = ["PowerGrid", "PowerState"]
 
@@ -43,7 +44,7 @@ class _Factorisation(NamedTuple):
     component: NDArray[np.int64]
     powered: NDArray[np.bool_]
     unknowns: NDArray[np.int64]
-    factors: SuperLU | None
+    factors: "SuperLU | None"
 
 
 class PowerGrid:
@@ -120,13 +121,16 @@ class PowerGrid:
     def _factorise(self, ok: NDArray[np.bool_]) -> _Factorisation:
         n, a, b = self._n, self._a[ok], self._b[ok]
         siemens = np.full(len(a), 1.0 / self._spec.link_ohm)
-        piece = connected_components(coo_array((siemens, (a, b)), shape=(n, n)), directed=False)[1]
+        piece = connected_components(n, a, b)
         fed = self._n_feeds > 0
         powered = np.isin(piece, piece[fed])
         ideal = fed & (self._spec.feed_ohm == 0.0)  # such a cell is at the supply voltage
         free = np.flatnonzero(powered & ~ideal)
         if not len(free):
-            return _Factorisation(piece.astype(np.int64), powered, free, None)
+            return _Factorisation(piece, powered, free, None)
+        from scipy.sparse import coo_array  # their import takes longer than most commands
+        from scipy.sparse.linalg import splu
+
         cells = np.arange(n)
         to_supply = self._n_feeds / self._spec.feed_ohm if self._spec.feed_ohm else np.zeros(n)
         laplacian = coo_array(
@@ -143,7 +147,7 @@ class PowerGrid:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        return _Factorisation(piece.astype(np.int64), powered, free, factors)
+        return _Factorisation(piece, powered, free, factors)
 
     def _voltage_drops(self, running: NDArray[np.bool_], factored: _Factorisation) -> NDArray[np.float64]:
         """Return the voltage drop (n,) of every cell below the supply [V]; zero without load."""

@@ -6,8 +6,8 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+
+from skinnet.graph_components import connected_components
 
 __all__ = ["COLUMN_RANGES", "PROBABILITIES", "UNBOUNDED", "Topology"]
 
@@ -160,9 +160,7 @@ class Topology:
     @cached_property
     def component(self) -> NDArray[np.int64]:
         """Connected component of every node, with links taken as undirected, (n_nodes,)."""
-        ones = np.ones(self.n_links, dtype=np.int8)
-        graph = coo_array((ones, (self.src, self.dst)), shape=(self.n_nodes, self.n_nodes))
-        return connected_components(graph, directed=False)[1].astype(np.int64)
+        return connected_components(self.n_nodes, self.src, self.dst)
 
     @cached_property
     def members(self) -> NDArray[np.int64]:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skinnet.body.simulation import BodySimulation
-from skinnet.covering.covered_deployment import load_covered
-from skinnet.deployment import Deployment
+from skinnet.deployment import Deployment, load
 from skinnet.deployment.checks import check
 from skinnet.deployment.memory_loading import load_memory
 from skinnet.errors import DeploymentError, MemoryFileError
@@ -69,7 +68,11 @@ def prepare_run(options: RunOptions, seed: int | None = None) -> PreparedRun:
     Raises:
         DeploymentError: names file, key, value, what is allowed.
     """
-    deployment = load_covered(options.deployment_file, options.settings, seed)
+    deployment = load(options.deployment_file, options.settings, seed)
+    if deployment.cover:
+        from skinnet.covering.covered_deployment import load_covered  # half a second of imports
+
+        deployment = load_covered(options.deployment_file, options.settings, seed)
     left_out = validate(deployment, options.deployment_file)
     return PreparedRun(options, deployment, options.deployment_file.parent.resolve(), left_out)
 

@@ -11,7 +11,6 @@ from collections.abc import Iterable
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import shortest_path
 
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import InterfaceSpec, PatchSpec
@@ -110,6 +109,8 @@ def choose_gateway_ports(
 
 def _hop_counts(n_cells: int, wires: ArrayLike, cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return hop counts (c, n) from each of `cells` to all n cells; n where there is no path."""
+    from scipy.sparse.csgraph import shortest_path  # its import takes longer than most commands
+
     hops = shortest_path(wire_graph(n_cells, wires), directed=False, unweighted=True, indices=cells)
     return np.where(np.isfinite(hops), hops, n_cells).astype(np.int64)
 

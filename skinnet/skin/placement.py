@@ -7,9 +7,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from skinnet import pinned_math
 from skinnet.deployment.cell_names import parse_port
@@ -17,6 +14,8 @@ from skinnet.deployment.network import BridgeSpec
 from skinnet.deployment.skin.cells import CellSpec
 from skinnet.deployment.skin.patches import CellPoseSpec, LatticeSpec, PatchSpec
 from skinnet.errors import DeploymentError
+from skinnet.graph_components import connected_components
+from skinnet.near_points import near_pairs, near_pairs_between
 from skinnet.pinned_linalg import dot, matmul, norm
 from skinnet.skin.lattice import N_PORTS, PORT_ANGLES_RAD, lattice_cells, lattice_plane_m, pitch_m
 from skinnet.suggestions import known_names
@@ -111,8 +110,7 @@ def place_patches(
     for one, other in combinations(placed, 2):
         if one.body != other.body:
             continue
-        near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach)
-        for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
+        for a, b in near_pairs_between(one.position_m, other.position_m, reach):
             if dot(one.R_body_cell[a, :, 2], other.R_body_cell[b, :, 2]) > 0.0:  # else back to back
                 raise DeploymentError(
                     f"patches.{other.name}: cell {b} overlaps cell {a} of {one.name} on {one.body}"
@@ -182,7 +180,7 @@ def _explicit_poses(
 def _require_no_overlap(
     name: str, position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch: float
 ) -> None:
-    for a, b in sorted(cKDTree(position_m).query_pairs(_OVERLAP_FRACTION * pitch)):
+    for a, b in near_pairs(position_m, _OVERLAP_FRACTION * pitch):
         if dot(rotation[a, :, 2], rotation[b, :, 2]) < _OPPOSITE_COSINE:  # back to back on a thin link
             continue
         distance = norm(position_m[a] - position_m[b])
@@ -199,7 +197,7 @@ def _wires(position_m: NDArray[np.float64], rotation: NDArray[np.float64], pitch
     """
     ports = np.array([[pinned_math.cos(a), pinned_math.sin(a), 0.0] for a in PORT_ANGLES_RAD])
     candidates = []
-    for a, b in sorted(cKDTree(position_m).query_pairs(_WIRE_FRACTION * pitch)):
+    for a, b in near_pairs(position_m, _WIRE_FRACTION * pitch):
         if dot(rotation[a, :, 2], rotation[b, :, 2]) < _SAME_SIDE_COSINE:
             continue
         towards = position_m[b] - position_m[a]
@@ -263,9 +261,7 @@ def _require_connected(placed: Sequence[PlacedPatch], bridges: Sequence[Bridge])
     ends = [patch.wires[:, [0, 2]] + first[patch.name] for patch in placed]
     ends += [np.array([[first[b.a_patch] + b.a_cell, first[b.b_patch] + b.b_cell]]) for b in bridges]
     a, b = np.vstack(ends).T
-    n = sum(patch.n_cells for patch in placed)
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
-    _, group = connected_components(graph, directed=False)
+    group = connected_components(sum(patch.n_cells for patch in placed), a, b)
     fed = np.concatenate([group[first[patch.name] + patch.interfaces[:, 0]] for patch in placed])
     for patch in placed:
         mine = group[first[patch.name] : first[patch.name] + patch.n_cells]

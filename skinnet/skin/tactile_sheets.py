@@ -13,11 +13,11 @@ from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from skinnet import pinned_math
 from skinnet.deployment.skin.sheets import SheetSpec, SurfaceSpec
 from skinnet.errors import DeploymentError
+from skinnet.near_points import near_pairs_between
 from skinnet.pinned_arcs import atan2_of
 from skinnet.pinned_linalg import dot, matmul, norm
 from skinnet.suggestions import known_names
@@ -232,8 +232,7 @@ def _neighbours(grid: Ints, *, connect_across_gaps: bool) -> Ints:
 
 def _require_no_overlap(one: PlacedSheet, other: PlacedSheet) -> None:
     reach_m = _OVERLAP_FRACTION * math.sqrt(min(one.area_m2, other.area_m2))
-    near = cKDTree(one.position_m).query_ball_tree(cKDTree(other.position_m), reach_m)
-    for a, b in ((a, b) for a, found in enumerate(near) for b in sorted(found)):
+    for a, b in near_pairs_between(one.position_m, other.position_m, reach_m):
         if dot(one.R_body_element[a, :, 2], other.R_body_element[b, :, 2]) > 0.0:  # else back to back
             raise DeploymentError(
                 f"sheets.{other.name}: element {b} overlaps element {a} of {one.name} on {one.surface.body}"

@@ -6,11 +6,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from skinnet.deployment.cell_names import parse_port
 from skinnet.errors import DeploymentError
+from skinnet.graph_components import connected_components
 from skinnet.skin.gateway_placement import MAX_GATEWAY_PORTS
 from skinnet.skin.placement import Bridge, PlacedPatch
 from skinnet.suggestions import known_names
@@ -50,9 +49,7 @@ class WholeSkin:
     def component_of_patch(self) -> NDArray[np.int64]:
         """Connected component (p,) of each patch over the bridges."""
         ends = self.patch_of_cell[self.bridges[:, [0, 2]]]
-        n = len(self.patches)
-        graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
-        return connected_components(graph, directed=False)[1].astype(np.int64)
+        return connected_components(len(self.patches), ends[:, 0], ends[:, 1])
 
     def cell_name(self, cell: int) -> str:
         """Return the cell name "patch/cell"."""

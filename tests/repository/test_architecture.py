@@ -5,6 +5,7 @@ import importlib
 import importlib.util
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ MODULES = [module_of(file) for file in FILES]
 IMPORTABLE = [module for module in MODULES if not module.endswith("__main__")]
 
 
+@cache
 def imported(file: Path) -> set[str]:
     """Top-level packages that a file imports, anywhere in it."""
     found = set()
@@ -100,6 +102,18 @@ def test_neither_cells_nor_controller_reach_the_body() -> None:
         assert done.stdout.strip() == ""
 
 
+def test_a_run_does_not_import_scipy_and_coverings() -> None:
+    """Each process would take half a second longer; what needs them imports them when it is called."""
+    code = (
+        "import skinnet.run.pipeline, skinnet.run.prepare, skinnet.runtime.worker, sys\n"
+        "import skinnet.body.process, cells.process, controller.process\n"
+        "heavy = ('scipy.linalg', 'scipy.sparse', 'scipy.spatial', 'skinnet.covering.', 'matplotlib')\n"
+        "print(*(m for m in sys.modules if m.startswith(heavy)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
 @pytest.mark.parametrize("module", IMPORTABLE)
 def test_a_module_offers_what_exists_and_says_what_it_is_for(module: str) -> None:
     loaded = importlib.import_module(module)
@@ -155,9 +169,10 @@ def test_tests_mirror_the_packages() -> None:
 def test_tests_use_public_names(file: Path) -> None:
     """Attributes that begin with an underscore belong to their class: a test may touch its own only."""
     public_by_contract = {"_replace", "_asdict", "_fields", "_make"}
+    nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
     touched = {
         f"{file.name}:{node.lineno}: {node.attr}"
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        for node in nodes
         if isinstance(node, ast.Attribute)
         and node.attr.startswith("_")
         and not node.attr.startswith("__")
@@ -165,9 +180,5 @@ def test_tests_use_public_names(file: Path) -> None:
         and not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"))
     }
     assert not touched
-    modules = {
-        str(node.module).split(".")[0]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom)
-    }
+    modules = {str(node.module).split(".")[0] for node in nodes if isinstance(node, ast.ImportFrom)}
     assert not {name for name in modules if name.startswith("test_")}, "helpers lie in tests/support"

@@ -1,13 +1,11 @@
 """Runs on CPUs with other instruction sets, which variables of glibc, OpenBLAS and NumPy pretend."""
 
-import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from launching import run, run_alone
 from locations import DEPLOYMENTS
 
 from skinnet.run.arithmetic import compare_arithmetic
@@ -33,25 +31,26 @@ SCRIPTED = (
 ARM = ("run.max_s=0.6",)
 
 
-def summary(name: str, out: Path, settings: tuple[str, ...], **variables: str) -> dict[str, Any]:
-    """Summary of a short run in a process that sees another CPU."""
-    sets = [word for setting in settings for word in ("--set", setting)]
-    file = str(DEPLOYMENTS / f"{name}.toml")
-    line = [sys.executable, "-W", "ignore", "-m", "skinnet.cli", "run", file, *sets]
-    line += ["--in-process", "--no-plots", "--out", str(out)]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, env=os.environ | variables)
-    content: dict[str, Any] = json.loads((out / "summary.json").read_text()) if out.exists() else {}
-    assert content.get("log_sha256"), done.stderr + done.stdout
-    return content
+def here(name: str, out: Path, settings: tuple[str, ...]) -> dict[str, Any]:
+    """Summary of a short run on this CPU."""
+    return run(DEPLOYMENTS / f"{name}.toml", out / "here", "--in-process", settings=settings)
+
+
+def there(name: str, out: Path, settings: tuple[str, ...], **variables: str) -> dict[str, Any]:
+    """Summary of the same in a process that sees another CPU; Numba may warn that it does not know it."""
+    file, variables = DEPLOYMENTS / f"{name}.toml", {"PYTHONWARNINGS": "ignore"} | variables
+    return run_alone(file, out / "there", "--in-process", settings=settings, **variables)
 
 
 def test_a_scripted_run_has_the_same_log_and_metrics_on_any_cpu(tmp_path: Path) -> None:
-    here = summary("two_link_arm", tmp_path / "here", SCRIPTED)
-    there = summary("two_link_arm", tmp_path / "there", SCRIPTED, **OTHER_LIBM, **OTHER_BLAS)
-    assert here["metrics"]["network.delivered"] > 1000
-    assert there["log_sha256"] == here["log_sha256"]
-    assert there["arithmetic"] == here["arithmetic"]
-    assert there["metrics"] == here["metrics"]
+    own, other = (
+        here("two_link_arm", tmp_path, SCRIPTED),
+        there("two_link_arm", tmp_path, SCRIPTED, **OTHER_LIBM, **OTHER_BLAS),
+    )
+    assert own["metrics"]["network.delivered"] > 1000
+    assert other["log_sha256"] == own["log_sha256"]
+    assert other["arithmetic"] == own["arithmetic"]
+    assert other["metrics"] == own["metrics"]
 
 
 @pytest.mark.parametrize(
@@ -61,16 +60,14 @@ def test_a_scripted_run_has_the_same_log_and_metrics_on_any_cpu(tmp_path: Path) 
 def test_a_simulated_body_has_the_same_log_with_any_blas(
     name: str, settings: tuple[str, ...], tmp_path: Path
 ) -> None:
-    here = summary(name, tmp_path / "here", settings)
-    there = summary(name, tmp_path / "there", settings, **OTHER_BLAS)
-    assert there["arithmetic"] == here["arithmetic"]
-    assert there["log_sha256"] == here["log_sha256"]
+    own, other = here(name, tmp_path, settings), there(name, tmp_path, settings, **OTHER_BLAS)
+    assert other["arithmetic"] == own["arithmetic"]
+    assert other["log_sha256"] == own["log_sha256"]
 
 
 def test_a_simulated_body_has_the_same_log_or_its_summary_names_mujoco(tmp_path: Path) -> None:
     """MuJoCo calls the C library: where that has one variant only, the logs are equal."""
-    here = summary("two_link_arm", tmp_path / "here", ARM)
-    there = summary("two_link_arm", tmp_path / "there", ARM, **OTHER_LIBM)
-    reason = compare_arithmetic(here, there)
-    assert "(mujoco)" in reason or there["log_sha256"] == here["log_sha256"]
-    assert (reason == "") == (here["arithmetic"] == there["arithmetic"])
+    own, other = here("two_link_arm", tmp_path, ARM), there("two_link_arm", tmp_path, ARM, **OTHER_LIBM)
+    reason = compare_arithmetic(own, other)
+    assert "(mujoco)" in reason or other["log_sha256"] == own["log_sha256"]
+    assert (reason == "") == (own["arithmetic"] == other["arithmetic"])

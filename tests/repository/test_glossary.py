@@ -4,7 +4,7 @@ import ast
 import json
 import re
 import runpy
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cache
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ class Ban(NamedTuple):
     words: Segments
 
 
+@cache
 def segments(name: str) -> Segments:
     """Parts of a name, in snake case: of a dotted name, a key, or the words of a heading."""
     return tuple(re.findall(r"\w+", _HUMP.sub("_", name).lower()))
@@ -66,8 +67,9 @@ def trees() -> dict[str, ast.Module]:
     return {str(file.relative_to(ROOT)): ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
 
 
-def nodes(folder: str = "") -> Iterator[ast.AST]:
-    return (node for file, tree in trees().items() if file.startswith(folder) for node in ast.walk(tree))
+@cache
+def nodes(folder: str = "") -> list[ast.AST]:
+    return [node for file, tree in trees().items() if file.startswith(folder) for node in ast.walk(tree)]
 
 
 def public(found: Iterable[str]) -> set[str]:

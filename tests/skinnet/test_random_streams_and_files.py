@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy import stats
 
 from skinnet.clock import NS_PER_S, WallClockPace, next_multiple
 from skinnet.files import atomic_replacement, write_bytes, write_json
@@ -68,8 +68,8 @@ def test_values_are_distributed_as_they_should() -> None:
     counters = [np.uint64(i) for i in range(20_000)]
     flat = np.array([uniform(key, i) for i in counters])
     bell = np.array([standard_normal(key, i) for i in counters])
-    assert stats.kstest(flat, "uniform").pvalue > 1e-3
-    assert stats.kstest(bell, "norm").pvalue > 1e-3
+    assert scipy.stats.kstest(flat, "uniform").pvalue > 1e-3
+    assert scipy.stats.kstest(bell, "norm").pvalue > 1e-3
     for values in (flat, bell):  # neighbours know nothing of each other
         assert abs(np.corrcoef(values[:-1], values[1:])[0, 1]) < 0.03
 
@@ -77,7 +77,7 @@ def test_values_are_distributed_as_they_should() -> None:
 def test_neighbouring_keys_give_unrelated_values() -> None:
     keys = [stream_key(1, "cell", i) for i in range(3000)]
     first = np.array([uniform(key, np.uint64(0)) for key in keys])
-    assert stats.kstest(first, "uniform").pvalue > 1e-3
+    assert scipy.stats.kstest(first, "uniform").pvalue > 1e-3
     beside = np.array([standard_normal(np.uint64(int(keys[0]) + i), np.uint64(5)) for i in range(3000)])
     assert abs(np.corrcoef(beside[:-1], beside[1:])[0, 1]) < 0.06
 

@@ -1,13 +1,23 @@
-"""How tests start whole runs: the command line in a process of its own, read line by line."""
+"""How tests start whole runs and other commands.
+
+`skinnet` is the command line in the process of the test: the start of an interpreter, which imports the
+program and loads what Numba has compiled, takes longer than most commands. `started` is a process of its own,
+for what only a process has: its environment, its entry point. `launched` is a run in a process of its own,
+read line by line while it goes on.
+"""
 
 import contextlib
+import io
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import psutil
 from locations import ROOT
@@ -24,15 +34,65 @@ SHORT = (
 """A map in a few seconds, then a touch: every channel has something to carry."""
 
 
-def command(file: Path, *arguments: str, settings: tuple[str, ...] = ()) -> list[str]:
+def skinnet(*arguments: str, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Exit code and output of a command, run by the entry point of the program in this process.
+
+    What is logged goes to pytest, not to standard error.
+    """
+    from skinnet.cli.main import main
+
+    output, errors = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="") for _ in range(2))
+    code: object = 0
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(mock.patch.object(sys, "argv", ["skinnet", *arguments]))
+        stack.enter_context(mock.patch.dict(os.environ, environment))
+        stack.enter_context(contextlib.chdir(cwd))
+        stack.enter_context(contextlib.redirect_stdout(output))
+        stack.enter_context(contextlib.redirect_stderr(errors))
+        stack.callback(signal.signal, signal.SIGTERM, signal.getsignal(signal.SIGTERM))
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+    output.seek(0)
+    errors.seek(0)
+    return subprocess.CompletedProcess(["skinnet", *arguments], int(code or 0), output.read(), errors.read())
+
+
+def started(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Exit code and output of a command in a process of its own."""
+    line = [sys.executable, "-m", "skinnet.cli", *arguments]
+    everything = os.environ | environment
+    return subprocess.run(
+        line, capture_output=True, text=True, check=False, timeout=300, cwd=ROOT, env=everything
+    )
+
+
+def _run(file: Path, *arguments: str, settings: tuple[str, ...] = ()) -> list[str]:
+    """Words of `skinnet run`."""
     sets = [word for setting in settings for word in ("--set", setting)]
-    return [sys.executable, "-m", "skinnet.cli", "run", str(file), *sets, *arguments]
+    return ["run", str(file), *sets, *arguments]
+
+
+def command(file: Path, *arguments: str, settings: tuple[str, ...] = ()) -> list[str]:
+    """Command line of a run in a process of its own."""
+    return [sys.executable, "-m", "skinnet.cli", *_run(file, *arguments, settings=settings)]
 
 
 def run(file: Path, out: Path, *arguments: str, settings: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Summary of a run that must succeed."""
-    line = command(file, "--no-plots", "--out", str(out), *arguments, settings=settings)
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=900)
+    """Summary of a run that must succeed; this process is its launcher, or the whole run."""
+    return _summary(skinnet(*_run(file, "--no-plots", "--out", str(out), *arguments, settings=settings)), out)
+
+
+def run_alone(
+    file: Path, out: Path, *arguments: str, settings: tuple[str, ...] = (), **environment: str
+) -> dict[str, Any]:
+    """Summary of a run that must succeed, in a process of its own."""
+    words = _run(file, "--no-plots", "--out", str(out), *arguments, settings=settings)
+    return _summary(started(*words, **environment), out)
+
+
+def _summary(done: subprocess.CompletedProcess[str], out: Path) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr + done.stdout
     summary: dict[str, Any] = json.loads((out / "summary.json").read_text())
     return summary

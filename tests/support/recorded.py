@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pytest
 from launching import TOUCH, run
 from locations import ROOT
 from mcap.reader import make_reader
@@ -39,6 +40,17 @@ def record(name: str, out: Path, *arguments: str, settings: tuple[str, ...] = ()
     """Summary of a short recorded run."""
     file, short = SHORT[name]
     return run(file, out, "--record", *arguments, settings=short + settings)
+
+
+_made: dict[str, tuple[Path, dict[str, Any]]] = {}
+
+
+def recorded_once(name: str, folders: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Folder and summary of a short recorded run in one process, which all tests share and none changes."""
+    if name not in _made:
+        folder = folders.mktemp(name)
+        _made[name] = folder, record(name, folder, "--in-process")
+    return _made[name]
 
 
 def plain(path: Path) -> list[Plain]:

@@ -12,15 +12,17 @@ Functions work in the frame of the geom, with scalars as in `ray_casting`.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from skinnet.compilation import compiled_without_nrt
 from skinnet.pinned_linalg import matmul
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 __all__ = [
     "ConvexHulls",
@@ -85,7 +87,7 @@ def build_convex_hulls(vertices_m: Sequence[Floats]) -> ConvexHulls:
     for index, points_m in enumerate(vertices_m):
         try:
             parts.append(_hull(points_m))
-        except QhullError as error:
+        except ValueError as error:
             raise ValueError(index) from error
     first = np.concatenate([[0], np.cumsum([len(part[1]) for part in parts])]).astype(np.int64)
     return ConvexHulls(
@@ -102,15 +104,20 @@ def build_convex_hulls(vertices_m: Sequence[Floats]) -> ConvexHulls:
     )
 
 
-def hull_of(points_m: Floats) -> tuple[ConvexHull, Indices, Indices]:
+def hull_of(points_m: Floats) -> "tuple[ConvexHull, Indices, Indices]":
     """Convex hull of points (v, 3) [m], its triangles (t, 3), and the triangles beside these (t, 3).
 
     Triangles are rows of the points, counter-clockwise from outside; neighbour k lies opposite to corner k.
 
     Raises:
-        QhullError: the points lie in a plane.
+        ValueError: the points lie in a plane.
     """
-    hull = ConvexHull(points_m)
+    from scipy.spatial import ConvexHull, QhullError  # their import takes longer than most commands
+
+    try:
+        hull = ConvexHull(points_m)
+    except QhullError as error:
+        raise ValueError("the points lie in a plane") from error
     triangle, neighbour = hull.simplices.astype(np.int64), hull.neighbors.astype(np.int64)
     corner_m = hull.points[triangle]
     normal = np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0])

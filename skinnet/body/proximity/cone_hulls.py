@@ -20,7 +20,7 @@ def hull_facets_m(mj: mujoco.MjModel, mesh: int) -> NDArray[np.float64]:
     """Triangles (t, 13) [m] of the convex hull of a mesh, which is the one that skin feels.
 
     Raises:
-        QhullError: the mesh is flat.
+        ValueError: the mesh is flat.
     """
     hull, triangle, _ = hull_of(hull_vertices_m(mj, mesh))
     corner_m = hull.points[triangle]

@@ -6,7 +6,6 @@ from typing import NamedTuple, Self
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import QhullError
 
 from skinnet import pinned_math
 from skinnet.body.contact import ray_casting as geometry
@@ -79,7 +78,7 @@ def _facets_m(mj: mujoco.MjModel, geom: int) -> Floats:
     """Triangles (t, 13) [m] of the hull of a mesh geom."""
     try:
         return hull_facets_m(mj, int(mj.geom_dataid[geom]))
-    except QhullError as error:
+    except ValueError as error:
         raise flat_mesh_error(mj, geom) from error
 
 

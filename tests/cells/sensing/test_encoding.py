@@ -3,11 +3,11 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from cells.sensing.encoding import ENCODINGS, Encoder, EncoderOutput
 from cells.sensing.transducers import STANDARD_GRAVITY_M_S2, Transducers, noise_keys, phases_ns
@@ -298,7 +298,7 @@ def test_noise_crosses_a_hysteresis_as_often_as_two_states_of_a_markov_chain_cha
         transducers.sample(frame, stimulus, stimulus, out)
         changes += int(np.sum(encoder.encode(out).modality == Modality.FORCE))
     # in the middle of the band each sample leaves either state with probability Q(h / 2σ)
-    expected = norm.sf(margin_in_sigmas / 2) * n * 3 * frames
+    expected = scipy.stats.norm.sf(margin_in_sigmas / 2) * n * 3 * frames
     assert changes == pytest.approx(expected, abs=4 * math.sqrt(expected))
 
 

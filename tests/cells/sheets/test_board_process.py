@@ -1,11 +1,10 @@
 """The host of boards and the nursing node at the ends of their wires."""
 
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
+from launching import skinnet
 from locations import DEPLOYMENTS
 from small_robot import small
 
@@ -187,8 +186,7 @@ def test_what_does_not_fit_is_refused(tables: dict[str, Any], said: str) -> None
 @pytest.mark.parametrize("command", ["plan", "stress"])
 def test_commands_about_cells_refuse_a_skin_of_sheets(command: str) -> None:
     file = DEPLOYMENTS / "riba_cylinder.toml"
-    line = [sys.executable, "-m", "skinnet.cli", command, str(file), "--no-plots"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+    done = skinnet(command, str(file), "--no-plots")
     assert done.returncode == 2
     assert "patches: none" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

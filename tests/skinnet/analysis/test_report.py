@@ -2,13 +2,12 @@
 
 import json
 import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+from launching import skinnet
 from locations import ROOT, SHIPPED_DEPLOYMENTS
 from reported import ARM, SHORT, Page, browser, png, small_run
 
@@ -94,11 +93,6 @@ def sweep(folder: Path) -> Path:
 
 def page_of(folder: Path) -> Page:
     return Page(render_html(read_run_folder(folder)))
-
-
-def skinnet(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    line = [sys.executable, "-m", "skinnet.cli", *arguments]
-    return subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
 
 
 # The page

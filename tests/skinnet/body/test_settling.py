@@ -1,13 +1,12 @@
 """A body that settles at home: forces against statics, drift, energy, and what no cell feels."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from body_scenes import deployment_of, lattice_patch
+from launching import skinnet
 from locations import DEPLOYMENTS
 
 from skinnet.body.settling import settle
@@ -83,18 +82,20 @@ def test_gravity_that_is_switched_off_is_no_gravity(tmp_path: Path) -> None:
 
 def test_the_command_prints_and_writes_it() -> None:
     file = DEPLOYMENTS / "two_link_arm.toml"
-    line = [sys.executable, "-m", "skinnet.cli", "check", str(file), "--settle", "0.05"]
-    done = subprocess.run([*line, "--json", "-"], capture_output=True, text=True, check=True, timeout=100)
+    line = ("check", str(file), "--settle", "0.05")
+    done = skinnet(*line, "--json", "-")
+    assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["settle_s"] == 0.05
     assert {"settle.unsensed_n", "settle.energy_ratio", "settle.left_out"} <= report["metrics"].keys()
-    done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=100)
+    done = skinnet(*line)
+    assert done.returncode == 0, done.stderr
     assert "settle.force_n." in done.stdout
     for wrong, why in (
         (["--settle", "0"], "--settle 0: must be above 0"),
         (["--settle", "inf"], "--settle inf: must be above 0"),
         (["--settle", "1", "--resolved"], "--resolved prints TOML"),
     ):
-        done = subprocess.run([*line[:5], *wrong], capture_output=True, text=True, check=False, timeout=100)
+        done = skinnet(*line[:2], *wrong)
         assert done.returncode == 2
         assert why in done.stderr

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import typer.main
-from launching import TOUCH
+from launching import TOUCH, skinnet, started
 from locations import ROOT
 from rich.console import Console
 
@@ -27,14 +27,6 @@ from skinnet.errors import DeploymentError, SkinnetError
 from skinnet.migration.summaries import FORMAT
 from skinnet.run.prepare import RunOptions, prepare_run
 from skinnet.suggestions import known_names
-
-
-def skinnet(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "skinnet.cli", *arguments]
-    return subprocess.run(
-        line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT, env=os.environ | environment
-    )
-
 
 BAD = {
     "unknown key": ("body.moddel=x", ["body.moddel", "unknown key", "did you mean model?"]),
@@ -80,6 +72,14 @@ def test_bad_input_is_one_clear_line(verb: str, name: str) -> None:
     assert done.stdout == ""
     for text in expected:
         assert any(option in done.stderr for option in text.split("|")), done.stderr
+
+
+def test_the_program_and_its_exit_code() -> None:
+    """A process of its own says and returns what the entry point does."""
+    for arguments in (("check", str(TOUCH), "--set", "run.max=1"), ("--version",)):
+        alone, here = started(*arguments), skinnet(*arguments)
+        assert (alone.returncode, alone.stdout, alone.stderr) == (here.returncode, here.stdout, here.stderr)
+        assert alone.returncode == (0 if arguments == ("--version",) else 2)
 
 
 def test_a_model_that_does_not_compile(tmp_path: Path) -> None:

@@ -1,12 +1,11 @@
 """Command `skinnet cover`: its figures as JSON, explicit patches for editing, one line for bad input."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import msgspec
+from launching import skinnet
 from link_models import write_two_links
 
 from skinnet.covering.covered_deployment import load_covered
@@ -16,17 +15,7 @@ FEW = '[[cover]]\nname = "skin"\nbody = ["upper", "fore"]\nmax_cells = 6\n'
 
 
 def cover(*options: str, home: Path) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "skinnet.cli", "cover", *options]
-    environment = os.environ | {"XDG_CACHE_HOME": str(home / "cache"), "NUMBA_CACHE_DIR": numba_cache()}
-    return subprocess.run(line, capture_output=True, text=True, check=False, env=environment, timeout=300)
-
-
-def numba_cache() -> str:
-    import numba
-
-    import skinnet.compilation  # noqa: F401
-
-    return str(numba.config.CACHE_DIR)
+    return skinnet("cover", *options, XDG_CACHE_HOME=str(home / "cache"))
 
 
 def test_figures_and_explicit_patches(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+import scipy
 from locations import ROOT
-from scipy import stats
 from small_robot import SHIPPED, patch, small
 
 from skinnet.cli.main import main
@@ -237,7 +237,7 @@ def test_random_times_are_uniform_and_each_target_has_its_own() -> None:
     found = big(rule("cell_dead", "arm", between_s=[3.0, 8.0]))
     t_s = np.array([span.t_ns for span in found]) * 1e-9
     assert len(t_s) == len(np.unique(t_s)) == 400
-    assert stats.kstest((t_s - 3.0) / 5.0, "uniform").pvalue > 1e-3
+    assert scipy.stats.kstest((t_s - 3.0) / 5.0, "uniform").pvalue > 1e-3
     both = {(span.t_ns, span.until_ns) for span in spans(rule(between_s=[1.0, 9.0]))}
     assert len(both) == 1
 
@@ -254,7 +254,7 @@ def test_repeated_faults_are_a_poisson_process_while_whole() -> None:
     assert min(gaps) > 0
     # a run ends before its longest gaps do: first gaps from the start are free of that
     firsts = np.array([own[0].t_ns for own in by_cell.values()]) * 1e-9
-    assert stats.kstest(firsts / mean_s, "expon").pvalue > 1e-3
+    assert scipy.stats.kstest(firsts / mean_s, "expon").pvalue > 1e-3
     # renewal theory: an alternating process is broken for duration / (mean + duration) of the time
     expected = 400 * end_s / (mean_s + duration_s)
     assert len(found) == pytest.approx(expected, rel=0.02)
@@ -269,8 +269,8 @@ def test_a_pick_is_a_fair_choice_by_the_seed() -> None:
     counts = np.bincount([int(cell.split("/")[1]) for cells in picked for cell in cells], minlength=400)
     # each cell is in with p = 1/20; sum of squares over variance is chi-squared, less the one constraint
     chi2 = float(((counts - 3.0) ** 2).sum() / (60 * 0.05 * 0.95))
-    assert stats.chi2.sf(chi2, 399) > 1e-3
-    assert stats.chi2.cdf(chi2, 399) > 1e-3
+    assert scipy.stats.chi2.sf(chi2, 399) > 1e-3
+    assert scipy.stats.chi2.cdf(chi2, 399) > 1e-3
     order = [int(cell.split("/")[1]) for cell in picked[0]]
     assert order == sorted(order)
 
@@ -331,7 +331,7 @@ def test_phases_of_a_bursty_link_alternate_for_exponential_times() -> None:
     assert np.all(loss[1:] != loss[:-1])
     for probability, mean_s in ((0.02, 0.3), (0.7, 0.1)):
         own = dwell_s[loss[:-1] == probability]
-        assert stats.kstest(own / mean_s, "expon").pvalue > 1e-3
+        assert scipy.stats.kstest(own / mean_s, "expon").pvalue > 1e-3
     mean = float((dwell_s * loss[:-1]).sum() / dwell_s.sum())
     # the share of bad time of an alternating renewal process has variance ~ 2 (g b)² / ((g + b)³ T)
     sigma = 0.68 * math.sqrt(2 * (0.3 * 0.1) ** 2 / (0.4**3 * dwell_s.sum()))
@@ -355,7 +355,7 @@ def test_a_burst_loses_as_many_packets_in_a_row_as_the_channel_of_gilbert_does()
     observed = np.bincount(np.minimum(runs, longest), minlength=longest + 1)[1:]
     chance = leave * (1.0 - leave) ** np.arange(longest)
     chance[-1] = 1.0 - chance[:-1].sum()
-    assert stats.chisquare(observed, chance * len(runs)).pvalue > 1e-3
+    assert scipy.stats.chisquare(observed, chance * len(runs)).pvalue > 1e-3
 
 
 def test_a_bursty_link_begins_as_it_goes_on_and_ends_with_its_span() -> None:

@@ -16,10 +16,26 @@ from skinnet.deployment import load
 pytestmark = pytest.mark.timeout(400)
 
 
+SPREAD = ("hrp2_touch", "riba_cylinder")
+"""One of cells and one of sheets, which run in processes in every run of the suite."""
+
+
 @pytest.mark.processes
-@pytest.mark.parametrize("path", SHIPPED_DEPLOYMENTS, ids=lambda path: path.stem)
-def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
-    summary = run(path, tmp_path, settings=("run.max_s=1.0",))
+@pytest.mark.parametrize(
+    ("path", "arguments"),
+    [
+        pytest.param(
+            path, arguments, id=f"{path.stem}{''.join(arguments)}", marks=[pytest.mark.long] * is_long
+        )
+        for path in SHIPPED_DEPLOYMENTS
+        for arguments, is_long in (
+            ((), path.stem not in SPREAD),
+            (("--in-process",), path.stem in SPREAD),
+        )
+    ],
+)
+def test_every_deployment_runs(path: Path, arguments: tuple[str, ...], tmp_path: Path) -> None:
+    summary = run(path, tmp_path, *arguments, settings=("run.max_s=1.0",))
     results = read_run_folder(tmp_path)
     assert isinstance(results, RunResults)
     assert results.files.deployment == load(path, ("run.max_s=1.0",))
@@ -27,7 +43,7 @@ def test_every_deployment_runs(path: Path, tmp_path: Path) -> None:
     assert summary["sim_s"] == pytest.approx(1.0, abs=0.02)
     assert summary["metrics"]["network.conserved"]
     assert summary["metrics"].get("formation.unreached_cells", 0) == 0  # sheets form no network
-    assert {process["exit_code"] for process in summary["processes"]} == {0}
+    assert {process.get("exit_code", 0) for process in summary["processes"]} == {0}
 
 
 def assert_as_the_paper(folder: Path, least: int) -> None:
@@ -107,7 +123,7 @@ def test_reactions_spare_the_robot(whole: dict[str, Any], tmp_path: Path) -> Non
 def test_too_much_noise_is_reported_honestly(tmp_path: Path) -> None:
     settings = ('controller.program=["structure"]', "cells.accelerometer.noise_g=0.4")
     settings += ("controller.structure.averaging_s=0.2", "controller.structure.settle_s=0.2")
-    figures = run(TOUCH, tmp_path, "--in-process", settings=settings)["metrics"]
+    figures = run(ARM, tmp_path, "--in-process", settings=settings)["metrics"]
     assert figures["structure.wrong_entries"] > 0
     assert not figures["structure.is_tree"]
     assert figures["structure.problems"]

@@ -3,16 +3,15 @@
 import copy
 import json
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import launching
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from launching import TOUCH
 from locations import ROOT
 from memory_robot import ROBOT, known, memories, same
 
@@ -140,7 +139,7 @@ def test_what_is_no_memory_is_refused(text: bytes) -> None:
 
 def taught(**areas: list[int]) -> MemoryContents:
     """A memory of the robot of `hrp2_touch`."""
-    robot = robot_description(load(TOUCH))
+    robot = robot_description(load(launching.TOUCH))
     home = KeyPose(np.zeros(len(robot.joints)), np.zeros(robot.shape))
     arrays = {label: np.array(cells) for label, cells in areas.items()}
     return MemoryContents(
@@ -182,16 +181,15 @@ def refuse(skinnet: Skinnet, said: str, *arguments: str) -> None:
 
 
 def test_the_program_itself(tmp_path: Path) -> None:
-    """Out and back and shown, each by a process of its own."""
+    """Out and back and shown."""
     first, second, text = (str(tmp_path / name) for name in ("a.sqlite", "new/b.sqlite", "a.json"))
     write_memory(Path(first), taught(pat=[3, 20]))
     for arguments in (
         ("export", first, "--out", text),
-        ("import", text, second, "--deployment", str(TOUCH)),
+        ("import", text, second, "--deployment", str(launching.TOUCH)),
         ("show", second),
     ):
-        line = [sys.executable, "-m", "skinnet.cli", "memory", *arguments]
-        done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60, cwd=ROOT)
+        done = launching.skinnet("memory", *arguments)
         assert (done.returncode, done.stderr) == (0, "")
     assert "memory of hrp2" in done.stdout
     assert same(read_memory(Path(second)), taught(pat=[3, 20]))
@@ -240,7 +238,7 @@ def test_commands_refuse_in_one_line(skinnet: Skinnet, tmp_path: Path) -> None:
     text.write_bytes(to_json(known()))
     refuse(skinnet, "m.sqlite: there is no such file", "show", str(path))
     refuse(skinnet, "b.json: file not found", "import", str(tmp_path / "b.json"), str(path))
-    what = ("import", str(text), str(path), "--deployment", str(TOUCH))
+    what = ("import", str(text), str(path), "--deployment", str(launching.TOUCH))
     refuse(skinnet, "a.json: belongs to another robot: name[0] is bot; hrp2 is due", *what)
     text.write_bytes(to_json(bent()))
     refuse(skinnet, "a.json: poses.open: left_elbow_pitch = 9: the joint goes from -", *what)
@@ -260,7 +258,7 @@ def test_a_run_is_refused_before_it_starts_if_its_memory_does_not_fit(tmp_path: 
     path = tmp_path / "memory.sqlite"
 
     def order(*settings: str) -> RunOptions:
-        return RunOptions(TOUCH, (f"memory.read={path}", *settings))
+        return RunOptions(launching.TOUCH, (f"memory.read={path}", *settings))
 
     with pytest.raises(DeploymentError, match=r"hrp2_touch.toml: memory.read: .*there is no such file"):
         prepare_run(order())

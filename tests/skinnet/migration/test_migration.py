@@ -11,8 +11,6 @@ import json
 import logging
 import shutil
 import sqlite3
-import subprocess
-import sys
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -24,7 +22,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from launching import run
+from launching import run, started
 from locations import DATA, ROOT
 from mcap.reader import make_reader
 from mcap.records import Attachment, Metadata
@@ -824,8 +822,7 @@ def test_the_command_line_says_once_that_a_file_is_old(old: Path) -> None:
         ("replay", old / "recordings" / "riba_trajectory.mcap", "--into", "controller", "--base", SHIPPED),
         ("memory", "show", old / "memory.sqlite"),
     ):
-        line = [sys.executable, "-m", "skinnet.cli", *map(str, command)]
-        done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=100)
+        done = started(*map(str, command))
         assert done.returncode == 0, done.stderr
         (remark,) = done.stderr.splitlines()
         assert remark.endswith("of an earlier format, read by its present names; skinnet migrate rewrites it")

@@ -39,9 +39,15 @@ JOINTS = {
 }
 
 
+@pytest.fixture(scope="module")
+def coverings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Coverings that a test of this module made; the same model is not covered again."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture(autouse=True)
-def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def cache_folder(coverings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(coverings))
 
 
 def made(model: Path, template: Template = Template.TOUCH) -> PreparedRun:
@@ -150,11 +156,13 @@ def test_without_gravity_no_axis_is_turned_away_from_it(option: str, tmp_path: P
     assert set(made_of.home.position.values()) == {0.0}
 
 
-def test_equal_models_give_equal_files(tmp_path: Path) -> None:
+def test_equal_models_give_equal_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each covered anew."""
     model = write_trait(tmp_path, "gravity_aligned_wrist")
     files = [tmp_path / "robot.toml", tmp_path / "again" / "robot.toml"]
     files[1].parent.mkdir()
     for file in files:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
         onboard(model, file, Template.TOUCH, ())
     one, other = (file.read_text("utf-8") for file in files)
     assert one == other.replace('"../gravity', '"gravity')

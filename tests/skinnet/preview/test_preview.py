@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from body_scenes import ARM, ARM_CELLS, deployment_of, patch
 from browsing import ARGUMENTS, CHROMIUM, REDDISH
+from launching import skinnet
 from locations import DEPLOYMENTS
 
 from skinnet.body.simulation import BodySimulation
@@ -142,8 +143,8 @@ def test_the_page_draws_without_a_network(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_both(tmp_path: Path) -> None:
-    line = [sys.executable, "-m", "skinnet.cli", "preview", str(FILE), "--out", str(tmp_path / "out")]
-    done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=100)
+    done = skinnet("preview", str(FILE), "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "two_link_arm_preview.html").is_file()
     lines = done.stdout.splitlines()
     assert lines[0].startswith("page in ")

@@ -12,7 +12,7 @@ import pytest
 from launching import run
 from mcap.reader import make_reader
 from protobuf_wire import Schema
-from recorded import ARM, SHORT, SHORT_ARM, Plain, plain, record
+from recorded import ARM, SHORT, SHORT_ARM, Plain, plain, record, recorded_once
 
 from skinnet.body.visual_shapes import VisualModel
 from skinnet.protocol.channels import CHANNELS, Keys
@@ -28,8 +28,7 @@ FOXGLOVE = ("foxglove.FrameTransforms", "foxglove.SceneUpdate", "foxglove.Log")
 @pytest.fixture(scope="module", params=SHORT)
 def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A recorded run of each kind: its folder, its summary, and what is in the file."""
-    folder = tmp_path_factory.mktemp(request.param)
-    summary = record(request.param, folder, "--in-process")
+    folder, summary = recorded_once(request.param, tmp_path_factory)
     return folder, summary, plain(folder / "run.mcap")
 
 
@@ -240,13 +239,15 @@ def _nowhere(_key: str, _payload: bytes) -> None:
 
 
 @pytest.mark.processes
-def test_a_recorder_changes_nothing_and_processes_neither(tmp_path: Path) -> None:
+def test_a_recorder_changes_nothing_and_processes_neither(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     without = run(ARM, tmp_path / "without", "--in-process", settings=SHORT_ARM)
-    one = record("arm", tmp_path / "one", "--in-process")
+    folder, one = recorded_once("arm", tmp_path_factory)
     many = record("arm", tmp_path / "many")
     assert without["log_sha256"] == one["log_sha256"] == many["log_sha256"]
     assert {p["name"] for p in many["processes"]} == {"body", "cells0", "cells1", "controller", "recorder"}
-    first: list[Plain] = plain(tmp_path / "one" / "run.mcap")
+    first: list[Plain] = plain(folder / "run.mcap")
     assert first == plain(tmp_path / "many" / "run.mcap")
     counted = {k: v for k, v in one["metrics"].items() if "bytes" not in k}
     assert counted == {k: v for k, v in many["metrics"].items() if "bytes" not in k}

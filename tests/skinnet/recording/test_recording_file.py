@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -15,14 +16,14 @@ import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from launching import child, command, family, gone, launched, run, wait_for
+from launching import child, command, family, gone, launched, run, skinnet, wait_for
 from locations import ROOT
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer as PlainWriter
 from memory_robot import ROBOT, known
-from recorded import ARM, SHORT_ARM, plain, record
+from recorded import ARM, SHORT_ARM, plain, recorded_once
 from small_robot import small
 
 from skinnet.errors import RecordingError
@@ -105,13 +106,11 @@ def test_a_file_that_is_cut_opens_up_to_its_last_chunk(
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("recorded")
-    record("arm", folder, "--in-process")
-    return folder / "run.mcap"
+    return recorded_once("arm", tmp_path_factory)[0] / "run.mcap"
 
 
 FEEDER = """
-import sys
+import os, sys
 from pathlib import Path
 from skinnet.recording import writer
 from skinnet.recording.process import build
@@ -119,20 +118,31 @@ from skinnet.recording.reader import Recording
 
 writer._CHUNK_S = 0.0
 own = Recording(Path(sys.argv[1]))
-node = build(own.deployment(), "recorder", own.base, Path(sys.argv[2]))
-node.start(None)
-for number, message in enumerate(own.messages()):
-    node.accept(message.channel, message.fields, message.payload)
-    while (needs := node.needs()) is not None and all(
-        node.upstreams[name].watermark_ns >= t_ns for name, t_ns in needs.items()
-    ):
-        node.step(None)
-    if number == int(sys.argv[3]):
-        print(number, flush=True)
-        sys.stdin.read()
+messages = list(own.messages())
+
+def feed(out, last):
+    node = build(own.deployment(), "recorder", own.base, out)
+    node.start(None)
+    for number, message in enumerate(messages):
+        node.accept(message.channel, message.fields, message.payload)
+        while (needs := node.needs()) is not None and all(
+            node.upstreams[name].watermark_ns >= t_ns for name, t_ns in needs.items()
+        ):
+            node.step(None)
+        if number == last:
+            print(os.getpid(), flush=True)
+            sys.stdin.read()
+
+for number, last in enumerate(map(int, sys.argv[3:])):
+    pid = os.fork()
+    if not pid:
+        feed(Path(sys.argv[2], str(number)), last)
+        os._exit(1)
+    print(os.waitpid(pid, 0)[1], flush=True)
 """
-"""A recorder that gets the messages of a recording again, and writes a chunk at every step; at a number it
-waits for its end, so that a slow reader does not let it come to its own."""
+"""Recorders, one after the other, that get the messages of a recording again and write a chunk at every step.
+At a number each says which process it is and waits for its end, so that a slow reader does not let it come to
+its own. Then this process says how it ended."""
 
 
 @pytest.mark.processes
@@ -140,17 +150,18 @@ def test_a_kill_at_any_moment_leaves_a_readable_file(recording: Path, tmp_path: 
     rng = np.random.default_rng(6)
     wanted = plain(recording)
     lengths = []
-    for number in range(KILLS):
-        out = tmp_path / str(number)
+    folders = [tmp_path / str(number) for number in range(KILLS)]
+    for out in folders:
         out.mkdir()
-        last = int(rng.integers(200, 0.9 * len(wanted) * 0.9))
-        line = [sys.executable, "-c", FEEDER, str(recording), str(out), str(last)]
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        with subprocess.Popen(line, text=True, cwd=ROOT, **pipes) as feeder:
-            assert feeder.stdout is not None
-            assert feeder.stdout.readline() == f"{last}\n"
-            feeder.kill()
-        assert feeder.returncode == -signal.SIGKILL
+    last = [str(rng.integers(200, 0.9 * len(wanted) * 0.9)) for _ in folders]
+    line = [sys.executable, "-c", FEEDER, str(recording), str(tmp_path), *last]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(line, text=True, cwd=ROOT, **pipes) as feeder:
+        assert feeder.stdout is not None
+        for _ in folders:
+            os.kill(int(feeder.stdout.readline()), signal.SIGKILL)
+            assert int(feeder.stdout.readline()) == signal.SIGKILL
+    for out in folders:
         own = Recording(out / "run.mcap")
         assert not own.complete
         found = list(own.all_messages())
@@ -180,8 +191,7 @@ def test_a_run_that_is_killed_leaves_its_record(tmp_path: Path) -> None:
         "topology",
         "free_bodies",
     }
-    line = [sys.executable, "-m", "skinnet.cli", "replay", str(own.path), "--into", "controller"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
+    done = skinnet("replay", str(own.path), "--into", "controller")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("no difference in ")
     assert done.stdout.endswith("s; the recording is truncated there\n")
@@ -304,8 +314,7 @@ def test_what_is_no_recording_is_refused_in_one_line(recording: Path, tmp_path: 
         assert said.startswith(f"{path}: {why}"), said
         assert "\n" not in said
     for arguments in ((str(text), "--into", "controller"), (str(damaged), "--into", "controller")):
-        line = [sys.executable, "-m", "skinnet.cli", "replay", *arguments]
-        done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
+        done = skinnet("replay", *arguments)
         assert (done.returncode, done.stdout) == (2, "")
         assert len(done.stderr.splitlines()) == 1
 

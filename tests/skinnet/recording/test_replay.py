@@ -13,9 +13,9 @@ from typing import Any
 import msgpack
 import msgspec
 import pytest
-from launching import launched, wait_for
+from launching import launched, skinnet, wait_for
 from locations import ROOT
-from recorded import ARM, SHORT, plain, record
+from recorded import ARM, SHORT, plain, recorded_once
 from requesting import request
 from zenoh_clients import client, endpoint_of
 
@@ -29,22 +29,17 @@ pytestmark = pytest.mark.timeout(300)
 
 @pytest.fixture(scope="module", params=SHORT)
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp(request.param)
-    record(request.param, folder, "--in-process")
-    return folder / "run.mcap"
+    return recorded_once(request.param, tmp_path_factory)[0] / "run.mcap"
 
 
 @pytest.fixture(scope="module")
 def touched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("touched")
-    record("touch", folder, "--in-process")
-    return folder / "run.mcap"
+    return recorded_once("touch", tmp_path_factory)[0] / "run.mcap"
 
 
 def replay(*arguments: str) -> tuple[int, str]:
     """Exit code of `skinnet replay` and the one line that it prints."""
-    line = [sys.executable, "-m", "skinnet.cli", "replay", *arguments]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+    done = skinnet("replay", *arguments)
     (said,) = (done.stdout + done.stderr).splitlines()
     return done.returncode, said
 
@@ -88,9 +83,7 @@ def test_a_difference_after_another_arithmetic_is_no_proof(touched: Path, tmp_pa
     (tmp_path / "summary.json").write_text(json.dumps(summary))
     shutil.copy(touched, tmp_path / "run.mcap")
     gain = "controller.stages.force_guidance.force_gain=1.001"
-    line = [sys.executable, "-m", "skinnet.cli", "replay", str(tmp_path / "run.mcap")]
-    line += ["--into", "controller", "--set", gain]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+    done = skinnet("replay", str(tmp_path / "run.mcap"), "--into", "controller", "--set", gain)
     first, second = done.stdout.splitlines()
     assert first.startswith("different at")
     assert second == (

@@ -1,14 +1,12 @@
 """Runs, seeds and reports in folders that others use, too."""
 
 import json
-import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from launching import command, launched, wait_for
+from launching import command, launched, skinnet, wait_for
 from reported import ARM, small_run
 
 from skinnet.analysis.report.run_folder import read_run_folder
@@ -66,10 +64,7 @@ def test_commands_refuse_folders_of_others_in_one_line(tmp_path: Path, arguments
 
 
 def called(*arguments: str) -> tuple[int, str]:
-    line = [sys.executable, "-m", "skinnet.cli", *arguments]
-    done = subprocess.run(
-        line, capture_output=True, text=True, check=False, env=dict(os.environ), timeout=120
-    )
+    done = skinnet(*arguments)
     return done.returncode, done.stderr
 
 

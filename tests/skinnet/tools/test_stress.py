@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import launching
 import numpy as np
 import psutil
 import pytest
@@ -218,8 +219,7 @@ def test_the_thresholds_nearest_to_what_was_published_are_nearest_to_all_of_it()
 
 def stress(*arguments: str, settings: tuple[str, ...] = SCRIPTED) -> "subprocess.CompletedProcess[str]":
     sets = [word for setting in settings for word in ("--set", setting)]
-    line = [sys.executable, "-m", "skinnet.cli", "stress", str(ARM), *sets, *arguments]
-    return subprocess.run(line, capture_output=True, text=True, check=False, timeout=300)
+    return launching.skinnet("stress", str(ARM), *sets, *arguments)
 
 
 @pytest.fixture(scope="module")

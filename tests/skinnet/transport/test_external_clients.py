@@ -10,6 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
+import reported
 from launching import SHORT, TOUCH, launched, run, wait_for
 from zenoh_clients import client, endpoint_of
 
@@ -31,12 +32,11 @@ sys.stdin.read()
 
 def test_events_topology_and_configuration(tmp_path: Path) -> None:
     """The whole conversation of a user with a run that goes on, in one run."""
-    settings = ('controller.program=["map", "force_guidance"]', *SHORT[1:4])
-    settings += ("controller.stages.force_guidance.duration_s=600.0", "run.pace=realtime")
-    settings += ("teacher.touches.0.start_s=3.0", "teacher.touches.0.hold_s=500.0")
-    with launched(TOUCH, tmp_path, settings=settings) as process:
+    settings = (*reported.SHORT[:4], "controller.stages.evade.duration_s=600.0", "run.pace=realtime")
+    settings += ("run.max_s=600.0", "teacher.touches.0.start_s=3.0", "teacher.touches.0.hold_s=500.0")
+    with launched(reported.ARM, tmp_path, settings=settings) as process:
         endpoint = endpoint_of(wait_for(process, "connect to"))
-        wait_for(process, "force_guidance")
+        wait_for(process, "evade")
         events: queue.Queue[tuple[str, dict[str, Any]]] = queue.Queue()
         streams: queue.Queue[dict[str, Any]] = queue.Queue()
 
@@ -44,31 +44,31 @@ def test_events_topology_and_configuration(tmp_path: Path) -> None:
             events.put((str(sample.key_expr), msgpack.unpackb(sample.payload.to_bytes())))
 
         with client(endpoint) as session:
-            session.declare_subscriber("skinnet/hrp2/skin/**/events", keep)
+            session.declare_subscriber("skinnet/arm/skin/**/events", keep)
             key, message = events.get(timeout=60)
-            assert key == f"skinnet/hrp2/skin/{message['patch']}/{message['cell'][0]}/events"
+            assert key == f"skinnet/arm/skin/{message['patch']}/{message['cell'][0]}/events"
             assert (message["type"], message["schema"]) == ("events", SCHEMA)
             columns = [message[name] for name in ("cell", "t_sampled_ns", "modality", "level", "value")]
             assert len({len(column) for column in columns}) == 1
 
-            replies = [reply.ok for reply in session.get("skinnet/hrp2/skin/*/topology", timeout=20)]
+            replies = [reply.ok for reply in session.get("skinnet/arm/skin/*/topology", timeout=20)]
             topologies = {m["patch"]: m for m in (msgpack.unpackb(r.payload.to_bytes()) for r in replies)}
-            assert len(topologies) == 7
-            assert sorted(topologies["torso"]["network_id"]) == list(range(1, 19))
+            assert len(topologies) == 3
+            assert sorted(topologies["base"]["network_id"]) == list(range(1, 7))
 
             session.declare_subscriber(
-                "skinnet/hrp2/skin/torso/stream",
+                "skinnet/arm/skin/base/stream",
                 lambda sample: streams.put(msgpack.unpackb(sample.payload.to_bytes())),
             )
-            config = {"type": "config", "schema": SCHEMA, "patch": "torso", "cell": 7, "stream": True}
-            session.put("skinnet/hrp2/skin/torso/7/config", msgpack.packb(config))
-            session.put("skinnet/hrp2/skin/torso/99/config", msgpack.packb(config | {"cell": 99}))
-            session.put("skinnet/hrp2/skin/torso/7/config", b"garbage")
-            assert streams.get(timeout=60)["patch"] == "torso"
+            config = {"type": "config", "schema": SCHEMA, "patch": "base", "cell": 4, "stream": True}
+            session.put("skinnet/arm/skin/base/4/config", msgpack.packb(config))
+            session.put("skinnet/arm/skin/base/99/config", msgpack.packb(config | {"cell": 99}))
+            session.put("skinnet/arm/skin/base/4/config", b"garbage")
+            assert streams.get(timeout=60)["patch"] == "base"
         process.send_signal(signal.SIGINT)
         process.wait(timeout=60)
-    log = (tmp_path / "logs" / "left.log").read_text()
-    assert "torso has cells 0 to 17" in log
+    log = (tmp_path / "logs" / "cells0.log").read_text()
+    assert "base has cells 0 to 5" in log
     assert "not a Config" in log
 
 

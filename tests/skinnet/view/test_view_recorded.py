@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded import record
+from recorded import recorded_once
 from view_recordings import LENGTH_S, story, write
 from view_scene import MS, deployment, joints
 
@@ -183,10 +183,10 @@ def test_a_recording_without_a_message_has_nothing_to_show(deployed: Deployment,
         RecordingSource(write(tmp_path / "run.mcap", deployed, []), None, 0.0)
 
 
-def test_a_recorded_run_is_played_as_it_was(tmp_path: Path) -> None:
+def test_a_recorded_run_is_played_as_it_was(tmp_path_factory: pytest.TempPathFactory) -> None:
     """What the recorder of a run wrote: every state of the controller is there, and why it came."""
-    summary = record("touch", tmp_path, "--in-process", "--no-plots")
-    source = RecordingSource(tmp_path / "run.mcap", None, 0.0)
+    folder, summary = recorded_once("touch", tmp_path_factory)
+    source = RecordingSource(folder / "run.mcap", None, 0.0)
     scene = RunState(source.deployment, build_skin_layout(source.deployment))
     source.clock.set_rate(1000.0, 0.0)
     fed(source, scene, 1000.0)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from browsing import LONG_MS, visit
-from launching import called, command, family, gone, launched, run, wait_for
+from launching import called, child, family, gone, launched, run, skinnet, wait_for
 from locations import ROOT
 
 from skinnet.run.observers.page_process import PageProcess
@@ -20,10 +20,11 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 ARM = ROOT / "deployments" / "two_link_arm.toml"
 LASTING = (
     'controller.program=["listen"]',
-    'controller.stages.listen={ kind = "passive", duration_s = 90.0 }',
-    "run.max_s=90.0",
+    'controller.stages.listen={ kind = "passive", duration_s = 40.0 }',
+    "run.max_s=40.0",
+    "run.deadline_s=120.0",
 )
-"""In lockstep much longer than a page takes to be ready."""
+BRIEF = (*LASTING, "run.max_s=2.0")
 LISTEN = (
     'controller.program=["listen"]',
     'controller.stages.listen={ kind = "passive", duration_s = 600.0 }',
@@ -31,10 +32,25 @@ LISTEN = (
 )
 
 
+def page_of(process: subprocess.Popen[str]) -> str:
+    """Address of the page of a run in lockstep, which pauses until the page is ready."""
+    url, paused = "", None
+    assert process.stdout is not None
+    for line in process.stdout:
+        if "page of" in line:
+            url = line.split()[-1]
+        elif line.startswith("listen"):
+            paused = child(process, "body")
+            paused.send_signal(signal.SIGSTOP)
+        if url and paused is not None:
+            paused.send_signal(signal.SIGCONT)
+            return url
+    raise AssertionError("no page, or no run")
+
+
 def view(*arguments: str) -> tuple[int, str]:
     """Exit code and the one line of a `skinnet view` that ends by itself."""
-    line = [sys.executable, "-m", "skinnet.cli", "view", *arguments]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, cwd=ROOT)
+    done = skinnet("view", *arguments)
     (said,) = (done.stdout + done.stderr).splitlines()
     return done.returncode, said
 
@@ -66,8 +82,7 @@ def test_options_of_the_page_are_for_a_page(tmp_path: Path) -> None:
             "--keep and --seeds exclude each other: a page that is kept shows one run",
         ),
     ):
-        line = command(ARM, "--out", str(tmp_path), *options)
-        done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120)
+        done = skinnet("run", str(ARM), "--out", str(tmp_path), *options)
         assert (done.returncode, done.stderr) == (2, f"skinnet: {why}\n")
 
 
@@ -75,7 +90,7 @@ def test_the_page_goes_with_its_run_and_changes_nothing(tmp_path: Path) -> None:
     """In lockstep, with a page that is stopped in the middle: the log is what it is without one."""
     reference = run(ARM, tmp_path / "alone", "--in-process", settings=LASTING)
     with launched(ARM, tmp_path / "viewed", "--view", settings=LASTING) as process:
-        wait_for(process, "page of")
+        page_of(process)
         everybody = family(process)
         page = called(everybody, "view")
         page.send_signal(signal.SIGSTOP)
@@ -100,7 +115,7 @@ def test_a_run_that_is_over_first_says_so() -> None:
 @pytest.mark.long
 def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:
     with launched(ARM, tmp_path, "--view", settings=LASTING) as process:
-        wait_for(process, "page of")
+        page_of(process)
         page = called(family(process), "view")
         page.kill()
         _, errors = process.communicate(timeout=200)
@@ -108,8 +123,8 @@ def test_a_page_that_is_killed_is_not_the_runs_affair(tmp_path: Path) -> None:
 
 
 def test_a_page_that_is_kept_stays_until_somebody_ends_it(tmp_path: Path) -> None:
-    with launched(ARM, tmp_path, "--view", "--keep", settings=LASTING) as process:
-        url = wait_for(process, "page of").split()[-1]
+    with launched(ARM, tmp_path, "--view", "--keep", settings=BRIEF) as process:
+        url = page_of(process)
         wait_for(process, "the page is kept until Ctrl-C")
         port = int(re.findall(r":(\d+)/", url)[0])
         with socket.create_connection(("127.0.0.1", port), timeout=30) as visitor:
