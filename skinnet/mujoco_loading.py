@@ -1,8 +1,6 @@
-"""Import of MuJoCo with the renderer that `MUJOCO_GL` asks for, where this computer has it.
+"""Import of MuJoCo on computers without the renderer that `MUJOCO_GL` asks for.
 
-MuJoCo loads its renderer when it is imported, and fails with it; only pictures need one. Without the variable
-it would load GLFW, which starts a Python of its own in each process; pictures are drawn in processes that ask
-for EGL.
+MuJoCo loads its renderer when it is imported, and fails with it; only pictures need one.
 """
 
 import importlib
@@ -14,22 +12,17 @@ _VARIABLE = "MUJOCO_GL"
 
 
 def load_mujoco() -> None:
-    """Import MuJoCo, without a renderer if that of `MUJOCO_GL` is unset, unknown or cannot be loaded."""
-    wanted = os.environ.get(_VARIABLE)
-    if wanted is not None:
-        try:
-            importlib.import_module("mujoco")
-        except (RuntimeError, ImportError, OSError, AttributeError):
-            pass
-        else:
-            return
-    os.environ[_VARIABLE] = "disable"
+    """Import MuJoCo, without a renderer if that of `MUJOCO_GL` is unknown or cannot be loaded."""
     try:
         importlib.import_module("mujoco")
-    finally:
+    except (RuntimeError, ImportError, OSError, AttributeError):
+        wanted = os.environ.get(_VARIABLE)
         if wanted is None:
-            del os.environ[_VARIABLE]
-        else:
+            raise
+        os.environ[_VARIABLE] = "disable"
+        try:
+            importlib.import_module("mujoco")
+        finally:
             os.environ[_VARIABLE] = wanted
 
 
