@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,27 +30,25 @@ def drawn_surface_findings(deployment: Deployment, body: BodySimulation) -> list
     rows_of_link: dict[tuple[int, ...], list[int]] = {}
     for row, body_id in enumerate(body.surface.patch_body_id.tolist()):
         rows_of_link.setdefault(link_of_body(mj, body_id).members, []).append(row)
-    data = mujoco.MjData(mj)
-    mujoco.mj_kinematics(mj, data)
     findings: list[Finding] = []
     for members, rows in rows_of_link.items():
         of_link = np.isin(mj.geom_bodyid, members) & np.isin(mj.geom_type, list(SOLID_SHAPES))
         if (of_link & unfelt).any():
             drawn = np.flatnonzero(of_link & shown_geoms(mj)).tolist()
-            findings += _far_cells(deployment, body, data, rows, drawn)
+            findings += _far_cells(deployment, body, rows, drawn)
     return findings
 
 
 def _far_cells(
     deployment: Deployment,
     body: BodySimulation,
-    data: mujoco.MjData,
     rows: Sequence[int],
     drawn: Sequence[int],
 ) -> Iterator[Finding]:
     """Finding on the cells of the patches `rows` of one link that lie far from its geoms `drawn`."""
     foam_m, reach_m = deployment.body.foam.thickness_m, 2.0 * pitch_m(deployment.cells.side_m)
-    mj, far, worst_m, n_cells = body.model.mj, [], 0.0, 0
+    mj, data = body.model.mj, body.data
+    far, worst_m, n_cells = [], 0.0, 0
     for row in rows:
         patch, body_id = body.patches[row], int(body.surface.patch_body_id[row])
         R = data.xmat[body_id].reshape(3, 3)

@@ -1,8 +1,6 @@
 """Preview: what is drawn, where, in which colour, as a picture and as a page without a network."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import matplotlib.image
