@@ -31,6 +31,8 @@ check: $(STAMP) ## style, types and import contracts
 kernels: $(STAMP) ## compiles what most tests need
 	$(BIN)/python tests/support/kernels.py
 
+# The tests start hundreds of processes, each of which would compile all sources anew without bytecode.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(STAMP) ## everything that must hold
 	@$(MAKE) --no-print-directory --jobs=2 check kernels
 	$(BIN)/pytest -n logical --dist loadfile
