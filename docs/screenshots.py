@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -75,7 +74,7 @@ def _viewed(recording: Path) -> Iterator[str]:
         try:
             yield said.split()[-1]
         finally:
-            process.send_signal(signal.SIGINT)
+            process.terminate()  # SIGINT may be ignored where all of this runs in the background
 
 
 def _open(page: Any, url: str, shot: Shot) -> None:

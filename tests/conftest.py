@@ -1,6 +1,7 @@
 """Settings of all tests."""
 
 import os
+import signal
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,9 @@ from hypothesis import settings
 # the same in every run; at a desk they are new ones.
 settings.register_profile("skinnet", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("skinnet")
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell leaves it to what it starts with &
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of the tests must hear Ctrl-C
 
 
 @pytest.fixture(scope="module")
