@@ -31,23 +31,19 @@ _EXAMPLES = examples(
     "skinnet cover arm.toml --write arm_cells.toml",
     "skinnet cover arm.toml --set cover.arm.margin_m=0.005 --json -",
 )
-_COLUMNS = (
-    "cells",
-    "thickness_mm",
-    "within_0_6_pitch",
-    "overlaps",
-    "piercing",
-    "buried",
-    "filled",
-    "gap_mm_p95",
-    "visual_gap_mm_p95",
-    "wired",
-    "components",
-    "bridges",
-    "groups",
-    "gateways",
-    "unreached",
-)
+_COLUMNS = {
+    "cells": "cells",
+    "thick mm": "thickness_mm",
+    "covered": "within_0_6_pitch",
+    "gap mm": "gap_mm_p95",
+    "seen mm": "visual_gap_mm_p95",
+    "wired": "wired",
+    "pieces": "components",
+    "groups": "groups",
+    "gateways": "gateways",
+}
+"""Headers of the table, short enough for a line, and their metrics."""
+_FAULTS = ("overlaps", "piercing", "buried", "unreached")
 
 
 def register(app: typer.Typer) -> None:
@@ -73,8 +69,9 @@ def cover(
     """Cover links with cells or tactile sheets as the deployment's covers ask.
 
     Lists of each link: cells or elements, its thickness, share of the asked surface within 0.6 pitch of a
-    cell, faults, gap to the felt and to the drawn surface, share of neighbours that are wired, components,
-    bridges, groups that these form, gateways, and cells that no gateway reaches.
+    cell, gaps to the felt and to the seen surface (95 % are below), share of neighbours that are wired,
+    pieces that wires form, groups that bridges make of them, gateways, and faults: cells that overlap, pierce
+    others, are buried, or that no gateway reaches. --json has all metrics.
     """
     from skinnet.covering.covered_deployment import cover_deployment, with_covering
     from skinnet.deployment import load
@@ -104,18 +101,32 @@ def cover(
 
 
 def _print(terminal: "Console", covering: "Covering") -> None:
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(title="covering", title_justify="left")
-    for name in ("cover", "body", *_COLUMNS):
-        table.add_column(name.replace("_", " "), justify="left" if name in ("cover", "body") else "right")
+    table = Table(title="covering", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("cover", overflow="fold", min_width=8)
+    table.add_column("body", overflow="fold", min_width=20)
+    for header in (*_COLUMNS, "faults"):
+        table.add_column(header, justify="right", no_wrap=True)
     for link in covering.links:
-        table.add_row(link["cover"], link["body"], *(f"{link[name]:g}" for name in _COLUMNS))
+        table.add_row(link["cover"], link["body"], *_figures(link))
     table.add_section()
-    table.add_row("all", "", *(f"{covering.total[name]:g}" for name in _COLUMNS))
+    table.add_row("all", "", *_figures(covering.total))
     terminal.print(table)
+    say = line_printer(terminal)
+    for link in covering.links:
+        if faults := [f"{link[fault]} {fault}" for fault in _FAULTS if link[fault]]:
+            say(f"faults: {link['cover']}: {link['body']}: {', '.join(faults)}")
     for line in covering.bare:
-        line_printer(terminal)(f"bare: {line}")
+        say(f"bare: {line}")
+
+
+def _figures(row: dict[str, Any]) -> list[str]:
+    figures = [
+        f"{row[name]:.3g}" if isinstance(row[name], float) else str(row[name]) for name in _COLUMNS.values()
+    ]
+    return [*figures, str(sum(row[fault] for fault in _FAULTS))]
 
 
 def _write(path: Path, file: Path, settings: tuple[str, ...], covered: "Deployment") -> None:

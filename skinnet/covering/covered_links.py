@@ -251,15 +251,17 @@ def _cover_link(
     if not felt_geoms(mj, link.members):
         return _NOT_FELT
     side_m, foam_m = deployment.cells.side_m, deployment.body.foam.thickness_m
-    of_sheets = cover.kind == "sheet"
-    size = (
-        element_size(cover.pitch_m or SheetSpec(name="s", surface="s").pitch_m, foam_m)
-        if of_sheets
-        else CellSize(side_m, cover.pitch_m or pitch_m(side_m), foam_m)
-    )
+    of_sheets, measured = cover.kind == "sheet", None
+    if of_sheets and layout is not None:
+        measured = sheets_of_layout(layout, patch_name(*label), body)
+    if of_sheets:
+        pitch = min(pose.pitch_m for pose in measured) if measured else cover.pitch_m
+        size = element_size(pitch or SheetSpec(name="s", surface="s").pitch_m, foam_m)
+    else:
+        size = CellSize(side_m, cover.pitch_m or pitch_m(side_m), foam_m)
     ground = prepare_ground(mj, link, body, cover, size, home_qpos)
-    if layout is not None and of_sheets:
-        return _Made(ground, [], sheets_of_layout(layout, patch_name(*label), body))
+    if measured:
+        return _Made(ground, [], measured)
     if layout is not None:
         return _patches(ground, cells_of_layout(layout, side_m), cover, deployment, label)
     if not ground.n_in_region:

@@ -90,7 +90,9 @@ def test_a_robot_with_measured_sheets_is_covered(tmp_path: Path) -> None:
     made = cover_deployment(load(file), tmp_path)
     assert made.total["cells"] == 60
     assert made.total["gap_mm_p95"] < 1.0
-    assert made.total["buried"] == 0
+    assert [made.total[fault] for fault in ("overlaps", "piercing", "buried")] == [0, 0, 0]
+    asked = made.total["within_0_6_pitch"] * made.total["asked_m2"]
+    assert asked == pytest.approx(60 * PITCH_M**2, rel=0.15), "all of them, and what is beside them"
 
 
 def changed(line: int, **values: float) -> list[list[float]]:
