@@ -94,7 +94,7 @@ def test_a_link_without_room_names_the_largest_pitch(tmp_path: Path) -> None:
         DeploymentError, match=r"8 × 8 elements at a pitch of 30 mm fits .*; one of 2\d\.\d mm"
     ):
         cover_deployment(load(file), tmp_path)
-    for key in ("margin_m = 0.01", "max_cells = 3", 'layout = "cells.csv"'):
+    for key in ("margin_m = 0.01", "max_cells = 3"):
         file = write_two_links(tmp_path, f'{SHEETS}body = "fore"\n{key}\n')
         with pytest.raises(DeploymentError, match=r'not with kind = "sheet"'):
             load(file)
