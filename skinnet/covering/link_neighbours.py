@@ -19,8 +19,9 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_CELL_POINTS = np.concatenate([hexagon_grid(3)[0][::-1], hexagon_rim(9)])
-"""Points of a cell above which nothing may come; close together on its rim, as corners come in from there."""
+_GRID, _WEIGHTS = hexagon_grid(3)
+_CELL_POINTS = np.concatenate([hexagon_rim(6), _GRID[0.75 * _WEIGHTS.max() < _WEIGHTS]])
+"""Points of a cell above which nothing may come, closer together on its rim: corners come in from there."""
 
 
 class LinkNeighbours(NamedTuple):
@@ -130,15 +131,13 @@ def is_reached(
     neighbours: LinkNeighbours, position_m: Floats, R: Floats, side_m: float, height_m: float
 ) -> bool:
     """True if a neighbour comes within `height_m` [m] above a cell at `position_m` (3,) with axes `R`."""
-    u, v, w, half_m = R[0, 2], R[1, 2], R[2, 2], 0.5 * height_m
-    middle_x = position_m[0] + half_m * u
-    middle_y = position_m[1] + half_m * v
-    middle_z = position_m[2] + half_m * w
-    half_m += RAY_START_DEPTH_M
-    radius_m = math.sqrt(side_m * side_m + half_m * half_m)
+    u, v, w = R[0, 2], R[1, 2], R[2, 2]
     for s in range(len(neighbours.pose)):
         below_m = neighbours.below_m[s]
-        if _is_far(neighbours, s, middle_x, middle_y, middle_z, radius_m):
+        half_m, up_m = 0.5 * (height_m + below_m), 0.5 * (height_m - below_m)
+        radius_m = math.sqrt(side_m * side_m + half_m * half_m)
+        x, y, z = position_m[0] + up_m * u, position_m[1] + up_m * v, position_m[2] + up_m * w
+        if _is_far(neighbours, s, x, y, z, radius_m):
             continue
         for i in range(len(_CELL_POINTS)):
             a, b = side_m * _CELL_POINTS[i, 0], side_m * _CELL_POINTS[i, 1]

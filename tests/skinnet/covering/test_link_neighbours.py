@@ -14,8 +14,8 @@ AT_ORIGIN = (np.zeros(3), np.eye(3))
 
 
 def needle_up_to(z_m: float) -> FeltSolids:
-    """A needle 1.6 mm thick that stands upright, its top in the frame of its body at `z_m`."""
-    geom = f'<geom type="box" size="0.0008 0.0008 0.05" pos="0 0 {z_m - 0.05}"/>'
+    """A needle 2.4 mm thick that stands upright, its top in the frame of its body at `z_m`."""
+    geom = f'<geom type="box" size="0.0012 0.0012 0.05" pos="0 0 {z_m - 0.05}"/>'
     mj = mujoco.MjModel.from_xml_string(
         f'<mujoco><worldbody><body name="a"><joint/>{geom}</body></worldbody></mujoco>'
     )
@@ -48,4 +48,4 @@ def test_what_is_felt_reaches_a_cell_from_under_it(z_m: float, of_felt: bool, of
 def test_a_needle_comes_in_nowhere_over_the_rim(along_m: float) -> None:
     edge_m = 0.5 * 3**0.5 * SIDE_M
     assert is_cell_reached(needle_up_to(0.005), (edge_m, along_m), is_felt=False)
-    assert not is_cell_reached(needle_up_to(0.005), (edge_m + 0.001, along_m), is_felt=True)
+    assert not is_cell_reached(needle_up_to(0.005), (edge_m + 0.0015, along_m), is_felt=True)
