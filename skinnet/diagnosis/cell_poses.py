@@ -18,7 +18,7 @@ from skinnet.deployment import Deployment
 from skinnet.diagnosis.finding import Finding
 from skinnet.skin.lattice import pitch_m
 
-__all__ = ["cell_pose_findings"]
+__all__ = ["cell_pose_findings", "patches_by_link"]
 
 Floats = NDArray[np.float64]
 
@@ -139,13 +139,18 @@ def _length(length_m: float) -> str:
     return f"{length_m:.3g} m" if length_m >= 1.0 else f"{_MM_PER_M * length_m:.0f} mm"
 
 
+def patches_by_link(body: BodySimulation) -> dict[tuple[int, ...], list[int]]:
+    """Indices of the patches on each link, by the bodies that the link has."""
+    links: dict[tuple[int, ...], list[int]] = {}
+    for index, body_id in enumerate(body.surface.patch_body_id.tolist()):
+        links.setdefault(link_of_body(body.model.mj, body_id).members, []).append(index)
+    return links
+
+
 def _piercing(deployment: Deployment, body: BodySimulation) -> Iterator[Finding]:
     """Pairs of cells on one link whose plates go through each other."""
     mj, side_m = body.model.mj, deployment.cells.side_m
-    links: dict[tuple[int, ...], list[int]] = {}
-    for index, body_id in enumerate(body.surface.patch_body_id.tolist()):
-        links.setdefault(link_of_body(mj, body_id).members, []).append(index)
-    for patches in links.values():
+    for patches in patches_by_link(body).values():
         frame = int(body.surface.patch_body_id[patches[0]])
         names, position_m, R = _in_one_frame(body, frame, patches)
         pairs = []

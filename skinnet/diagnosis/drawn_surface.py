@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from skinnet.body.shown_geoms import felt_geoms, shown_geoms
 from skinnet.body.simulation import BodySimulation
-from skinnet.covering.felt_solids import SOLID_SHAPES, link_of_body
+from skinnet.covering.felt_solids import SOLID_SHAPES
 from skinnet.covering.measuring_model import surface_heights_m
 from skinnet.deployment.deployment import Deployment
+from skinnet.diagnosis.cell_poses import patches_by_link
 from skinnet.diagnosis.finding import Finding
 from skinnet.skin.lattice import pitch_m
 
@@ -26,15 +27,13 @@ def drawn_surface_findings(deployment: Deployment, body: BodySimulation) -> list
     and a mesh is compared with its convex hull (`skinnet.diagnosis.felt_geometry`).
     """
     mj = body.model.mj
-    unfelt = shown_geoms(mj) & ~felt_geoms(mj)
-    rows_of_link: dict[tuple[int, ...], list[int]] = {}
-    for row, body_id in enumerate(body.surface.patch_body_id.tolist()):
-        rows_of_link.setdefault(link_of_body(mj, body_id).members, []).append(row)
+    shown = shown_geoms(mj)
+    unfelt = shown & ~felt_geoms(mj)
     findings: list[Finding] = []
-    for members, rows in rows_of_link.items():
+    for members, rows in patches_by_link(body).items():
         of_link = np.isin(mj.geom_bodyid, members) & np.isin(mj.geom_type, list(SOLID_SHAPES))
         if (of_link & unfelt).any():
-            drawn = np.flatnonzero(of_link & shown_geoms(mj)).tolist()
+            drawn = np.flatnonzero(of_link & shown).tolist()
             findings += _far_cells(deployment, body, rows, drawn)
     return findings
 
