@@ -28,6 +28,8 @@ _FLATTEST_M = 2.0
 """Radius [m] from which on a surface counts as flat."""
 _FLAT_M = 1e-6
 """Span of heights [m] below which elements lie in a plane."""
+_LEAST_LENGTH = 1e-9
+"""Length below which a vector has no direction."""
 _DIGITS = 6
 _MM_PER_M = 1e3
 
@@ -63,10 +65,9 @@ def _fitted(layout: Layout, rows: Ints, sheet: str, name: str, body: str) -> She
     shape = grid.max(axis=0) + 1
     at = np.column_stack([grid[:, 1] - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - grid[:, 0]])
     middle_m, across_m, up_m = _least_squares(np.column_stack([np.ones(len(at)), at]), position_m)
-    up = up_m / norm(up_m)
+    up = _direction(layout, sheet, up_m)
     out = normal.mean(axis=0)
-    out = out - up * (out * up).sum()
-    out /= norm(out)
+    out = _direction(layout, sheet, out - up * (out * up).sum())
     e1 = np.cross(up, out)
     if float((across_m * e1).sum()) <= 0.0:
         raise DeploymentError(
@@ -84,6 +85,18 @@ def _fitted(layout: Layout, rows: Ints, sheet: str, name: str, body: str) -> She
     mask = np.full(shape, ".")
     mask[grid[:, 0], grid[:, 1]] = "#"
     return SheetPose(surface, placed_m, R, round(pitch_m, _DIGITS), 0.0, tuple("".join(row) for row in mask))
+
+
+def _direction(layout: Layout, sheet: str, vector: Floats) -> Floats:
+    """Unit vector (3,) along `vector`; refuse the sheet if that has no length."""
+    length = norm(vector)
+    if length < _LEAST_LENGTH:
+        raise DeploymentError(
+            f"{layout.name}: sheet {sheet!r}: its elements lie at one place, or their normals cancel or "
+            "run along its columns; give centres in m and outward normals"
+        )
+    direction: Floats = vector / length
+    return direction
 
 
 def _bent(

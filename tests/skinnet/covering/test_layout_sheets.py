@@ -124,6 +124,14 @@ def changed(line: int, **values: float) -> list[list[float]]:
             ["columns run from right to left", "turn the normals"],
         ),
         (HEADER, ["has no cell"]),
+        (
+            text_of([[r, c, 0.04, 0.0, 0.1, 1.0, 0.0, 0.0] for r, c in np.ndindex(2, 2)]),
+            ["sheet 'pad'", "at one place"],
+        ),
+        (
+            text_of([[r, c, 0.04, 0.01 * c, -0.01 * r, 0.0, 0.0, 1.0] for r, c in np.ndindex(2, 2)]),
+            ["sheet 'pad'", "normals cancel or run along its columns"],
+        ),
     ],
 )
 def test_a_bad_file_is_one_clear_line(tmp_path: Path, text: str, expected: list[str]) -> None:
